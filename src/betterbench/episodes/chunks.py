@@ -57,8 +57,15 @@ class Chunks:
         self._predictions.clear()
         yield from self.begin()
 
-    def next(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Return the action to play now; InvalidActionError if an answer is not an array of actions."""
+    def next(
+        self, state: WorldState, privileged: PrivilegedPolicy | None = None
+    ) -> Generator[Question | None, Reply | None, np.ndarray]:
+        """Return the action to play now; InvalidActionError if an answer is not an array of actions.
+
+        A ``privileged`` policy answers in this thread, and nothing is yielded.
+        """
+        if privileged is not None:
+            return self._next_of(privileged, state)
         queue = self._queue
         if self._execution.ensemble is not None:
             return (yield from self._mean(state))
@@ -74,11 +81,7 @@ class Chunks:
             yield from self._pause(Question(self._see(state), wanted_in=len(queue)))
         return queue.popleft()
 
-    def next_of(self, policy: PrivilegedPolicy, state: WorldState) -> np.ndarray:
-        """Return the action to play now, like :meth:`next`, of a policy that answers in this thread.
-
-        It is asked at every control step, so it does without the generators of those that answer elsewhere.
-        """
+    def _next_of(self, policy: PrivilegedPolicy, state: WorldState) -> np.ndarray:
         if self._queue:
             return self._queue.popleft()
         reply = answer(policy, state)

@@ -52,8 +52,10 @@ def settled_heap() -> Iterator[None]:
     """Exclude everything that exists before an episode from garbage collection during it, and seldom look for more.
 
     A full collection over the modules and assets of a run takes some 10 ms, as long as a control step with images, and
-    one over the states of an episode, none of which is garbage, up to 2 ms. Whoever goes on with the states of an
-    episode stays inside until they are freed.
+    one over the states of an episode, none of which is garbage, up to 2 ms. Over a whole episode of recorded actions a
+    control step takes 0.789 ms instead of 0.797 (fast_food) and 0.837 instead of 0.844 (breakfast_table; processor
+    time, least of six in turn, 2026-11-28). Whoever goes on with the states of an episode stays inside until they are
+    freed.
     """
     _HEAP.enter()
     try:

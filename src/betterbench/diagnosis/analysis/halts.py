@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.analysis.approaches import lowered, spans
-from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
+from betterbench.diagnosis.analysis.episode_analysis import (
+    AttemptTarget,
+    EpisodeAnalysis,
+    Means,
+    Step,
+    once_per_episode,
+)
 from betterbench.diagnosis.analysis.trace import Trace, place_middle
 from betterbench.diagnosis.thresholds import (
     COME_TO_REST,
@@ -24,6 +30,7 @@ from betterbench.tasks.judging.motion import Bools
 from betterbench.tasks.relations import relation
 
 
+@once_per_episode
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first halt for good, or None.
 
@@ -60,6 +67,7 @@ def in_fingers(trace: Trace, row: int) -> int | None:
     return held[-1] if held else None
 
 
+@once_per_episode
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
     """Return the object that the closed gripper has kept at its place for long, up to the end, or None.
 

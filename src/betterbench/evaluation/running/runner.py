@@ -31,7 +31,7 @@ from betterbench.interface import PolicyInfo
 from betterbench.jobs.durable import on_disk
 from betterbench.policies.description import describe_policy
 from betterbench.policies.factory import PolicyFactory
-from betterbench.policies.kinds import needs_of
+from betterbench.policies.kinds import PolicyNeeds, needs_of
 from betterbench.records import Journal, JournalEntry, RunFolder
 from betterbench.sim.graphics import require_drawing
 from betterbench.statistics import Decisions
@@ -119,7 +119,7 @@ def evaluate(
     _check_numbers(workers, envs, engine, policy_timeout_s)
     if engine == "ray":
         require_ray(cluster)
-    began, steps = time.perf_counter(), StepCount(on_steps)
+    began, steps, needs = time.perf_counter(), StepCount(on_steps), needs_in_run(plan.policy)
     with ExitStack() as stack:
         processors = min(os.cpu_count() or 1, MAX_WORKERS)
         alone = engine == "local" and (workers or processors) == 1
@@ -130,7 +130,7 @@ def evaluate(
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
         count = session.workers if session else workers or processors
         settings = RunSettings.of(plan, out, policy_timeout_s=policy_timeout_s)
-        settings = _with_policy(settings, asked, workers=count, envs=envs)
+        settings = _with_policy(settings, asked, needs, workers=count, envs=envs)
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
             require_same_policy(repeats, declared)
@@ -145,8 +145,8 @@ def evaluate(
             schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
             found = _entries(run, settings, schedule, asked=asked, session=session, steps=steps)
             with closing(found) as entries:
-                _record(schedule, journal, out, entries, began=began, on_progress=on_progress)
-            if not (_restored(run, journal, plan.policy) and left):
+                _record(schedule, journal, out, entries, needs=needs, began=began, on_progress=on_progress)
+            if not (_restored(run, journal, needs) and left):
                 break
     return run
 
@@ -162,11 +162,11 @@ def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
         require_drawing()
 
 
-def _restored(run: RunFolder, journal: Journal, policy: str) -> bool:
+def _restored(run: RunFolder, journal: Journal, needs: PolicyNeeds) -> bool:
     """Write again what somebody has removed, such as a policy in a process of this machine; tell if trials are lost."""
     with on_disk(run.path):
         changed = [run.restore(), journal.restore()]
-        return (any(changed) or needs_in_run(policy).process) and reopen_lost(run, journal) > 0
+        return (any(changed) or needs.process) and reopen_lost(run, journal) > 0
 
 
 def _record(
@@ -175,6 +175,7 @@ def _record(
     out: Path,
     entries: Iterable[JournalEntry],
     *,
+    needs: PolicyNeeds,
     began: float,
     on_progress: Callable[[Progress], None] | None,
 ) -> None:
@@ -184,7 +185,7 @@ def _record(
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
     if on_progress is not None:
         on_progress(Progress(done, planned, 0.0, started_with, None, schedule.decisions))
-    failing = FailingStart(plan.policy) if needs_in_run(plan.policy).thread and not started_with else None
+    failing = FailingStart(plan.policy) if needs.thread and not started_with else None
     for entry in entries:
         with on_disk(out):
             journal.append(entry)
@@ -239,7 +240,9 @@ def _ask_policy(
         return _Asked(info, envs, host=host, shared=True, one_worker=one_worker)
 
 
-def _with_policy(settings: RunSettings, asked: _Asked, *, workers: int, envs: int | None) -> RunSettings:
+def _with_policy(
+    settings: RunSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
+) -> RunSettings:
     """Return settings with what is known of the policy, and the environments that were asked for or may be chosen."""
     first, most = (envs, envs) if envs else envs_between(asked.envs, workers, foreign=settings.world is not None)
     return replace(
@@ -248,7 +251,7 @@ def _with_policy(settings: RunSettings, asked: _Asked, *, workers: int, envs: in
         most_envs=most,
         workers=workers,
         served_at=asked.host.address if asked.host else None,
-        known=asked.info if needs_in_run(settings.policy).server else None,
+        known=asked.info if needs.server else None,
     )
 
 

@@ -67,6 +67,14 @@ class WorldState:
         i = self.info.index(name)
         return Pose(self.positions[i], self.quaternions[i])
 
+    def position(self, name: str) -> Vector:
+        """Return the position of a named object in the world [m]: the center of its bottom face at rest."""
+        return self.positions[self.info.index(name)]
+
+    def quaternion(self, name: str) -> Quaternion:
+        """Return the rotation of a named object in the world (w, x, y, z)."""
+        return self.quaternions[self.info.index(name)]
+
     def touching(self, a: str, b: str) -> bool:
         """Tell whether two named bodies touch."""
         for first, second, _ in self.contacts:  # noqa: SIM110 - three times as fast as any()

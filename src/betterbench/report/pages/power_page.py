@@ -14,13 +14,12 @@ from betterbench.quoting import markdown_code, markdown_table, markdown_text
 from betterbench.report.html import environment, write
 from betterbench.report.pages.not_shown import not_shown
 from betterbench.statistics import percent
+from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Axis, get_task
 
 RAW, CORRECTED = "°", "*"
 """Marks of a cell above its chance: before and after the correction over all cells."""
-RAW_LEVEL = 0.05
-"""Level of the tests that are not corrected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +116,7 @@ def flagged(cells: Iterable[BlindCell]) -> list[BlindCell]:
 
 def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
     """Return the cells that are above their chance before any correction, the least likely first."""
-    found = (c for c in cells if c.above and c.p_value < RAW_LEVEL)
+    found = (c for c in cells if c.above and c.p_value < DEFAULT_ALPHA)
     return sorted(found, key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
@@ -141,7 +140,7 @@ def blind_table(matrix: PowerMatrix) -> Table:
         for name in names:
             cell, test = matrix.cell(name, key), tested.get((name, key))
             mark = ""
-            if test is not None and test.above and test.p_value < RAW_LEVEL:
+            if test is not None and test.above and test.p_value < DEFAULT_ALPHA:
                 mark = CORRECTED if test.flagged else RAW
             marks.append(_count(cell) + mark)
         rows.append((_name(key), f"{100 * matrix.chances.get(key, 1.0):.0f} %", *marks))

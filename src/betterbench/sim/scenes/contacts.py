@@ -59,6 +59,10 @@ class ContactReader:
     The engine puts groups of objects that have come to rest to sleep: it neither moves them nor lists their contacts
     until something that is awake touches one of the group. What they rest on is still true, so it is kept. The contacts
     of the sleeping are computed once, when the group has fallen asleep, with everything awake in a second set of data.
+
+    Names and addresses of the last reading are used again while the engine lists the same points. A reading takes 48 µs
+    instead of 192 (fast_food), and 62 instead of 308 (breakfast_table), if everything is found anew (mean over
+    the control steps of an expert's episode, both in turn, processor time on a busy machine, 2026-11-28).
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:

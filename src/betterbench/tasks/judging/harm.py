@@ -152,7 +152,7 @@ class HarmWatch:
         positions, quaternions = state.positions, state.quaternions
         was, turned = self._before
         if positions == was and quaternions == turned:
-            return
+            return  # what has not moved is where it was: its middle is not computed at each control step
         self._before = positions, quaternions
         for i in self._watched:
             if was and positions[i] == was[i] and quaternions[i] == turned[i]:

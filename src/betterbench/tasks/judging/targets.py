@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -75,7 +74,7 @@ class Targets:
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
         """Prepare; ``placing`` is the relation for which things count that are there besides."""
-        self.watches = _watches(asked, info)
+        self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
         self._placing = placing
         self._allowed = self._what_is_allowed()
@@ -84,35 +83,13 @@ class Targets:
         """Return where every subject is, strictly."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
-    def places_after(self, state: WorldState, before: Places, changed: AbstractSet[str]) -> Places:
-        """Return where every subject is, strictly, after some changes: ``before`` itself if it still holds.
-
-        Args:
-            state: The state.
-            before: Places of all subjects in an earlier state.
-            changed: Names of all bodies whose pose or contacts have changed since then, or that were or are held.
-        """
-        after = tuple(
-            [
-                places
-                if watch.relation.pairwise and watch.target not in changed and changed.isdisjoint(watch.subjects)
-                else self._places_of(watch, state, places, changed)
-                for watch, places in zip(self.watches, before, strict=True)
-            ]
-        )
-        return before if after == before else after
-
-    def _places_of(
-        self, watch: Watch, state: WorldState, before: tuple[str | None, ...], changed: AbstractSet[str]
-    ) -> tuple[str | None, ...]:
-        """Return where every subject of one target is, after some changes."""
-        if not watch.relation.pairwise or watch.target in changed:
-            return tuple([watch.relation.where(state, name, watch.target) for name in watch.subjects])
+    def relations(self, places: Places) -> tuple[bool, ...]:
+        """Return whether each predicate holds, by target, subject and region."""
         return tuple(
-            [
-                watch.relation.where(state, name, watch.target) if name in changed else place
-                for name, place in zip(watch.subjects, before, strict=True)
-            ]
+            is_at(place, region)
+            for watch, there in zip(self.watches, places, strict=True)
+            for place in there
+            for region in watch.places
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:

@@ -230,7 +230,6 @@ BESIDE = register(
             "long_ratio",
         ),
         goals=_goals,
-        pairwise=True,
         wide=True,
     )
 )

@@ -84,7 +84,6 @@ CLOSED = register(
         needs=MOUNTS,
         tolerances=("closed_gap",),
         roles=("drawer",),
-        pairwise=True,
     )
 )
 """Relation of a drawer that is pushed home in its cabinet."""

@@ -82,7 +82,6 @@ IN_HOLE = register(
         tolerances=("hole_depth", "hole_tilt"),
         goals=_goals,
         surface=surface_of(),
-        pairwise=True,
     )
 )
 """Relation of an object that stands in a hole of a rack."""

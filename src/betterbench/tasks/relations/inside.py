@@ -1,13 +1,12 @@
 """Containment: an object in a container that is open at the top."""
 
-import functools
 import math
 from collections.abc import Mapping
 
-from betterbench.geometry import Pose, Quaternion, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
+from betterbench.geometry import Pose, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import middle, reaches_into, rests_on
-from betterbench.tasks.relations.placing import RELEASE_GAP_M
+from betterbench.tasks.relations.placing import RELEASE_GAP_M, far_apart, to_region
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single
 from betterbench.tasks.thresholds import threshold
 
@@ -34,25 +33,13 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     floor and below its rim. An object that leans over the rim with its greater part outside is not inside, one that
     sticks out at the top while its center is below the rim is. What still stands on the table is never inside.
     """
-    info = state.info
-    height, region = info.object(name).size_m[2], info.object(container).region("inside")
-    # Most things are farther away than all of this together is long, and nothing has to be turned for them.
+    height, region = state.info.object(name).size_m[2], state.info.object(container).region("inside")
     reach = height + math.hypot(*region.position) + math.hypot(*region.half_size)
-    if math.dist(state.positions[info.index(name)], state.positions[info.index(container)]) > reach:
+    if far_apart(state, name, container, reach) or state.touching(name, "table"):
         return False
-    if state.touching(name, "table"):
-        return False
-    i = info.index(container)
-    to_region = _to_region(state.positions[i], state.quaternions[i], region.position, region.quaternion)
-    x, y, z = to_region.apply(state.pose(name).apply((0.0, 0.0, 0.5 * height)))
+    x, y, z = to_region(state, container, region).apply(state.pose(name).apply((0.0, 0.0, 0.5 * height)))
     hx, hy, hz = region.half_size
     return abs(x) <= hx - MARGIN and abs(y) <= hy - MARGIN and -hz <= z <= hz
-
-
-@functools.lru_cache(maxsize=16)
-def _to_region(position: Vector, quaternion: Quaternion, region: Vector, turned: Quaternion) -> Pose:
-    """Return ``T_region_world`` of a region of something that stands still for long, or that many things may be in."""
-    return (Pose(position, quaternion) @ Pose(region, turned)).inverse()
 
 
 def _loosely(state: WorldState, name: str, container: str) -> str | None:
@@ -134,7 +121,6 @@ INSIDE = register(
         goals=_goals,
         surface=_floor,
         falls=True,
-        pairwise=True,
     )
 )
 """Relation of an object that is inside a container."""

@@ -64,7 +64,6 @@ ON_PLATE = register(
         tolerances=("plate_offset", "plate_gap"),
         goals=_goals,
         surface=surface_of("floor"),
-        pairwise=True,
     )
 )
 """Relation of an object that stands on a plate."""

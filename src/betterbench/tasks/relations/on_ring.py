@@ -5,7 +5,7 @@ import math
 from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
 from betterbench.interface.state import WorldState
 from betterbench.tasks.relations.loose import middle
-from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
+from betterbench.tasks.relations.placing import RELEASE_GAP_M, far_apart, foot, foot_offset
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single, surface_of
 from betterbench.tasks.relations.rest import upright
 from betterbench.tasks.thresholds import threshold
@@ -46,9 +46,8 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     """
     info = state.info
     region, offset = info.object(fixture).region("ring").position, foot_offset(info.object(name))
-    # Nearly always the two are farther apart than all of this together is long, and nothing has to be turned.
     reach = math.hypot(*region) + math.hypot(*offset) + RADIUS + HEIGHT
-    if math.dist(state.positions[info.index(name)], state.positions[info.index(fixture)]) > reach:
+    if far_apart(state, name, fixture, reach):
         return False
     ring = state.pose(fixture).apply(region)
     position = foot(state, name)
@@ -120,7 +119,6 @@ ON_RING = register(
         tolerances=("ring_radius", "ring_height", "spout_margin"),
         goals=_goals,
         surface=surface_of("ring"),
-        pairwise=True,
     )
 )
 """Relation of an object that stands on a marked ring."""

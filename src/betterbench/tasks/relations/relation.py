@@ -65,8 +65,6 @@ class Relation:
         roles: Roles of the objects that can stand in this relation.
         counted: True if the target region is decided by what lies there already, as the layer of a stack is.
         falls: True if an object may be dropped into the target.
-        pairwise: True if ``where`` reads nothing but the poses of the object and the target, what touches them, and
-            whether they are held. It is then asked again only where that has changed.
     """
 
     name: str
@@ -81,7 +79,6 @@ class Relation:
     roles: tuple[str, ...] = ("item", "distractor")
     counted: bool = False
     falls: bool = False
-    pairwise: bool = False
     wide: bool = False
 
     @property

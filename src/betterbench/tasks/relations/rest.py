@@ -48,12 +48,12 @@ class RestWatch:
 
 def on_floor(state: WorldState, name: str) -> bool:
     """Tell whether an object has fallen below the table top."""
-    return state.positions[state.info.index(name)][2] < -THRESHOLDS.fallen_below
+    return state.position(name)[2] < -THRESHOLDS.fallen_below
 
 
 def upright(state: WorldState, name: str) -> bool:
     """Tell whether an object stands as its asset is meant to stand."""
-    return tilt_of(state.quaternions[state.info.index(name)]) <= THRESHOLDS.upright_tilt
+    return tilt_of(state.quaternion(name)) <= THRESHOLDS.upright_tilt
 
 
 def arm_still(state: WorldState) -> bool:
