@@ -17,9 +17,10 @@ from betterbench.comparison.conventions import side_conventions
 from betterbench.diagnosis import Evidence, Kind, RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json, form_errors, open_ordinary, read_bounded, read_form, strict_form
 from betterbench.quoting import json_text
-from betterbench.records import RunFolder, first_difference
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.tasks.labels import Label, all_labels
