@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import queue
+import itertools
 import threading
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager
-from typing import Generic, Protocol, TypeVar
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager, ExitStack
+from typing import Protocol, TypeVar
 
 from betterbench.errors import require_between
 
@@ -45,96 +44,57 @@ def in_threads(
     open_resource: Callable[[], AbstractContextManager[ResourceT]],
     in_order: bool = False,
 ) -> Iterator[FoundT]:
-    """Yield the result of each item; items are begun in the order given.
+    """Yield the result of each item; items are begun in the order given, at most ``workers`` before one has ended.
 
     What is left behind must not depend on the number of workers. After an error, after Ctrl-C, or when the iterator is
-    closed, no further item is begun, the resources are stopped, and the first error is raised when all threads have
-    ended.
+    closed, no further item is begun, the resources are stopped, and the error is raised when all threads have ended.
 
     Args:
         items: The items.
         work: Works on one item with the resource of its thread.
         workers: Number of threads.
         open_resource: Opens the resource of a thread.
-        in_order: Yield results in the order of the items, and begin at most ``workers`` items beyond the last one.
+        in_order: Yield results in the order of the items, and not as they come.
 
     Raises:
         InvalidInputError: If the number of workers is out of range.
     """
     require_between("--workers", workers, 1, MOST_THREADS)
-    threads = _Threads(items, work, open_resource, ahead=workers if in_order else None)
-    due, early = 0, dict[int, FoundT]()
-    with ThreadPoolExecutor(workers) as pool:
+    own, lock, resources = threading.local(), threading.Lock(), list[ResourceT]()
+    stopped = threading.Event()
+    waiting, pending = iter(items), list[Future[FoundT]]()
+
+    def run(item: WorkT) -> FoundT:
+        if not hasattr(own, "resource"):
+            opened = open_resource()
+            own.resource = opened.__enter__()
+            with lock:
+                closing.push(opened)
+                resources.append(own.resource)
+            if stopped.is_set():  # while it was opened
+                own.resource.stop()
+        return work(own.resource, item)
+
+    with ExitStack() as closing, ThreadPoolExecutor(workers) as pool:
         try:
-            for number, found in threads.results(pool, workers):
-                if not in_order:
-                    yield found
-                    continue
-                early[number] = found
-                while due in early:
-                    yield early.pop(due)
-                    due += 1
-                    threads.room.release()
+            while True:
+                pending += [pool.submit(run, item) for item in itertools.islice(waiting, workers - len(pending))]
+                if not pending:
+                    return
+                done = {future for future in pending if future.done()}
+                for future in done:
+                    if (problem := future.exception()) is not None:
+                        raise problem
+                ended = next((f for f in (pending[:1] if in_order else pending) if f in done), None)
+                if ended is None:
+                    wait([future for future in pending if future not in done], return_when=FIRST_COMPLETED)
+                else:
+                    pending.remove(ended)
+                    yield ended.result()
         finally:
-            threads.stop()
-    if threads.problems:
-        raise threads.problems[0]
-
-
-class _Threads(Generic[ResourceT, WorkT, FoundT]):
-    """Threads that work on numbered items, ``ahead`` at most beyond those for which ``room`` was released."""
-
-    def __init__(
-        self,
-        items: Iterable[WorkT],
-        work: Callable[[ResourceT, WorkT], FoundT],
-        open_resource: Callable[[], AbstractContextManager[ResourceT]],
-        *,
-        ahead: int | None,
-    ) -> None:
-        self._waiting, self._lock = deque(enumerate(items)), threading.Lock()
-        self._work, self._open = work, open_resource
-        self._ended: queue.SimpleQueue[tuple[int, FoundT] | None] = queue.SimpleQueue()  # None is a thread's end
-        self._resources: list[ResourceT] = []
-        self.room = threading.Semaphore(len(self._waiting) + MOST_THREADS if ahead is None else ahead)
-        self.problems: list[BaseException] = []
-
-    def results(self, pool: ThreadPoolExecutor, workers: int) -> Iterator[tuple[int, FoundT]]:
-        """Yield numbers and results as they come, until all threads have ended or one has failed."""
-        running = min(workers, len(self._waiting))
-        for _ in range(running):
-            pool.submit(self._run)
-        while running:
-            if (told := self._ended.get()) is not None:
-                yield told
-            elif self.problems:
-                return
-            else:
-                running -= 1
-
-    def stop(self) -> None:
-        """Begin no further item, and stop the resources."""
-        with self._lock:
-            self._waiting.clear()
-            for resource in self._resources:
-                resource.stop()
-        self.room.release(MOST_THREADS)
-
-    def _run(self) -> None:
-        try:
-            with self._open() as resource:
-                with self._lock:
-                    self._resources.append(resource)
-                while (taken := self._take()) is not None:
-                    self._ended.put((taken[0], self._work(resource, taken[1])))
-                with self._lock:
-                    self._resources.remove(resource)
-        except BaseException as problem:  # noqa: BLE001 - it is raised where the results are used
-            self.problems.append(problem)
-        finally:
-            self._ended.put(None)
-
-    def _take(self) -> tuple[int, WorkT] | None:
-        self.room.acquire()
-        with self._lock:
-            return self._waiting.popleft() if self._waiting else None
+            stopped.set()
+            for future in pending:
+                future.cancel()
+            with lock:
+                for resource in resources:
+                    resource.stop()

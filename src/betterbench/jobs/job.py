@@ -83,7 +83,6 @@ def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
     with on_disk(path):
         lock = RunLock(path / LOCK_NAME, waits=waits)
     with lock:
-        with on_disk(path):
-            remove_parts(path)
+        remove_parts(path)
         yield
         lock.require_in_place()

@@ -154,6 +154,7 @@ class _AnswerFile(LineJournal):
     def append(self, answer: ModelAnswer) -> None:
         """Append an answer and force it to disk."""
         self._append_line(_sealed(self.head, answer))
+        self.known[answer.id] = answer
 
 
 def prompt_for(question: Question, coordinates: Coordinates = "pixels") -> str:
@@ -189,24 +190,19 @@ def ask_set(
         with OutputFile(file, "vqa", overwrite=True):
             write_durably(file, b"")
     with _AnswerFile(file, head) as kept:
-        answers = dict(kept.known)
         questions = {q.id: q for q in asked.questions}
 
         def ask(_: object, question: str) -> ModelAnswer:
             return _ask(chat, asked, questions[question], coordinates)
 
-        def keep(answer: ModelAnswer) -> None:
-            kept.append(answer)
-            answers[answer.id] = answer
-
         run_items(
             questions,
             is_done=kept.known.__contains__,
             work=lambda waiting: in_threads(waiting, ask, workers=at_once, open_resource=NoResource, in_order=True),
-            keep=keep,
+            keep=kept.append,
             on_progress=counts(on_progress),
         )
-    return Answers(head, answers)
+    return Answers(head, kept.known)
 
 
 def is_answers(file: Path) -> bool:

@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -342,10 +343,7 @@ def _survey(
     on_progress: OnCount | None,
 ) -> None:
     """Write the possible questions about each trial, with its images; finished trials are left as they are."""
-
-    def look(source: PhotoSource, trial: TrialId) -> None:
-        _look_at(run, out, trial, options, source)
-
+    look = partial(_look_at, run, out, options)
     run_items(
         trials,
         is_done=lambda trial: _shard(out, trial).exists(),
@@ -354,7 +352,7 @@ def _survey(
     )
 
 
-def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, source: PhotoSource) -> None:
+def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource, trial: TrialId) -> None:
     """Write the images of a trial, and then the possible questions about them."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)
