@@ -93,13 +93,8 @@ def measure(
         for turn in (0, 1):
             so_far = {task.id: _summed_up(task, plans[task.id][:turn], journal) for task in chosen} if turn else {}
             due = {trial for plan in plans.values() for trial in plan[turn]}
-            run_items(
-                planned,
-                is_done=journal.found.__contains__,
-                work=functools.partial(_of_turn, due, so_far, workers),
-                keep=journal.append,
-                on_progress=on_progress,
-            )
+            work, is_done = functools.partial(_of_turn, due, so_far, workers), journal.found.__contains__
+            run_items(planned, is_done=is_done, work=work, keep=journal.append, on_progress=on_progress)
         return {task.id: _summed_up(task, plans[task.id], journal) for task in chosen}
 
 

@@ -31,16 +31,7 @@ _BLOCK = 1 << 20
 _ALIGNED = 8
 """Arrays begin at a multiple of so many bytes, as far as those before them let them."""
 _ENCODE = json.JSONEncoder(allow_nan=False).encode  # bound before a policy can put something else into its place
-_UNREADABLE = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    MemoryError,
-    RecursionError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-)
+_BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, SyntaxError, TypeError, ValueError)
 
 
 FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
@@ -117,7 +108,7 @@ def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str,
             name: np.empty(shape, dtype) if dtype.hasobject else np.ndarray(shape, dtype, frame, body_at + at)
             for name, dtype, shape, at in places
         }
-    except _UNREADABLE as error:
+    except _BROKEN as error:
         raise FrameError(f"a frame cannot be read ({' '.join(str(error).split())[:200]})") from error
     return number, document, arrays
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 import contextlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -220,15 +221,11 @@ def _described(
     chosen = sorted(sources, key=lambda image: hash_number("described", image))[:count]
     folder = described.path / "descriptions" / default_name(chat.name, otherwise="model")
     files = {image: folder / f"{hash_number(image):016x}.json" for image in chosen}
-
-    def work(waiting: Iterable[str]) -> Iterator[tuple[str, dict[str, Any]]]:
-        for image in waiting:
-            yield image, _about(run, described, chat, photos, image=image, source=sources[image])
-
+    about = partial(_about, run, described, chat, photos)
     run_items(
         chosen,
         is_done=lambda image: files[image].exists(),
-        work=work,
+        work=lambda waiting: ((image, about(image=image, source=sources[image])) for image in waiting),
         keep=lambda found: write_durably(files[found[0]], json_line(dump_json(sealed_form(found[1])))),
         on_progress=counts(on_progress),
     )

@@ -106,11 +106,7 @@ def materialize_run(
             running = follow and run.is_running  # asked before the journal is read, so that no trial is missed
             known = list(recorded_trials(run, trials))
             fresh = run_items(
-                known,
-                is_done=finished.__contains__,
-                work=work,
-                keep=finished.add,
-                on_progress=counts(on_progress),
+                known, is_done=finished.__contains__, work=work, keep=finished.add, on_progress=counts(on_progress)
             )
             if not running:
                 break
