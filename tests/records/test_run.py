@@ -322,7 +322,7 @@ def test_a_plan_with_more_trials_takes_the_place_of_the_stored_one(tmp_path) -> 
 def test_a_plan_that_changes_what_is_there_is_no_larger_plan(tmp_path, change) -> None:
     few = {**PLAN, "trials": trials("a", "b"), "task_versions": {"a": 1, "b": 1}}
     stored = RunFolder.start(tmp_path / "run", few)
-    with pytest.raises(RunConflictError, match="another one"):
+    with pytest.raises(RunConflictError, match="holds another run"):
         RunFolder.start(tmp_path / "run", {**few, **change})
     assert RunFolder.open(tmp_path / "run") == stored
 

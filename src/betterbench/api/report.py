@@ -15,6 +15,7 @@ from betterbench.api.arguments import options_as_arguments
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, require_between
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
+from betterbench.jobs import OnCount
 from betterbench.jobs.outputs import OutputFolder
 from betterbench.records import RunFolder, run_names
 from betterbench.report.figures.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
@@ -43,7 +44,7 @@ SOLVED_FILMS = 2
 
 
 @contextmanager
-def _no_bar(_what: str) -> Iterator[Callable[[int, int], None]]:
+def _no_bar(_what: str) -> Iterator[OnCount]:
     yield lambda _done, _planned: None
 
 
@@ -59,7 +60,7 @@ class ReportListener:
 
     say: Callable[[str], None] = logger.info
     warn: Callable[[str], None] = logger.warning
-    bar: Callable[[str], AbstractContextManager[Callable[[int, int], None]]] = _no_bar
+    bar: Callable[[str], AbstractContextManager[OnCount]] = _no_bar
 
 
 class BuiltReport(NamedTuple):

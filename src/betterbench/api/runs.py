@@ -19,6 +19,7 @@ from betterbench.evaluation.running.summary import require_a_trial
 from betterbench.evaluation.trials.given_policy import GivenPolicy
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
 from betterbench.interface import Policy
+from betterbench.jobs import OnCount
 from betterbench.quoting import default_name
 from betterbench.records import RunFolder
 
@@ -123,7 +124,7 @@ def diagnose(
     *,
     twins: RunFolder | Path | str | None = None,
     allow_mixed: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
     """Diagnose every trial of a run from its records alone; nothing is written.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
@@ -14,9 +14,9 @@ from pydantic import TypeAdapter
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.demonstrations import Demonstration, demonstrate, planned_demonstrations, summed_up
 from betterbench.certification.journal import CURE, DEMONSTRATIONS_NAME, VersionedJournal
-from betterbench.certification.runner import in_workers, versions_in_use
+from betterbench.certification.runner import versions_in_use
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.jobs import write_durably
+from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
 from betterbench.jobs.outputs import OutputFile
 from betterbench.json_form import read_form, strict_form
 from betterbench.tasks import Task, TrialId, get_task
@@ -63,7 +63,7 @@ def measure(
     *,
     number: int,
     workers: int = 1,
-    on_progress: Callable[[int, int, Demonstration | None], None] | None = None,
+    on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
     """Measure demonstrations of some tasks, as far as the journal of a folder does not hold them yet.
 
@@ -72,7 +72,7 @@ def measure(
         out: Folder of the journal.
         number: Demonstrations per task, over its training conditions in turn.
         workers: Worker processes.
-        on_progress: Called with the demonstrations measured, those planned, and the one just measured.
+        on_progress: Called at the start of each turn and after every demonstration.
 
     Raises:
         InvalidInputError: If there are fewer demonstrations than training conditions, or too many workers.
@@ -88,32 +88,25 @@ def measure(
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     plans = {task.id: planned_demonstrations(task, number) for task in chosen}
-    planned = sum(len(trials) for plan in plans.values() for trials in plan)
+    planned = [trial for plan in plans.values() for trials in plan for trial in trials]
     with DemonstrationJournal(out, versions_in_use([t.id for t in chosen])) as journal:
         for turn in (0, 1):
             so_far = {task.id: _summed_up(task, plans[task.id][:turn], journal) for task in chosen} if turn else {}
-            wanted = [trial for plan in plans.values() for trial in plan[turn]]
-            waiting = [trial for trial in wanted if trial not in journal.found]
-            if on_progress is not None:
-                on_progress(_done(plans, journal), planned, None)
-            for found in _demonstrations(waiting, so_far, workers):
-                journal.append(found)
-                if on_progress is not None:
-                    on_progress(_done(plans, journal), planned, found)
+            due = {trial for plan in plans.values() for trial in plan[turn]}
+            work, is_done = functools.partial(_of_turn, due, so_far, workers), journal.found.__contains__
+            run_items(planned, is_done=is_done, work=work, keep=journal.append, on_progress=on_progress)
         return {task.id: _summed_up(task, plans[task.id], journal) for task in chosen}
-
-
-def _done(plans: Mapping[str, Sequence[Sequence[TrialId]]], journal: DemonstrationJournal) -> int:
-    return sum(trial in journal.found for plan in plans.values() for trials in plan for trial in trials)
 
 
 def _summed_up(task: Task, plan: Iterable[Sequence[TrialId]], journal: DemonstrationJournal) -> Demonstrated:
     return summed_up(task, [journal.found[trial] for trials in plan for trial in trials])
 
 
-def _demonstrations(trials: list[TrialId], so_far: Mapping[str, Demonstrated], workers: int) -> Iterator[Demonstration]:
-    """Yield demonstrations as they come."""
-    return in_workers(trials, workers, functools.partial(_demonstrate, so_far))
+def _of_turn(
+    due: Collection[TrialId], so_far: Mapping[str, Demonstrated], workers: int, waiting: Iterable[TrialId]
+) -> Iterator[Demonstration]:
+    trials = [trial for trial in waiting if trial in due]
+    return in_processes(trials, functools.partial(_demonstrate, so_far), workers=workers)
 
 
 def _demonstrate(so_far: Mapping[str, Demonstrated], trial: TrialId) -> Demonstration:

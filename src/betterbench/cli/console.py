@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -21,6 +21,8 @@ from betterbench.quoting import json_text
 
 if TYPE_CHECKING:
     from rich.progress import Progress
+
+    from betterbench.jobs import OnCount
 
 LONGEST_MESSAGE = 20_000
 """Most characters of one message or cell; longer texts come from outside."""
@@ -201,7 +203,7 @@ def _printable(text: str) -> str:
 
 
 @contextmanager
-def passing_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+def passing_bar(what: str) -> Iterator[OnCount]:
     """Give what is told how much is done, of how much, and shows that in a bar that goes when the work has ended."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)

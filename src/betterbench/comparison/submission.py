@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,9 +17,11 @@ from betterbench.comparison.conventions import side_conventions
 from betterbench.diagnosis import Evidence, Kind, RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.jobs import OnCount
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json, form_errors, open_ordinary, read_bounded, read_form, strict_form
 from betterbench.quoting import json_text
-from betterbench.records import RunFolder, first_difference
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.tasks.labels import Label, all_labels
@@ -151,9 +153,7 @@ _FORM = TypeAdapter(Submission)
 _BEGINNING = b'{\n"format": "betterbench-submission"'
 
 
-def submission_of(
-    run: RunFolder, *, name: str | None = None, on_progress: Callable[[int, int], None] | None = None
-) -> Submission:
+def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCount | None = None) -> Submission:
     """Return the outcomes of a run, diagnosed now.
 
     Args:
@@ -214,9 +214,7 @@ def read_submission(path: Path) -> Submission:
     return found
 
 
-def require_same(
-    run: RunFolder, submission: Submission, *, on_progress: Callable[[int, int], None] | None = None
-) -> None:
+def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount | None = None) -> None:
     """Check that a submission states what the records of a run prove; ``on_progress`` as :func:`submission_of` has it.
 
     Raises:

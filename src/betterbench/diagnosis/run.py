@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,6 +32,7 @@ from betterbench.diagnosis.until_decided import UntilDecided, decided_of
 from betterbench.diagnosis.verdict import Metric, RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.jobs import OnCount
 from betterbench.json_form import open_form, read_form
 from betterbench.quoting import shell_word
 from betterbench.records import Record, RunFolder
@@ -72,7 +73,7 @@ def diagnose_run(
     allow_mixed: bool = False,
     whole: bool = False,
     twins_in: RunFolder | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
     """Return the diagnosis of a run. Every planned trial appears, finished or not.
 

@@ -9,6 +9,7 @@ from typing import Self
 from betterbench.errors import HandshakeError, InvalidInputError
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.state import AnyPolicy
+from betterbench.jobs.conflict import first_difference
 from betterbench.policies.clients.connection import ConnectionLimits
 from betterbench.policies.conventions.handshake import space_cure
 from betterbench.policies.conventions.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
@@ -16,7 +17,6 @@ from betterbench.policies.description import describe_policy
 from betterbench.policies.kinds import find_kind, kind_of, make_for, make_policy
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind
 from betterbench.policies.process.policy_process import LOAD_S, PolicyProcess, start_policy
-from betterbench.records import first_difference
 from betterbench.sim.scenes import CONTROL_RATE_HZ, Scene
 from betterbench.sim.worlds import ForeignScene
 

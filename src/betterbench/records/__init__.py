@@ -14,7 +14,7 @@ from betterbench.records.journal import Journal, JournalEntry, TrialStatus, read
 from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
 from betterbench.records.parquet import read_outcome, read_record, record_bytes, write_record
 from betterbench.records.record import Record
-from betterbench.records.run import RunFolder, first_difference
+from betterbench.records.run import RunFolder
 from betterbench.records.run_names import run_names, told_apart
 from betterbench.records.segmenting import subgoal_segments
 
@@ -33,7 +33,6 @@ __all__ = [
     "SubgoalSegment",
     "Termination",
     "TrialStatus",
-    "first_difference",
     "read_journal",
     "read_outcome",
     "read_record",

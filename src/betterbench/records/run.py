@@ -18,7 +18,8 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line
-from betterbench.jobs.durable import PART_SUFFIX, remove_parts, write_durably
+from betterbench.jobs.conflict import require_free, require_same
+from betterbench.jobs.durable import remove_parts, write_durably
 from betterbench.jobs.line_journal import say_lost_tail
 from betterbench.jobs.lock import LOCK_NAME, RunLock, is_locked
 from betterbench.jobs.places import require_inside
@@ -33,7 +34,6 @@ from betterbench.json_form import (
     sealed_form,
     strict_form,
 )
-from betterbench.quoting import json_text
 from betterbench.records.journal import Journal, JournalEntry, read_journal
 from betterbench.records.metadata import Outcome, RecordMetadata
 from betterbench.records.parquet import AGAIN, RecordBrief, read_brief, read_record, write_record
@@ -120,11 +120,7 @@ class RunFolder:
         """
         path = path.absolute()
         wanted = _plain({"plan": dict(plan), "context": dict(context or {})})
-        if path.exists() and not path.is_dir():
-            raise RunConflictError(f"{path}: this is a file. Choose another folder for the run.")
-        fresh = not (path / "run.json").exists()
-        if fresh and path.exists() and any(not _is_leftover(p) for p in path.iterdir()):
-            raise RunConflictError(f"{path}: the folder holds other files and no run. Choose an empty or a new folder.")
+        require_free(path, "run", file="run.json")
         with RunLock(path / LOCK_NAME):
             remove_parts(path)
             if not (path / "run.json").exists():
@@ -140,13 +136,7 @@ class RunFolder:
                 f"{path}: the run in this folder has {stored} trials, and this command asks for {fewer} of them. Give "
                 "as many trials, tasks and variations to resume it, or more to extend it, or choose another folder."
             )
-        difference = first_difference(existing.plan, wanted["plan"], "plan")
-        if difference is not None:
-            where, there, asked = difference
-            raise RunConflictError(
-                f"{path}: the run in this folder is another one: {where} is {there} there and {asked} here. "
-                "Give the same arguments to resume it, or choose another folder."
-            )
+        require_same(path, existing.plan, wanted["plan"], "run", where="plan")
         _copy_task_files(path, existing.plan)
         return existing
 
@@ -569,11 +559,6 @@ def _seed(seed: int) -> int:
     return seed
 
 
-def _is_leftover(path: Path) -> bool:
-    """Tell whether a file may have been left by a run that never began."""
-    return path.name == LOCK_NAME or path.name.endswith(PART_SUFFIX)
-
-
 _GROWING = ("trials", "task_versions", "task_files")
 """Parts of a plan that may be larger when a run is continued; a trial that is planned already stays as it is."""
 
@@ -593,37 +578,3 @@ def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
         if not all(dump_json(item) in known for item in theirs):
             return False
     return len(plan.get("trials", [])) > len(other.get("trials", []))
-
-
-def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None."""
-    if isinstance(there, dict) and isinstance(asked, dict):
-        for key in sorted(set(there) | set(asked)):
-            if key not in there or key not in asked:
-                return f"{where}.{key}", _shown(there.get(key, _ABSENT)), _shown(asked.get(key, _ABSENT))
-            found = first_difference(there[key], asked[key], f"{where}.{key}")
-            if found:
-                return found
-        return None
-    if isinstance(there, list) and isinstance(asked, list):
-        for i, (a, b) in enumerate(zip(there, asked, strict=False)):
-            found = first_difference(a, b, f"{where}[{i}]")
-            if found:
-                return found
-        if len(there) != len(asked):
-            return f"the length of {where}", str(len(there)), str(len(asked))
-        return None
-    if type(there) is type(asked) and there == asked:
-        return None
-    return where, _shown(there), _shown(asked)
-
-
-_ABSENT = object()
-
-
-def _shown(value: object) -> str:
-    """Return a value for a message, shortened."""
-    if value is _ABSENT:
-        return "absent"
-    text = json_text(value)
-    return text if len(text) <= 80 else text[:77] + "..."

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import codecs
 import logging
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,8 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line, require_between
-from betterbench.jobs import write_durably
+from betterbench.jobs import OnCount, counts, in_threads, run_items, write_durably
+from betterbench.jobs.item_threads import NoResource
 from betterbench.jobs.line_journal import MAX_BYTES, LineJournal, say_lost_tail
 from betterbench.jobs.outputs import OutputFile, require_replaceable
 from betterbench.json_form import SEAL, dump_json, open_form, open_ordinary, read_bounded, read_form, seal_of
@@ -155,6 +154,7 @@ class _AnswerFile(LineJournal):
     def append(self, answer: ModelAnswer) -> None:
         """Append an answer and force it to disk."""
         self._append_line(_sealed(self.head, answer))
+        self.known[answer.id] = answer
 
 
 def prompt_for(question: Question, coordinates: Coordinates = "pixels") -> str:
@@ -171,7 +171,7 @@ def ask_set(
     coordinates: Coordinates = "pixels",
     at_once: int = 4,
     overwrite: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Answers:
     """Ask a model all questions of a set that it has not answered yet, and return all answers.
 
@@ -190,23 +190,19 @@ def ask_set(
         with OutputFile(file, "vqa", overwrite=True):
             write_durably(file, b"")
     with _AnswerFile(file, head) as kept:
-        todo = [q for q in asked.questions if q.id not in kept.known]
-        total, answers = len(asked.questions), dict(kept.known)
-        with ThreadPoolExecutor(max_workers=at_once) as pool:
-            waiting: deque[Future[ModelAnswer]] = deque()
-            try:
-                for question in [*todo, *([None] * at_once)]:
-                    if question is not None:
-                        waiting.append(pool.submit(_ask, chat, asked, question, coordinates))
-                    if waiting and (question is None or len(waiting) >= at_once):
-                        answer = waiting.popleft().result()
-                        kept.append(answer)
-                        answers[answer.id] = answer
-                        if on_progress is not None:
-                            on_progress(len(answers), total)
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-    return Answers(head, answers)
+        questions = {q.id: q for q in asked.questions}
+
+        def ask(_: object, question: str) -> ModelAnswer:
+            return _ask(chat, asked, questions[question], coordinates)
+
+        run_items(
+            questions,
+            is_done=kept.known.__contains__,
+            work=lambda waiting: in_threads(waiting, ask, workers=at_once, open_resource=NoResource, in_order=True),
+            keep=kept.append,
+            on_progress=counts(on_progress),
+        )
+    return Answers(head, kept.known)
 
 
 def is_answers(file: Path) -> bool:

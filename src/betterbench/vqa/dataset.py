@@ -15,10 +15,10 @@ import json
 import shutil
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 from pydantic import TypeAdapter
@@ -32,9 +32,9 @@ from betterbench.errors import (
     require_between,
 )
 from betterbench.interface.state import FrameView
-from betterbench.jobs import RunLock, write_durably
-from betterbench.jobs.durable import PART_SUFFIX, on_disk, remove_parts
-from betterbench.jobs.item_threads import in_threads
+from betterbench.jobs import OnCount, counts, in_threads, job_folder, run_items, write_durably
+from betterbench.jobs.conflict import require_free, require_same
+from betterbench.jobs.durable import on_disk
 from betterbench.jobs.places import require_inside
 from betterbench.json_form import (
     dump_json,
@@ -48,7 +48,6 @@ from betterbench.json_form import (
 )
 from betterbench.quoting import json_line
 from betterbench.records import Record, RunFolder
-from betterbench.records.run import first_difference
 from betterbench.records.tables import table_bytes
 from betterbench.tasks import TrialId, stream
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
@@ -117,7 +116,6 @@ class PhotoSource(Protocol):
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
-OnProgress = Callable[[int, int], None]
 
 
 def require_size(size: int) -> None:
@@ -221,7 +219,7 @@ def make_set(
     *,
     open_photos: OpenPhotos,
     workers: int = 1,
-    on_progress: OnProgress | None = None,
+    on_progress: OnCount | None = None,
 ) -> QuestionSet:
     """Make a set of questions from the records of a run, or go on with one that was interrupted.
 
@@ -300,44 +298,21 @@ def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
     return {str(e.key): run.record_digest(e) for e in run.entries() if e.key in wanted and e.status == "done"}
 
 
-class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a function
-    """Locks the folder of a set and writes its plan; tells whether the set is complete already."""
+@contextmanager
+def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
+    """Lock the folder of a set and write its plan; tell whether the set is complete already.
 
-    def __init__(self, out: Path, plan: dict[str, Any]) -> None:
-        self._out, self._plan = out, {"schema_version": SET_SCHEMA_VERSION, **plan}
-        self._stack = ExitStack()
-        self._lock: RunLock | None = None
-
-    def __enter__(self) -> bool:
-        """Lock, compare, and write the plan; raises what :func:`make_set` raises."""
-        out, file = self._out, self._out / SET_NAME
-        if out.exists() and not out.is_dir():
-            raise RunConflictError(f"{out}: this is a file. Choose another folder for the set.")
-        there = out.iterdir() if out.is_dir() else ()
-        others = [p for p in there if p.name != ".lock" and not p.name.endswith(PART_SUFFIX)]
-        if others and not file.exists():
-            raise RunConflictError(f"{out}: the folder holds other files and no set. Choose an empty or a new folder.")
-        self._lock = self._stack.enter_context(RunLock(out / ".lock"))
-        try:
-            plan = json.loads(dump_json(self._plan))
-            _require_same(file, plan)
-            remove_parts(out)
-            write_durably(file, json.dumps(sealed_form(plan), indent=1, sort_keys=True).encode() + b"\n")
-            if (out / "summary.json").exists():
-                shutil.rmtree(out / "candidates", ignore_errors=True)
-                return True
-        except BaseException:
-            self._stack.close()
-            raise
-        return False
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Unlock; raises StorageError if the folder was removed or moved and nothing else went wrong."""
-        with self._stack:
-            if self._lock is not None and error is None:
-                self._lock.require_in_place()
+    Raises what :func:`make_set` raises.
+    """
+    file, plan = out / SET_NAME, json.loads(dump_json({"schema_version": SET_SCHEMA_VERSION, **plan}))
+    require_free(out, "set", file=SET_NAME)
+    with job_folder(out):
+        _require_same(file, plan)
+        write_durably(file, json.dumps(sealed_form(plan), indent=1, sort_keys=True).encode() + b"\n")
+        done = (out / "summary.json").exists()
+        if done:
+            shutil.rmtree(out / "candidates", ignore_errors=True)
+        yield done
 
 
 def _require_same(file: Path, plan: dict[str, Any]) -> None:
@@ -349,13 +324,7 @@ def _require_same(file: Path, plan: dict[str, Any]) -> None:
             f"{file.parent}: the set in this folder has version {one_line(repr(version), most=40)}, and this "
             f"betterbench makes sets of version {SET_SCHEMA_VERSION} with other questions. Choose another folder."
         )
-    difference = first_difference(stored, plan, "set")
-    if difference is not None:
-        where, there, asked = difference
-        raise RunConflictError(
-            f"{file.parent}: the set in this folder is another one: {where} is {there} there and {asked} here. "
-            "Give the same arguments to go on with it, or choose another folder."
-        )
+    require_same(file.parent, stored, plan, "set", where="set")
 
 
 def _sealed(file: Path) -> dict[str, Any]:
@@ -371,30 +340,19 @@ def _survey(
     *,
     open_photos: OpenPhotos,
     workers: int,
-    on_progress: OnProgress | None,
+    on_progress: OnCount | None,
 ) -> None:
     """Write the possible questions about each trial, with its images; finished trials are left as they are."""
-    waiting = [t for t in trials if not _shard(out, t).exists()]
-    done = len(trials) - len(waiting)
-    if on_progress is not None:
-        on_progress(done, len(trials))
-
-    def told(_: TrialId) -> None:
-        nonlocal done
-        done += 1
-        if on_progress is not None:
-            on_progress(done, len(trials))
-
-    in_threads(
-        waiting,
-        lambda source, trial: _look_at(run, out, trial, options, source),
-        workers=workers,
-        open_resource=open_photos,
-        on_done=told,
+    look = partial(_look_at, run, out, options)
+    run_items(
+        trials,
+        is_done=lambda trial: _shard(out, trial).exists(),
+        work=lambda waiting: in_threads(waiting, look, workers=workers, open_resource=open_photos),
+        on_progress=counts(on_progress),
     )
 
 
-def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, source: PhotoSource) -> None:
+def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource, trial: TrialId) -> None:
     """Write the images of a trial, and then the possible questions about them."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)

@@ -16,12 +16,12 @@ from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis, analyze_episode
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interface.state import ObjectInfo
-from betterbench.jobs import write_durably
+from betterbench.jobs import OnCount, counts, run_items, write_durably
 from betterbench.jobs.durable import on_disk
 from betterbench.json_form import dump_json, open_sealed_lines, read_bounded, read_form, sealed_lines
 from betterbench.quoting import json_line
 from betterbench.records import RunFolder
-from betterbench.tasks import Expected, Kind, Label, training_distribution_of
+from betterbench.tasks import Expected, Kind, Label, TrialId, training_distribution_of
 from betterbench.vqa.blind import baselines
 from betterbench.vqa.dataset import (
     OpenPhotos,
@@ -104,7 +104,7 @@ def make_decisive_set(
     options: DecisiveOptions,
     *,
     open_photos: OpenPhotos,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> QuestionSet:
     """Make the set of questions about the decisive moments of a run, or go on with one that was interrupted.
 
@@ -121,16 +121,18 @@ def make_decisive_set(
         chosen = [t for t in chosen if t.kind is not Kind.NONE]
     if not chosen:
         raise InvalidInputError(str(run.path), "no trial of it failed", "Leave --failures-only out to ask about all")
-    questions: list[Question] = []
     with on_disk(out), begun_set(out, plan) as done:
         if done:
             return read_set(out)
         with open_photos() as source:
-            for number, trial in enumerate(chosen, start=1):
-                questions += _kept(run, trial, out, options, source)
-                if on_progress is not None:
-                    on_progress(number, len(chosen))
-        ordered = sorted(questions, key=lambda q: q.id)
+            run_items(
+                [t.trial_id for t in chosen],
+                is_done=lambda trial: _file(out, trial).exists(),
+                work=lambda waiting: ((trial, _about(run, told[trial], out, options, source)) for trial in waiting),
+                keep=lambda found: _keep(_file(out, found[0]), found[1]),
+                on_progress=counts(on_progress),
+            )
+        ordered = sorted((q for t in chosen for q in _read(_file(out, t.trial_id))), key=lambda q: q.id)
         return replace(
             write_set(out, ordered, baselines(ordered, folds_of(ordered)), purpose_of(trials)), records=records
         )
@@ -141,22 +143,20 @@ def folds_of(questions: Sequence[Question]) -> list[int]:
     return [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in questions]
 
 
-def _kept(
-    run: RunFolder, trial: TrialDiagnosis, out: Path, options: DecisiveOptions, source: PhotoSource
-) -> list[Question]:
-    """Return the questions about one trial, from the file that an interrupted command left or newly made."""
-    where = trial.trial_id
-    file = out / "candidates" / where.task / where.condition / f"{where.seed}.jsonl"
-    if file.exists():
-        cure = "Delete it and give the same command again"
-        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
-        lines = open_sealed_lines(data, where=str(file), cure=cure, raises=RecordError)
-        return [
-            read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError, sealed=True) for line in lines
-        ]
-    questions = _about(run, trial, out, options, source)
+def _file(out: Path, trial: TrialId) -> Path:
+    """Return the file of the questions about one trial."""
+    return out / "candidates" / trial.task / trial.condition / f"{trial.seed}.jsonl"
+
+
+def _keep(file: Path, questions: Sequence[Question]) -> None:
     write_durably(file, sealed_lines(b"".join(json_line(dump_json(q.to_json())) for q in questions)))
-    return questions
+
+
+def _read(file: Path) -> list[Question]:
+    cure = "Delete it and give the same command again"
+    data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+    lines = open_sealed_lines(data, where=str(file), cure=cure, raises=RecordError)
+    return [read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError, sealed=True) for line in lines]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,17 +10,16 @@ from __future__ import annotations
 import contextlib
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, RecordError, require_between
-from betterbench.jobs import RunLock, write_durably
-from betterbench.jobs.durable import remove_parts
-from betterbench.jobs.lock import LOCK_NAME
+from betterbench.jobs import OnCount, counts, job_folder, run_items, write_durably
 from betterbench.jobs.outputs import OutputFile
 from betterbench.json_form import (
     dump_json,
@@ -181,7 +180,7 @@ def describe_images(
     *,
     count: int,
     overwrite: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Described:
     """Let a model describe images of a set and ask about them, and keep the texts that the state proves.
 
@@ -196,8 +195,7 @@ def describe_images(
     """
     require_between("--images", count, 1, MOST_IMAGES)
     path = described.path / "descriptions.jsonl"
-    with RunLock(described.path / LOCK_NAME), OutputFile(path, "vqa", overwrite=overwrite, is_ours=_is_described):
-        remove_parts(described.path)
+    with job_folder(described.path), OutputFile(path, "vqa", overwrite=overwrite, is_ours=_is_described):
         return _described(run, described, chat, photos, path, count=count, on_progress=on_progress)
 
 
@@ -217,18 +215,26 @@ def _described(
     path: Path,
     *,
     count: int,
-    on_progress: Callable[[int, int], None] | None,
+    on_progress: OnCount | None,
 ) -> Described:
     sources = {q.image: q.source for q in described.questions}
     chosen = sorted(sources, key=lambda image: hash_number("described", image))[:count]
+    folder = described.path / "descriptions" / default_name(chat.name, otherwise="model")
+    files = {image: folder / f"{hash_number(image):016x}.json" for image in chosen}
+    about = partial(_about, run, described, chat, photos)
+    run_items(
+        chosen,
+        is_done=lambda image: files[image].exists(),
+        work=lambda waiting: ((image, about(image=image, source=sources[image])) for image in waiting),
+        keep=lambda found: write_durably(files[found[0]], json_line(dump_json(sealed_form(found[1])))),
+        on_progress=counts(on_progress),
+    )
     kept: list[dict[str, Any]] = []
     dropped: Counter[str] = Counter()
-    for number, image in enumerate(chosen, start=1):
-        found = _about(run, described, chat, photos, image=image, source=sources[image])
-        kept += found["kept"]
-        dropped.update(found["dropped"])
-        if on_progress is not None:
-            on_progress(number, len(chosen))
+    for file in files.values():
+        there = _read(file)
+        kept += there.kept
+        dropped.update(there.dropped)
     write_durably(path, b"".join(json_line(dump_json(line)) for line in kept))
     return Described(path, len(chosen), len(kept), dict(dropped))
 
@@ -237,15 +243,6 @@ def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
     """Return the texts of a model about one image that are kept, and the reasons for dropping the others."""
-    model = default_name(chat.name, otherwise="model")
-    file = described.path / "descriptions" / model / f"{hash_number(image):016x}.json"
-    if file.exists():
-        cure = "Move it elsewhere and give the same command again, which asks about the image again"
-        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
-        form = open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
-        form.pop("version", None)
-        stored = read_form(_DESCRIBED, form, where=str(file), cure=cure, raises=RecordError)
-        return {"kept": stored.kept, "dropped": stored.dropped}
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -267,9 +264,16 @@ def _about(
             checked["kept"].append(_line(image, text, source))
         else:
             reasons[reason] += 1
-    checked["dropped"] = dict(reasons)
-    write_durably(file, json_line(dump_json(sealed_form({"version": 2, **checked}))))
-    return checked
+    return {"version": 2, **checked, "dropped": dict(reasons)}
+
+
+def _read(file: Path) -> _Kept:
+    """Return the stored texts about one image; raises RecordError."""
+    cure = "Move it elsewhere and give the same command again, which asks about the image again"
+    data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+    form = open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
+    form.pop("version", None)
+    return read_form(_DESCRIBED, form, where=str(file), cure=cure, raises=RecordError)
 
 
 @strict_form

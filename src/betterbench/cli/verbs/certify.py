@@ -11,8 +11,9 @@ from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from betterbench.certification.certificate import Certificate
-    from betterbench.certification.runner import CertificationProgress
+    from betterbench.certification.certificate import Certificate, TrialCertificate
+    from betterbench.certification.demonstrations import Demonstration
+    from betterbench.jobs import JobProgress
 
 
 def certify_command(
@@ -78,7 +79,7 @@ def certify_command(
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     with folder, progress_bar("certify", len(planned)) as (bar, task):
 
-        def told(progress: CertificationProgress) -> None:
+        def told(progress: JobProgress[TrialCertificate]) -> None:
             last = progress.last
             name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
             bar.update(task, completed=progress.done, note=name)
@@ -96,7 +97,6 @@ def certify_command(
 
 def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, write_package: bool) -> None:
     """Measure demonstrations and write the files that hold them."""
-    from betterbench.certification.demonstrations import Demonstration
     from betterbench.certification.measuring import destination, measure, write_demonstrations
     from betterbench.tasks import get_task
 
@@ -106,9 +106,10 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, wr
         raise InvalidInputError("--demonstrations", problem, "Name tasks of a --task-file, or add --write-package")
     with progress_bar("measure", number * len(tasks)) as (bar, task):
 
-        def told(done: int, planned: int, last: Demonstration | None) -> None:
+        def told(progress: JobProgress[Demonstration]) -> None:
+            last = progress.last
             name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
-            bar.update(task, total=planned, completed=done, note=name)
+            bar.update(task, total=progress.planned, completed=progress.done, note=name)
             if last is not None and last.problem:
                 say(f"{name}: {last.problem}; the demonstration does not count")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -15,10 +15,9 @@ from betterbench.cli.console import progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from betterbench.jobs import OnCount
     from betterbench.records import Record, RunFolder
     from betterbench.records.modalities.spec import ViewSpec
-
-_Progress = Callable[[int, int], None]
 
 
 def view_command(
@@ -93,7 +92,7 @@ def terminated_as_interrupted() -> Iterator[None]:
 
 
 def _write_rerun(
-    run: RunFolder, record: Record, views: tuple[ViewSpec, ...], path: Path, *, quality: str, on_progress: _Progress
+    run: RunFolder, record: Record, views: tuple[ViewSpec, ...], path: Path, *, quality: str, on_progress: OnCount
 ) -> None:
     from betterbench.sim.modalities.rerun_file import write_rerun
 
@@ -101,7 +100,7 @@ def _write_rerun(
 
 
 def _write_page(
-    run: RunFolder, record: Record, views: tuple[ViewSpec, ...], path: Path, *, quality: str, on_progress: _Progress
+    run: RunFolder, record: Record, views: tuple[ViewSpec, ...], path: Path, *, quality: str, on_progress: OnCount
 ) -> None:
     import numpy as np
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.demonstrations.export.robomimic import read_origin, require_same_content
 from betterbench.demonstrations.export.robomimic_check import RobomimicCheck
 from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.jobs import OnCount
 from betterbench.json_form import SEAL, file_digest, parse_json, read_ordinary
 from betterbench.records import Record, RunFolder
 from betterbench.tasks import TrialId
@@ -43,9 +44,7 @@ class ExportCheck:
     worst_error: float
 
 
-def check_export(
-    runs: Sequence[RunFolder], path: Path, *, on_progress: Callable[[int, int], None] | None = None
-) -> ExportCheck:
+def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount | None = None) -> ExportCheck:
     """Compare a data set with the records of its runs.
 
     ``on_progress`` is called with the number of episodes done and planned.

@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow as pa
 
 from betterbench.errors import BetterError, InvalidInputError, one_line
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import parse_json
-from betterbench.records import first_difference
 
 ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
 """Reads some pictures of an episode by the name of their column and their rows."""

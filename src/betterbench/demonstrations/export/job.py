@@ -11,7 +11,7 @@ import contextlib
 import hashlib
 import logging
 import shutil
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -28,9 +28,8 @@ from betterbench.demonstrations.export.robomimic import require_h5py, require_sa
 from betterbench.demonstrations.export.selection import ChosenTrial, Selection
 from betterbench.demonstrations.export.video import VIDEO_SETTINGS, require_even
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
-from betterbench.jobs import RunLock, write_durably
+from betterbench.jobs import OnCount, RunLock, counts, in_threads, run_items, write_durably
 from betterbench.jobs.durable import on_disk, remove_parts
-from betterbench.jobs.item_threads import in_threads
 from betterbench.jobs.lock import LOCK_NAME
 from betterbench.jobs.outputs import require_replaceable
 from betterbench.json_form import dump_json, file_digest, open_seal, read_ordinary, sealed_form
@@ -53,8 +52,6 @@ SOURCE_FILE = "meta/betterbench.json"
 """File of a data set that describes its origin."""
 README = "README.md"
 """Page of a data set, which its owner may edit."""
-
-Told = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +94,7 @@ class Exported:
     evaluate: str
 
 
-def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | None = None) -> Exported:
+def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount | None = None) -> Exported:
     """Write a data set, or finish one that was begun; the same plan gives the same bytes with any number of workers.
 
     ``on_progress`` is called with the number of episodes done and planned.
@@ -279,37 +276,26 @@ def stored_source(folder: Path) -> dict[str, Any]:
     return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
 
 
-def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: Told | None) -> int:
+def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: OnCount | None) -> int:
     """Make the parts that are missing, and return how many those were."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
-    missing = {folder: d for folder, d in wanted.items() if read_index(folder) is None}
-    done = len(wanted) - len(missing)
-    # Neighbors share a scene, which takes longer to open than a picture to draw.
-    waiting = sorted(missing.items(), key=lambda item: (item[1].scene_hash, item[1].trial, item[1].run))
-    if on_progress is not None:
-        on_progress(done, len(wanted))
 
-    def work(pictures: Pictures, item: tuple[Path, ChosenTrial]) -> None:
-        folder, demonstration = item
+    def make(pictures: Pictures, folder: Path) -> None:
+        demonstration = wanted[folder]
         run = plan.runs[demonstration.run]
         record = _record(run, demonstration)
         _check_rate(record)
         write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
 
-    def told(_: tuple[Path, ChosenTrial]) -> None:
-        nonlocal done
-        done += 1
-        if on_progress is not None:
-            on_progress(done, len(wanted))
+    def work(missing: Iterable[Path]) -> Iterator[None]:
+        # Neighbors share a scene, which takes longer to open than a picture to draw.
+        order = sorted(missing, key=lambda f: (wanted[f].scene_hash, wanted[f].trial, wanted[f].run))
+        cameras = plan.layout.cameras
+        return in_threads(order, make, workers=workers, open_resource=lambda: Pictures(cameras, quality))
 
-    in_threads(
-        waiting,
-        work,
-        workers=workers,
-        open_resource=lambda: Pictures(plan.layout.cameras, quality),
-        on_done=told,
+    return run_items(
+        wanted, is_done=lambda part: read_index(part) is not None, work=work, on_progress=counts(on_progress)
     )
-    return len(missing)
 
 
 def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from betterbench.demonstrations.making.failure import FAILURES
 from betterbench.demonstrations.making.production import Method, StartOutcome, attempts_of, method_of, set_hash
 from betterbench.demonstrations.making.starts import FactorCoverage, coverage_of, levels_of
 from betterbench.demonstrations.making.variety import TaskVariety, variety_lines, variety_of_run
-from betterbench.jobs import write_durably
+from betterbench.jobs import OnCount, write_durably
 from betterbench.quoting import json_text, markdown_address, markdown_text
 from betterbench.records import RunFolder
 from betterbench.tasks import Task, TrialId
@@ -115,7 +115,7 @@ class Acceptance:
         return form
 
 
-def acceptance_of(run: RunFolder, *, on_progress: Callable[[int, int], None] | None = None) -> Acceptance:
+def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acceptance:
     """Return the outcomes of the attempts of a run of demonstrations, and the differences between the accepted ones.
 
     Args:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from betterbench.demonstrations.making.acceptance import FOLDER, Acceptance
 from betterbench.demonstrations.making.production import attempt_at, method_of, scene_of
 from betterbench.errors import BetterError, StorageError
 from betterbench.evaluation.figures.films import film_record
+from betterbench.jobs import OnCount
 from betterbench.records import RunFolder
 from betterbench.sim.scenes.limited import LimitedView
 
@@ -18,7 +17,7 @@ EVERY = 2
 
 
 def film_failures(
-    run: RunFolder, found: Acceptance, *, on_progress: Callable[[int, int], None] | None = None
+    run: RunFolder, found: Acceptance, *, on_progress: OnCount | None = None
 ) -> dict[tuple[str, str], str]:
     """Render the first failed attempt of each kind and task, unless its film is there.
 

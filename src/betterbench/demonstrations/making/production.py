@@ -22,7 +22,7 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.journal import CURE, VersionedJournal, forms_after_header
-from betterbench.certification.runner import in_workers, versions_in_use
+from betterbench.certification.runner import versions_in_use
 from betterbench.demonstrations.making.amplifier import AmplifierSettings, SourceChoice
 from betterbench.demonstrations.making.attempt import (
     AMPLIFIED,
@@ -48,6 +48,7 @@ from betterbench.evaluation.planning.manifest import run_context
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.interface.actions import EE_DELTA
+from betterbench.jobs import JobProgress, in_processes, run_items
 from betterbench.jobs.durable import on_disk
 from betterbench.jobs.line_journal import complete_lines, say_lost_tail
 from betterbench.json_form import file_digest, open_form, read_form, strict_form
@@ -390,12 +391,13 @@ def _produce(
             attempts = stack.enter_context(AttemptJournal(out / ATTEMPTS / "journal.jsonl", versions))
             _say_lost(journal, attempts)
             reopen_lost(run, journal)
-            due = [chain[-1] for chain in chains if not _is_settled(chain[-1], attempts.found, journal)]
-            tell = _teller(on_progress, chains, attempts)
-            tell(None)
-            for produced in _produced(run, method, due, workers):
-                _note(produced, journal, attempts)
-                tell(produced.outcome)
+            run_items(
+                [chain[-1] for chain in chains],
+                is_done=functools.partial(_is_settled, found=attempts.found, journal=journal),
+                work=functools.partial(_produced, run, method, workers),
+                keep=functools.partial(_note, journal=journal, attempts=attempts),
+                on_progress=None if on_progress is None else _teller(on_progress, chains, attempts),
+            )
             changed = [run.restore(), journal.restore(), attempts.restore()]  # what somebody has removed meanwhile
             is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
@@ -430,7 +432,7 @@ def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], meth
     return chains
 
 
-def _is_settled(start: Start, found: Mapping[TrialId, StartOutcome], journal: Journal) -> bool:
+def _is_settled(start: Start, *, found: Mapping[TrialId, StartOutcome], journal: Journal) -> bool:
     outcome = found.get(start.trial)
     return outcome is not None and (not outcome.accepted or journal.is_done(start.trial))
 
@@ -453,25 +455,24 @@ def _trial(start: Start) -> Trial:
 
 
 def _teller(
-    on_progress: Callable[[SetProgress], None] | None, chains: Sequence[Sequence[Start]], attempts: AttemptJournal
-) -> Callable[[StartOutcome | None], None]:
-    def tell(last: StartOutcome | None) -> None:
-        if on_progress is None:
-            return
-        found = attempts.found
+    on_progress: Callable[[SetProgress], None], chains: Sequence[Sequence[Start]], attempts: AttemptJournal
+) -> Callable[[JobProgress[_Produced]], None]:
+    def tell(progress: JobProgress[_Produced]) -> None:
+        found, last = attempts.found, progress.last
         done = sum(any(s.trial in found and found[s.trial].accepted for s in chain) for chain in chains)
-        on_progress(SetProgress(done, len(chains), sum(len(o.notes) for o in found.values()), last))
+        tried = sum(len(o.notes) for o in found.values())
+        on_progress(SetProgress(done, len(chains), tried, None if last is None else last.outcome))
 
     return tell
 
 
-def _produced(run: RunFolder, method: Method, due: Sequence[Start], workers: int) -> Iterator[_Produced]:
+def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]) -> Iterator[_Produced]:
     """Yield the outcomes of starts as they come; starts that share a compiled scene follow each other."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
-    return in_workers(order, workers, functools.partial(_work, str(run.path), method))
+    return in_processes(order, functools.partial(_work, str(run.path), method), workers=workers)
 
 
-def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> None:
+def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) -> None:
     """Write what became of a start into both journals; killed between the two, the start is tried again."""
     outcome, trial = produced.outcome, produced.outcome.trial
     varied = None if resolve_condition(trial.task, trial.condition).variation is None else trial.condition

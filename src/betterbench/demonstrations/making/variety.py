@@ -9,7 +9,7 @@ in the frame of the object. Every figure is the mean over pairs, so it does not 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from betterbench.demonstrations.making.sources import region_frame
 from betterbench.geometry import Pose
+from betterbench.jobs import OnCount
 from betterbench.quoting import markdown_table, markdown_text
 from betterbench.records import Record, RunFolder, SkillWindow, subgoal_segments
 from betterbench.tasks import TrialId
@@ -158,7 +159,7 @@ class VarietyMeter:
 
 
 def variety_of_run(
-    run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: Callable[[int, int], None] | None = None
+    run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: OnCount | None = None
 ) -> tuple[TaskVariety, ...]:
     """Return the differences between the successful demonstrations of a run, of some tasks or of all.
 

@@ -10,12 +10,12 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 
 from betterbench.demonstrations.making.starts import FIRST_AMPLIFIED_SEED
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
+from betterbench.errors import InvalidInputError, RecordError, require_between
 from betterbench.jobs import write_durably
-from betterbench.jobs.outputs import is_bookkeeping
+from betterbench.jobs.conflict import require_free, require_same
+from betterbench.jobs.outputs import LIST_NAME
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.quoting import shell_line
-from betterbench.records import first_difference
 from betterbench.tasks import SUITE_VERSION
 from betterbench.tasks.interventions.regimes import Regime
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
@@ -113,19 +113,11 @@ def require_recipe(recipe: SetRecipe, out: Path) -> None:
         RunConflictError: If the folder holds the dataset of another recipe.
         RecordError: If the recipe in the folder cannot be read.
     """
-    path = out / "recipe.json"
-    if path.exists():
+    require_free(out, "dataset", file="recipe.json", besides=(LIST_NAME,))
+    if (out / "recipe.json").exists():
         there = read_recipe(out)
         grown = SetRecipe(**{**asdict(there), "demos": max(there.demos, recipe.demos)})
-        different = first_difference(asdict(grown), asdict(recipe), "recipe")
-        if different is not None:
-            where, stored, asked = different
-            raise RunConflictError(
-                f"{out}: this folder holds another dataset: {where} is {stored} there and {asked} here. Give the same "
-                "arguments to resume it, or choose another folder."
-            )
-    elif out.exists() and any(not is_bookkeeping(p) for p in out.iterdir()):
-        raise RunConflictError(f"{out}: the folder holds other files and no dataset. Choose an empty or a new folder.")
+        require_same(out, asdict(grown), asdict(recipe), "dataset", where="recipe")
 
 
 def read_recipe(out: Path) -> SetRecipe:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.jobs import OnCount
 from betterbench.jobs.durable import DurableFile
 from betterbench.jobs.outputs import mark_of
 from betterbench.json_form import open_form, read_form
@@ -69,7 +70,7 @@ def render_shots(
     camera: str = "front",
     size: int = 320,
     quality: str = "standard",
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> dict[Shot, bytes]:
     """Return one JPEG per shot, of ``size`` pixels on each side; shots of one scene share its model.
 
@@ -107,7 +108,7 @@ def _world_shots(
     records: Mapping[tuple[str, str, int], Record],
     shots: Sequence[Shot],
     size: int,
-    on_progress: Callable[[int, int], None] | None,
+    on_progress: OnCount | None,
 ) -> dict[Shot, bytes]:
     """Return one JPEG per shot of a run in LIBERO."""
     where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
@@ -141,7 +142,7 @@ def write_video(
     camera: str = "front",
     size: int = 512,
     out: Path | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Path:
     """Write the video of a recorded trial (H.264 in MP4), by default into the run's folder; return its path.
 
@@ -167,7 +168,7 @@ def film_record(
     *,
     camera: str = "front",
     every: int = 1,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> None:
     """Write the video of a record (H.264 in MP4) whose scene a view has open, with one frame per ``every`` rows.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.figures.show import wrap_text
+from betterbench.jobs import OnCount
 from betterbench.jobs.durable import DurableFile
 from betterbench.jobs.outputs import mark_of
 from betterbench.records import Record, RunFolder
@@ -88,7 +89,7 @@ def render_paths(
     trials: Sequence[tuple[str, str, int]],
     *,
     look: FilmLook = FilmLook(),
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
     """Return one JPEG per trial (task, condition, seed): its start image with the path of the end effector drawn over.
 
@@ -111,7 +112,7 @@ def render_strips(
     *,
     frames: int = 6,
     look: FilmLook = FilmLook(size=160),
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
     """Return one JPEG per trial: its start with the whole path, then states at equal distances with the path so far.
 
@@ -136,7 +137,7 @@ def render_twin_films(
     films: Sequence[Sequence[Panel]],
     *,
     look: FilmLook = FilmLook(),
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> list[TwinFilm]:
     """Return films of a trial beside its twin, or of one trial alone; ``on_progress`` gets those done and planned.
 
@@ -159,7 +160,7 @@ def write_twin_film(
     path: Path,
     *,
     look: FilmLook,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Path:
     """Write one film of :func:`render_twin_films` to a file; ``on_progress`` gets the frames done and planned."""
     with DurableFile(path) as durable, _views(look, len(panels)) as views:
@@ -182,7 +183,7 @@ def _film(
     target: BinaryIO,
     *,
     look: FilmLook,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Image.Image:
     """Encode a film and return its first image."""
     sides = [_Side(view, run, panel.trial, look) for view, panel in zip(views, panels, strict=False)]

@@ -19,8 +19,9 @@ from betterbench.evaluation.planning.machine import describe_machine, describe_r
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import action_space
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json
-from betterbench.records import RunFolder, first_difference
+from betterbench.records import RunFolder
 from betterbench.sim.robots import robot as robot_named
 from betterbench.sim.scenes import CONTROL_RATE_HZ, TIMESTEP_S
 from betterbench.tasks import THRESHOLDS

@@ -14,8 +14,9 @@ from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation.planning.manifest import policy_difference
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.trust import require_trust
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json, open_form, read_form
-from betterbench.records import RunFolder, first_difference
+from betterbench.records import RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import Looks, TrialId
 

@@ -21,10 +21,11 @@ from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.trials.given_policy import kind_of_callers, needs_in_run
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+from betterbench.jobs.conflict import require_same
 from betterbench.jobs.durable import on_disk
 from betterbench.policies.description import describe_policy
 from betterbench.policies.factory import PolicyFactory
-from betterbench.records import Journal, JournalEntry, Outcome, RunFolder, first_difference
+from betterbench.records import Journal, JournalEntry, Outcome, RunFolder
 from betterbench.tasks import TrialId
 
 LOCK_PATIENCE_S = 60.0
@@ -238,13 +239,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
                 raise
             time.sleep(_RETRY_S)
     run = RunFolder.open(out)
-    difference = first_difference(run.plan, form, "plan")
-    if difference is not None:
-        where, there, asked = difference
-        raise RunConflictError(
-            f"{out}: the run in this folder is another one: {where} is {there} there and {asked} here. "
-            "Give the same settings to resume it, or choose another folder."
-        )
+    require_same(out, run.plan, form, "run", where="plan", cure="Give the same settings to resume it")
     return run
 
 

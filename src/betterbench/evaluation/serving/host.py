@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import multiprocessing
 import os
 import threading
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from typing import Self
 
 from betterbench.errors import BetterError, PolicyError
@@ -20,7 +18,7 @@ from betterbench.evaluation.serving.server import open_server
 from betterbench.evaluation.trials.shared_policy import Deadline
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
 from betterbench.interface import PolicyInfo
-from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
+from betterbench.jobs.worker_process import SpawnedProcess, interrupts_blocked, prepare_process
 from betterbench.policies.clients.connection import LONGEST_WAIT_S
 from betterbench.policies.factory import PolicyFactory
 
@@ -58,8 +56,7 @@ class Host:
         self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world), timeout_s, 0
         self._port = 0
         self.takes_batches = False
-        self._process: BaseProcess | None = None
-        self._pipe: Connection | None = None  # closing it ends the process
+        self._running: SpawnedProcess | None = None  # closing its pipe ends it
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
@@ -89,36 +86,32 @@ class Host:
 
     def watch(self) -> None:
         """Start the process again if it has died, at the same port; PolicyError if it died too often."""
-        process = self._process
-        if process is None or process.is_alive():
+        if self._running is None or self._running.process.is_alive():
             return
-        hung = process.exitcode == HUNG
+        status = self._running.process.exitcode
+        hung = status == HUNG
         self._restarts += not hung
         if self._restarts > MAX_RESTARTS:
             raise PolicyError(
-                f"{self._policy}: its process died {self._restarts} times (status {process.exitcode}). Run the same "
+                f"{self._policy}: its process died {self._restarts} times (status {status}). Run the same "
                 "command again with --workers 1 to see why."
             )
-        how = "hangs" if hung else f"died (status {process.exitcode})"
+        how = "hangs" if hung else f"died (status {status})"
         logger.warning("the process of %s %s and is started again", self._policy, how)
         self._end()
         self._start()
 
     def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        arguments = (self._policy, self._run, self._timeout_s, self._port, theirs)
-        with interrupts_blocked():
-            self._process = context.Process(target=serve, args=arguments, name="betterbench-policy")
-            self._pipe = ours
-            self._process.start()
-        theirs.close()
+        with interrupts_blocked():  # until it is known here
+            self._running = SpawnedProcess(
+                serve, self._policy, self._run, self._timeout_s, self._port, name="betterbench-policy"
+            )
 
     def _greeting(self) -> tuple[PolicyInfo, bool, int]:
         """Return the policy's description from the process, whether it takes batches, and its port."""
-        process, pipe = self._process, self._pipe
-        if process is None or pipe is None:
+        if self._running is None:
             raise AssertionError("the host was not started")
+        process, pipe = self._running.process, self._running.connection
         # A child of the process may hold its end of the pipe open when it has died.
         while not pipe.poll(_POLL_S) and process.is_alive():
             pass
@@ -134,15 +127,9 @@ class Host:
 
     def _end(self) -> None:
         """Let the process close its policy and end; kill it if it does not."""
-        process, self._process = self._process, None
-        pipe, self._pipe = self._pipe, None
-        if pipe is not None:
-            pipe.close()
-        if process is not None and process.pid is not None:
-            process.join(_CLOSE_S)
-            process.kill()
-            process.join()
-            process.close()
+        running, self._running = self._running, None
+        if running is not None:
+            running.end(_CLOSE_S)
 
 
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:

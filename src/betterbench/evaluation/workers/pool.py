@@ -5,11 +5,9 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
-import multiprocessing
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from typing import Self
 
 from betterbench.errors import BetterError, PolicyProcessError, WorkerError
@@ -18,8 +16,7 @@ from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.step_count import StepCount, StepReport, StepsTaken
 from betterbench.evaluation.workers.worker import Worker, even_share
 from betterbench.jobs import RetryLedger
-from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
-from betterbench.policies.process.policy_process import exit_text
+from betterbench.jobs.worker_process import SpawnedProcess, interrupts_blocked, prepare_process
 from betterbench.records import JournalEntry
 from betterbench.sim.graphics import take_device
 from betterbench.tasks import TrialId
@@ -35,18 +32,17 @@ _WATCH_S = 0.5
 _END_S = 10.0
 
 
-@dataclass(eq=False)
-class WorkerProcess:
+class WorkerProcess(SpawnedProcess):
     """One worker process as the pool sees it."""
 
-    process: BaseProcess
-    connection: Connection
-    trials: dict[TrialId, Trial] = field(default_factory=dict)  # given to it, and not ended
-    alone: bool = False  # its one trial was in a process that died
-    lost: bool = False  # its end of the pipe is closed
-    ready: bool = False  # it has loaded what it needs
-    turn: int = 0  # its number among the living ones
-    envs: int = 1  # trials that it can run at once, which it tells
+    def __init__(self, settings: RunSettings) -> None:
+        super().__init__(work, settings, name="betterbench-worker")
+        self.trials: dict[TrialId, Trial] = {}  # given to it, and not ended
+        self.alone = False  # its one trial was in a process that died
+        self.lost = False  # its end of the pipe is closed
+        self.ready = False  # it has loaded what it needs
+        self.turn = settings.turn  # its number among the living ones
+        self.envs = settings.envs  # trials that it can run at once, which it tells
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +111,9 @@ class WorkerPool:
         """End all processes at once; unfinished trials leave nothing behind."""
         processes, self._processes = self._processes, []
         for worker in processes:
-            if worker.process.is_alive():
-                worker.process.kill()
+            worker.process.kill()
         for worker in processes:
-            worker.process.join()
-            worker.connection.close()
-            worker.process.close()
+            worker.end()
 
     def _wait(self) -> Iterable[WorkerProcess]:
         """Return the processes that have sent something or ended, after at most the time between two watches."""
@@ -133,10 +126,10 @@ class WorkerPool:
     def _start_workers(self) -> None:
         """Start processes as long as there is work for them."""
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
-            with interrupts_blocked():
-                taken = {worker.turn for worker in self._processes}
-                turn = next(number for number in itertools.count() if number not in taken)
-                self._processes.append(start_worker(replace(self._settings, turn=turn)))
+            taken = {worker.turn for worker in self._processes}
+            turn = next(number for number in itertools.count() if number not in taken)
+            with interrupts_blocked():  # until it is known here
+                self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
         """Give every process an even share of the trials, in turns; a suspect gets a process for itself."""
@@ -186,12 +179,7 @@ class WorkerPool:
         """Remove a process that died, and queue its trials again or give them up."""
         yield from self._receive(worker)
         self._processes.remove(worker)
-        worker.process.join(_WATCH_S)
-        if worker.process.is_alive():
-            worker.process.kill()
-            worker.process.join()
-        how = exit_text(worker.process.exitcode)
-        worker.connection.close()
+        how = worker.end(_WATCH_S)
         if not worker.ready:
             self._handle_failed_start(worker, how)
             return
@@ -213,17 +201,6 @@ class WorkerPool:
             )
         self._workers = len(self._processes)
         logger.warning("another worker process cannot start (%s); the run goes on with %d", how, self._workers)
-
-
-def start_worker(settings: RunSettings) -> WorkerProcess:
-    """Start a worker process that ignores Ctrl-C: the process that started it decides what happens then."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=work, args=(settings, theirs), name="betterbench-worker")
-    with interrupts_blocked():
-        process.start()
-    theirs.close()
-    return WorkerProcess(process, ours, turn=settings.turn, envs=settings.envs)
 
 
 def work(settings: RunSettings, connection: Connection) -> None:

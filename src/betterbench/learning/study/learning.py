@@ -6,22 +6,19 @@ A learner of this size keeps one processor busy: two that are trained side by si
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from betterbench.errors import BetterError, RecordError, TrainingError, described
 from betterbench.jobs.lock import HeldFolder, held_folders
-from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
+from betterbench.jobs.worker_process import SpawnedProcess, prepare_process
 from betterbench.json_form import file_digest
 from betterbench.policies.kinds.learned import LEARNED, learned_address
 from betterbench.policies.learned.loading import FILE_NAME as CHECKPOINT
 from betterbench.policies.learned.loading import checkpoint_of
 from betterbench.policies.learned.recipe import TrainingRecipe
-from betterbench.policies.process.policy_process import exit_text
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 _STOP_S = 5.0
@@ -73,22 +70,15 @@ class TrainingJob:
     begins_with: str = ""
 
 
-@dataclass(slots=True)
-class _Learner:
-    """Learner in training, with its process.
+class _Learner(SpawnedProcess):
+    """Process that trains a learner, and what it has told."""
 
-    Attributes:
-        done: Steps that are done.
-        note: Its last message.
-    """
-
-    job: TrainingJob
-    process: BaseProcess
-    link: Connection
-    done: int = 0
-    planned: int = 0
-    note: str = ""
-    policy: TrainedPolicy | None = None
+    def __init__(self, job: TrainingJob, device: str) -> None:
+        super().__init__(_learn, job, device, loaded_files(), held_folders(), name="betterbench-learner")
+        self.job = job
+        self.done = self.planned = 0  # steps
+        self.note = ""  # its last message
+        self.policy: TrainedPolicy | None = None
 
 
 def train_learners(
@@ -106,10 +96,10 @@ def train_learners(
         _draw(job, tell, workers)
     if len(jobs) == 1:
         return (_train(jobs[0], device, tell),)
-    learners = [_begin(job, device) for job in jobs]
+    learners = [_Learner(job, device) for job in jobs]
     try:
         while any(learner.policy is None for learner in learners):
-            at_work = {learner.link: learner for learner in learners if learner.policy is None}
+            at_work = {learner.connection: learner for learner in learners if learner.policy is None}
             for link in wait(list(at_work)):
                 _listen(at_work[link])  # type: ignore[index]
             tell(
@@ -118,30 +108,17 @@ def train_learners(
                 ", ".join(p.note for p in learners if p.note),
             )
     finally:
-        for learner in learners:
-            _end(learner)
+        for learner in learners:  # what is still at work has saved what it needs to go on
+            learner.end(_STOP_S if learner.policy is not None else 0.0)
     return tuple(learner.policy for learner in learners if learner.policy is not None)
-
-
-def _begin(job: TrainingJob, device: str) -> _Learner:
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(
-        target=_learn, args=(job, device, theirs, loaded_files(), held_folders()), name="betterbench-learner"
-    )
-    with interrupts_blocked():  # the process that started it decides what happens at Ctrl-C
-        process.start()
-    theirs.close()
-    return _Learner(job, process, ours)
 
 
 def _listen(learner: _Learner) -> None:
     """Take one message; raise what the process raised, or a TrainingError if it has ended without a word."""
     try:
-        said = learner.link.recv()
+        said = learner.connection.recv()
     except (EOFError, OSError):
-        learner.process.join(_STOP_S)
-        how = exit_text(learner.process.exitcode)
+        how = learner.end(_STOP_S)
         raise TrainingError(
             f"the process that trained {learner.job.out.name} has ended ({how}). What it saved stays: "
             "run the same command again, with fewer --workers if the memory was too small."
@@ -154,16 +131,8 @@ def _listen(learner: _Learner) -> None:
         learner.done, learner.planned, learner.note = said
 
 
-def _end(learner: _Learner) -> None:
-    """End a process that is still at work; it has saved what it needs to go on."""
-    if learner.policy is None:
-        learner.process.kill()
-    learner.process.join(_STOP_S)
-    learner.link.close()
-
-
 def _learn(
-    job: TrainingJob, device: str, link: Connection, files: Sequence[TaskFile], held: Sequence[HeldFolder]
+    job: TrainingJob, device: str, files: Sequence[TaskFile], held: Sequence[HeldFolder], link: Connection
 ) -> None:
     """Train one learner and say how it goes; the main function of a process."""
     prepare_process(held)

@@ -12,7 +12,6 @@ import itertools
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -23,9 +22,8 @@ from betterbench.certification.refusal import require_certified
 from betterbench.demonstrations.sets.recipe import SetRecipe
 from betterbench.errors import RecordError
 from betterbench.evaluation import make_plan
-from betterbench.jobs import write_durably
-from betterbench.jobs.durable import on_disk, remove_parts
-from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.jobs import job_folder, write_durably
+from betterbench.jobs.durable import on_disk
 from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form, strict_form
 from betterbench.learning.study.learning import OnWork, TrainedPolicy, TrainingJob
 from betterbench.learning.study.outcomes import LearnerOutcome, TrialOutcome, read_trials, trials_form
@@ -153,13 +151,8 @@ def run_study(
     """
     out = out.absolute()
     require_certified(make_plan("expert", tasks=plan.tasks, trials=plan.trials), certificate)
-    with ExitStack() as stack:
-        with on_disk(out):
-            lock = stack.enter_context(RunLock(out / LOCK_NAME))
-            remove_parts(out / STAGES)
-        result = _Study(plan, out, workshop, on_progress).run()
-        lock.require_in_place()
-        return result
+    with job_folder(out):
+        return _Study(plan, out, workshop, on_progress).run()
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,8 @@ from betterbench.demonstrations.export.job import validation_seeds
 from betterbench.demonstrations.export.selection import ChosenTrial, select_demonstrations
 from betterbench.errors import InvalidInputError
 from betterbench.interface.actions import EE_DELTA, EE_POSE
-from betterbench.learning.training.frames import SUFFIX, FrameStore, OnDrawn, WantedFrames, drawn_frames
+from betterbench.jobs import OnCount
+from betterbench.learning.training.frames import SUFFIX, FrameStore, WantedFrames, drawn_frames
 from betterbench.learning.training.questions import (
     AskedQuestions,
     TrainingQuestions,
@@ -34,9 +35,6 @@ PHASES = ("move", "pick", "carry", "place", "slide", "miss")
 
 _STILL_M, _STILL_RAD = 2e-4, 2e-3
 """Motion of pose and fingers [m] and turn [rad] per control step below which a demonstrator pauses."""
-
-OnRead = Callable[[int, int], None]
-"""Called with the number of records that were read, and of all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,10 +106,10 @@ class _Episode:
 def read_training_set(
     recipe: TrainingRecipe,
     *,
-    on_read: OnRead | None = None,
+    on_read: OnCount | None = None,
     frames: Path | None = None,
     workers: int = 1,
-    on_drawn: OnDrawn | None = None,
+    on_drawn: OnCount | None = None,
 ) -> TrainingSet:
     """Read the demonstrations and the questions that a recipe names; for the family ``pixels`` draw their frames once.
 
@@ -185,7 +183,7 @@ def _asked(recipe: TrainingRecipe, chosen: Sequence[ChosenTrial]) -> AskedQuesti
 
 
 def _episodes(
-    runs: Sequence[RunFolder], chosen: Sequence[ChosenTrial], longest_pause: int | None, on_read: OnRead | None
+    runs: Sequence[RunFolder], chosen: Sequence[ChosenTrial], longest_pause: int | None, on_read: OnCount | None
 ) -> Iterator[_Episode]:
     for number, demonstration in enumerate(chosen, 1):
         trial, run = demonstration.trial, runs[demonstration.run]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import mmap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,10 +21,8 @@ from pydantic import Field, TypeAdapter
 from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interface import observation_spec
-from betterbench.jobs import write_durably
-from betterbench.jobs.durable import on_disk, remove_parts
-from betterbench.jobs.item_threads import in_threads
-from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.jobs import OnCount, counts, in_threads, job_folder, run_items, write_durably
+from betterbench.jobs.durable import on_disk
 from betterbench.json_form import (
     SEAL,
     dump_json,
@@ -49,9 +47,6 @@ SUFFIX = ".frames"
 _MAX_HEADER = 1 << 16
 _ITSELF, _DIFFERENCE = 0, 1
 _INDEX_NUMBERS = 3  # where a picture begins and ends, and whether it is its difference to the first one of its view
-
-OnDrawn = Callable[[int, int], None]
-"""Called with the number of demonstrations whose frames are there, and of all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +75,7 @@ class WantedFrames:
 
 
 def drawn_frames(
-    wanted: Sequence[WantedFrames], eyes: Eyes, *, workers: int = 1, on_drawn: OnDrawn | None = None
+    wanted: Sequence[WantedFrames], eyes: Eyes, *, workers: int = 1, on_drawn: OnCount | None = None
 ) -> FrameStore:
     """Return the frames of demonstrations, in their order; those that are missing or damaged are drawn first.
 
@@ -92,51 +87,37 @@ def drawn_frames(
     """
     files = [item.file(eyes) for item in wanted]
     there = {file: found for file in files if (found := _EpisodeFrames.open(file)) is not None}
-    missing = {f: item for f, item in zip(files, wanted, strict=True) if f not in there}
-    left = len(missing)
-
-    def told(_: tuple[Path, WantedFrames]) -> None:
-        nonlocal left
-        left -= 1
-        if on_drawn is not None:
-            on_drawn(len(files) - left, len(files))
-
-    for folder in sorted({file.parent for file in missing}):
-        _draw(folder, {f: i for f, i in missing.items() if f.parent == folder}, eyes, workers, told)
+    if len(there) < len(set(files)):
+        named = dict(zip(files, wanted, strict=True))
+        run_items(
+            named,
+            is_done=there.__contains__,
+            work=lambda missing: _draw({file: named[file] for file in missing}, eyes, workers),
+            on_progress=counts(on_drawn),
+        )
     return FrameStore([there.get(file) or _opened(file) for file in files])
 
 
-def _draw(
-    folder: Path,
-    missing: Mapping[Path, WantedFrames],
-    eyes: Eyes,
-    workers: int,
-    on_done: Callable[[tuple[Path, WantedFrames]], None],
-) -> None:
-    """Draw the files of a folder that are missing."""
+def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Iterator[object]:
+    """Draw the files that are missing, one folder after the other."""
     cameras = observation_spec(eyes.observation).only(eyes.cameras).cameras
 
-    def work(pictures: Pictures, item: tuple[Path, WantedFrames]) -> None:
-        file, one = item
+    def draw(pictures: Pictures, file: Path) -> None:
+        one = missing[file]
         shown = pictures.of(one.run, one.record, rows=one.rows.tolist())
         frames = np.stack([looked_at(eyes, views) for views in shown])
         with on_disk(file):
             write_durably(file, frames_bytes(frames))
 
-    with on_disk(folder), RunLock(folder / LOCK_NAME, waits=TrainingProcesses.here().size > 1):
-        remove_parts(folder)
-        # A process that trains together with this one may have drawn them while this one waited.
-        there = {file for file in missing if _EpisodeFrames.open(file) is not None}
-        for file in there:
-            on_done((file, missing[file]))
-        # Neighbors share a scene, which takes longer to open than a picture to draw.
-        waiting = sorted(
-            ((file, item) for file, item in missing.items() if file not in there),
-            key=lambda item: (item[1].record.metadata.scene_hash, item[0]),
-        )
-        in_threads(
-            waiting, work, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality), on_done=on_done
-        )
+    for folder in sorted({file.parent for file in missing}):
+        with job_folder(folder, waits=TrainingProcesses.here().size > 1):
+            # A process that trains together with this one may have drawn them while this one waited.
+            inside = [file for file in missing if file.parent == folder]
+            waiting = [file for file in inside if _EpisodeFrames.open(file) is None]
+            yield from range(len(inside) - len(waiting))
+            # Neighbors share a scene, which takes longer to open than a picture to draw.
+            waiting.sort(key=lambda file: (missing[file].record.metadata.scene_hash, file))
+            yield from in_threads(waiting, draw, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality))
 
 
 def frames_bytes(frames: np.ndarray) -> bytes:

@@ -19,10 +19,10 @@ from pydantic import Field, TypeAdapter
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
-from betterbench.errors import InvalidInputError, RunConflictError, TrainingError, one_line
-from betterbench.jobs import write_durably
-from betterbench.jobs.durable import PART_SUFFIX, on_disk, remove_parts
-from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.errors import InvalidInputError, TrainingError, one_line
+from betterbench.jobs import job_folder, write_durably
+from betterbench.jobs.conflict import first_difference, require_free, require_same
+from betterbench.jobs.durable import on_disk
 from betterbench.json_form import file_digest, read_form, read_object, strict_form
 from betterbench.learning.training.batches import Batches
 from betterbench.learning.training.curves import Log, LossRow
@@ -43,7 +43,6 @@ from betterbench.policies.learned.network import LearnerNetwork
 from betterbench.policies.learned.networks import new_network
 from betterbench.policies.learned.policy import Learner
 from betterbench.policies.learned.recipe import TrainingRecipe
-from betterbench.records import first_difference
 from betterbench.records.run import keep_copies
 from betterbench.tasks.user_files import code_of, explaining
 
@@ -54,13 +53,13 @@ _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
 _BETAS = (0.9, 0.95)
 _STATE_CURE = "Train into another folder, or put the file back"
-_SAME = {
-    "torch": "that version of torch",
-    "device": "that --device",
-    "processes": "as many processes",
-    "learner": "the learner's file as it was, of which the folder keeps a copy in task_files",
+_CURES = {
+    "torch": "Go on with that version of torch",
+    "device": "Go on with that --device",
+    "processes": "Go on with as many processes",
+    "learner": "Go on with the learner's file as it was, of which the folder keeps a copy in task_files",
 }
-"""Conditions other than recipe and data that a resumed training must keep, as texts for the error message."""
+"""Remedies where a resumed training differs in anything but recipe and data."""
 _PATIENCE = timedelta(hours=6)
 """Longest wait of the processes for the first one, which alone validates and writes."""
 
@@ -140,20 +139,14 @@ def train(
     if (code := code_of("family", recipe.family)) is not None:
         form["learner"] = code
     with contextlib.ExitStack() as stack:
-        lock: RunLock | None = None
         if world.rank == 0:
-            with on_disk(out):
-                lock = stack.enter_context(RunLock(out / LOCK_NAME))
+            stack.enter_context(job_folder(out))
             _keep_recipe(form, out)
             if code is not None:
                 keep_copies(out)
-            remove_parts(out)
         stack.enter_context(_deterministic(recipe.threads))
         stack.enter_context(_together(world, device))
-        trained = _Training(recipe, data, out, world.device(device), world, identity=_identity(form)).run(on_progress)
-        if lock is not None:
-            lock.require_in_place()
-        return trained
+        return _Training(recipe, data, out, world.device(device), world, identity=_identity(form)).run(on_progress)
 
 
 def require_place(out: Path, device: str) -> None:
@@ -162,9 +155,7 @@ def require_place(out: Path, device: str) -> None:
     Raises RunConflictError or InvalidInputError.
     """
     _require_device(TrainingProcesses.here().device(device))
-    others = [p for p in out.iterdir() if not p.name.endswith(PART_SUFFIX)] if out.is_dir() else []
-    if not (out / _RECIPE_NAME).exists() and any(p.name != LOCK_NAME for p in others):
-        raise RunConflictError(f"{out}: the folder holds other files and no training. Choose an empty or a new folder.")
+    require_free(out, "training", file=_RECIPE_NAME)
 
 
 class _Training:
@@ -411,15 +402,9 @@ def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
     """Write what decides the weights into the folder, or find the same there; RunConflictError if it is another."""
     path = out / _RECIPE_NAME
     if path.exists():
-        cure = "Choose another folder"
-        there = read_object(path, max_bytes=_MAX_RECIPE, cure=cure)
-        found = first_difference(_wherever(there), _wherever(form), "training")
-        if found is not None:
-            same = _SAME.get(found[0].split(".")[1], "the same recipe and data")
-            raise RunConflictError(
-                f"{out}: this folder holds another training: {found[0]} is {found[1]} there and {found[2]} here. "
-                f"Go on with {same}, or choose another folder."
-            )
+        there = read_object(path, max_bytes=_MAX_RECIPE, cure="Choose another folder")
+        cure = "Go on with the same recipe and data"
+        require_same(out, _wherever(there), _wherever(form), "training", where="training", cure=cure, cures=_CURES)
         if there == form:
             return
     with on_disk(out):

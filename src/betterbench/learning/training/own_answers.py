@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ import torch
 
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
+from betterbench.jobs import OnCount
 from betterbench.learning.training.questions import question_text
 from betterbench.policies.learned.network import ObjectsBatch
 from betterbench.policies.learned.policy import Learner
@@ -105,7 +106,7 @@ def ask_about_run(
     camera: str = "front",
     tasks: Sequence[str] = (),
     failures_only: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> tuple[OwnAnswer, ...]:
     """Ask a learner where the named object is in the trials of its own run.
 

@@ -15,19 +15,14 @@ import traceback
 from collections.abc import Sequence
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, described
 from betterbench.interface import BatchPolicy, Policy
+from betterbench.jobs.frames import FrameContent, FrameError, answer_requests, send_frame
 from betterbench.policies.kinds import find_kind, make_policy, read_address
-from betterbench.policies.process.process_link import (
-    LENGTH,
-    Declared,
-    ProcessAnswer,
-    answer_frame,
-    plain_array,
-    text_of,
-)
+from betterbench.policies.process.process_link import Declared, ProcessAnswer, content_of, text_of
 
 MAX_TEXT = 2000
 """Characters of an error that are passed on."""
@@ -61,17 +56,16 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
     try:
         policy = make_policy(address, world=world)
         source = "" if source_of is None else source_of(read_address(address))
-        run.sendall(answer_frame(ProcessAnswer(0, declared=_declared(policy, source))))
+        send_frame(run, *content_of(ProcessAnswer(declared=_declared(policy, source))))
     except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
         if not (isinstance(problem, BetterError) or source_of):  # an error of the user's file names its line
             traceback.print_exc()
-        run.sendall(answer_frame(_told(0, problem)))
+        send_frame(run, *content_of(_told(problem)))
         _exit(1)
     try:
-        while (asked := _question(run)) is not None:
-            run.sendall(_answered(policy, *asked))
+        answer_requests(run, lambda _, asked: _answered(policy, asked))
         _close(policy)
-    except (EOFError, OSError):
+    except (FrameError, OSError):
         _exit(1)  # the run has ended
     except BaseException as problem:  # noqa: BLE001 - the policy has broken what this process needs
         _say("the process of the policy is broken", problem)
@@ -88,24 +82,6 @@ def _end_with_run(life: int) -> None:
         with contextlib.suppress(BaseException):
             _killpg(0, signal.SIGKILL)
         _exit(1)
-
-
-def _question(run: socket.socket) -> tuple[int, str, tuple[Any, ...], dict[str, Any]] | None:
-    """Return the next question of the run, or None if there is none any more; EOFError if the run has ended."""
-    (size,) = LENGTH.unpack(_read(run, LENGTH.size))
-    asked: tuple[int, str, tuple[Any, ...], dict[str, Any]] | None = _loads(_read(run, size))
-    return asked
-
-
-def _read(run: socket.socket, size: int) -> bytearray:
-    got = bytearray(size)
-    view = memoryview(got)
-    while view:
-        count = run.recv_into(view)
-        if not count:
-            raise EOFError
-        view = view[count:]
-    return got
 
 
 def _declared(policy: Policy, source: str) -> Declared:
@@ -126,23 +102,24 @@ def _declared(policy: Policy, source: str) -> Declared:
     )
 
 
-def _answered(policy: Policy, number: int, method: str, args: tuple[Any, ...], options: dict[str, Any]) -> bytes:
-    """Return the frame of what a method gave, as plain arrays, or of what it raised."""
+def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | None:
+    """Return what a method gave, as plain arrays, or what it raised; None if there is no question any more."""
+    if not asked:
+        return None
+    method, args, options = _loads(asked["question"].data)
     try:
         given = getattr(policy, method)(*args, **options)
-        answers = [given] if method == "act" else list(given) if method == "act_batch" else []
-        forms = [plain_array(answer) for answer in answers]
-        return answer_frame(ProcessAnswer(number, tuple(form for form, _ in forms)), [data for _, data in forms])
+        return content_of(ProcessAnswer(), [given] if method == "act" else given if method == "act_batch" else ())
     except BaseException as problem:  # noqa: BLE001 - it ends the trial, whatever it is, and never the run
-        return answer_frame(_told(number, problem))
+        return content_of(_told(problem))
 
 
-def _told(number: int, problem: BaseException) -> ProcessAnswer:
+def _told(problem: BaseException) -> ProcessAnswer:
     """Return the class of an error and its texts, without the objects that it may hold."""
     if isinstance(problem, UnknownNameError):
-        return _error(number, "UnknownNameError", (problem.kind, problem.name, *problem.known))
+        return _error("UnknownNameError", (problem.kind, problem.name, *problem.known))
     if isinstance(problem, InvalidInputError):
-        return _error(number, "InvalidInputError", (problem.where, problem.problem, problem.cure))
+        return _error("InvalidInputError", (problem.where, problem.problem, problem.cure))
     known = next((c.__name__ for c in type(problem).__mro__ if c.__name__ in ERRORS), "")
     known = known if isinstance(problem, BetterError) else ""
     text = kind = type(problem).__name__
@@ -156,11 +133,11 @@ def _told(number: int, problem: BaseException) -> ProcessAnswer:
             break
     if len(text) > MAX_TEXT:
         text = text[:MAX_TEXT] + " ..."
-    return _error(number, known, (text,))
+    return _error(known, (text,))
 
 
-def _error(number: int, kind: str, texts: Sequence[object]) -> ProcessAnswer:
-    return ProcessAnswer(number, error=kind, texts=tuple(text_of(text) for text in texts))
+def _error(kind: str, texts: Sequence[object]) -> ProcessAnswer:
+    return ProcessAnswer(error=kind, texts=tuple(text_of(text) for text in texts))
 
 
 def _close(policy: Policy) -> None:

@@ -6,9 +6,6 @@ import contextlib
 import logging
 import math
 import os
-import select
-import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -32,11 +29,14 @@ from betterbench.errors import (
     UnknownNameError,
 )
 from betterbench.interface import EpisodeStart, Observation
+from betterbench.jobs.asked_process import AskedProcess
+from betterbench.jobs.frames import FrameEndError, FrameError, FrameTimeoutError, send_frame
 from betterbench.jobs.leftovers import end_leftovers
 from betterbench.jobs.process_output import ProcessOutput
+from betterbench.jobs.worker_process import exit_text
 from betterbench.policies.kinds import kind_of
 from betterbench.policies.process.asked_process import ERRORS
-from betterbench.policies.process.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer
+from betterbench.policies.process.process_link import Declared, ProcessAnswer
 from betterbench.policies.process.process_reader import read_answer
 
 logger = logging.getLogger(__name__)
@@ -50,9 +50,7 @@ CLOSE_S = 5.0
 MAX_KILLS = 3
 """Number of times that a batch is tried when the process is killed during it."""
 
-_POLL_S = 0.2
 _LEAVE_S = 0.5
-_PIECE = 1 << 20
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
 _START = (
     "import sys; sys.path[:] = {path!r}; from betterbench.policies.process.asked_process import main; main({arguments})"
@@ -166,11 +164,11 @@ class PolicyProcess:
             if running is None:
                 raise AssertionError("it was just prepared")
             try:
-                answer, arrays = running.ask(method, args, options or {})
+                answer, arrays = running.call(method, args, options or {})
                 if answer.error is None and len(arrays) != answers:
                     raise PolicyError(f"{len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
             except Exception as error:
-                status, self._running = running.end(), None
+                status, self._running = running.finish(), None
                 if isinstance(error, PolicyError):
                     raise PolicyError(f"the process of the policy sent what is no answer: {error}") from error
                 kind = PolicyKilledError if status.startswith(_FROM_OUTSIDE) else PolicyError
@@ -194,20 +192,20 @@ class PolicyProcess:
     def _start_another(self, running: _Started | None) -> None:
         """Start a process in the place of one; if it cannot load the policy, that one goes on if it can."""
         if running is not None and not running.waits:
-            running.end()
+            running.finish()
             running = None
         self._failed = self._used = False
         self._running = _Started(self._address, self._world)
         try:
             self._require_unchanged(self._running.loaded(self._load_s))
         except BaseException as problem:
-            self._running.end()
+            self._running.finish()
             self._running = running
             if running is None:
                 raise
             if self._closed or not isinstance(problem, BetterError):
                 self._running = None
-                running.end()
+                running.finish()
                 raise
             logger.warning("%s It goes on in the process in which it failed.", problem)
         else:
@@ -252,32 +250,31 @@ def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared
     except PolicyKilledError as error:  # no trial has begun that could be run again
         raise PolicyProcessError(str(error)) from error
     except BaseException:
-        started.end()
+        started.finish()
         raise
 
 
-class _Started:
+class _Started(AskedProcess):
     """Started process that loads its policy and then answers."""
 
     def __init__(self, address: str, world: str) -> None:
-        self._address, self._number, self._mark = address, 0, uuid.uuid4().hex
-        self._link, theirs = socket.socketpair()
-        self._link.settimeout(_POLL_S)
+        self._address, self._mark = address, uuid.uuid4().hex
         life, self._life = os.pipe()
-        arguments = f"{address!r}, {theirs.fileno()}, {life}, {world!r}"
         self._output = ProcessOutput()
+
+        def command(link: int) -> list[str]:
+            arguments = f"{address!r}, {link}, {life}, {world!r}"
+            return [sys.executable, "-c", _START.format(path=sys.path, arguments=arguments)]
+
         try:
-            self._process = subprocess.Popen(  # noqa: S603 - our own module; the address is a literal in its arguments
-                [sys.executable, "-c", _START.format(path=sys.path, arguments=arguments)],
-                stdin=subprocess.DEVNULL,
-                stdout=self._output.theirs,  # what a policy prints is no output of the run
-                stderr=self._output.theirs,
-                pass_fds=(theirs.fileno(), life),
-                start_new_session=True,
-                env={**os.environ, MARK: self._mark},
+            super().__init__(
+                command,
+                output=self._output.theirs,  # what a policy prints is no output of the run
+                environment={**os.environ, MARK: self._mark},
+                keeps=(life,),
+                any_type=True,
             )
         finally:
-            theirs.close()
             os.close(life)
             self._output.begin()
 
@@ -287,14 +284,14 @@ class _Started:
         Raises what :class:`PolicyProcess` raises, and PolicyKilledError if the process was ended from outside.
         """
         try:
-            answer, _ = self._receive(time.monotonic() + timeout_s)
-        except TimeoutError as error:
+            answer, _ = read_answer(self.greeting(limit_s=timeout_s))
+        except FrameTimeoutError as error:
             raise PolicyProcessError(
                 f"{self._address}: it is not loaded after {timeout_s:g} s. Raise --policy-timeout: loading may take "
                 "ten times as long as an answer."
             ) from error
-        except (EOFError, OSError, PolicyError) as error:
-            how = self.end()
+        except (FrameError, PolicyError) as error:
+            how = self.finish()
             kind = PolicyKilledError if how.startswith(_FROM_OUTSIDE) else PolicyProcessError
             raise kind(
                 f"{self._address}: its process ended while loading ({how}); what it wrote stands above. Load it in a "
@@ -307,97 +304,40 @@ class _Started:
             raise raised  # errors of betterbench say enough
         raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")
 
-    @property
-    def waits(self) -> bool:
-        """Whether the process waits for a question: it still runs, and has sent nothing that was not asked for."""
-        try:
-            said = bool(select.select([self._link], [], [], 0.0)[0])
-        except (OSError, ValueError):
-            return False
-        return not said and self._process.poll() is None
-
-    def ask(
+    def call(
         self, method: str, args: Sequence[object], options: dict[str, object]
     ) -> tuple[ProcessAnswer, list[np.ndarray]]:
         """Return the answer to a question.
 
         Raises:
-            EOFError: If the process has ended.
+            FrameEndError: If the process has ended.
             PolicyError: If it sends what is no answer.
         """
-        self._number += 1
-        self._send((self._number, method, args, options))
-        while True:
-            answer, arrays = self._receive()
-            if answer.number == self._number:
-                return answer, arrays
-            if answer.number > self._number:
-                raise PolicyError("it answers what nobody has asked yet")
-            # Otherwise an answer was sent twice.
-
-    def _send(self, message: object) -> None:
-        data = ForkingPickler.dumps(message)
-        view = memoryview(LENGTH.pack(len(data)) + bytes(data))
-        while view:
-            try:
-                view = view[self._link.send(view[:_PIECE]) :]
-            except TimeoutError:
-                if self._process.poll() is not None:
-                    raise EOFError from None
-
-    def _receive(self, until: float | None = None) -> tuple[ProcessAnswer, list[np.ndarray]]:
-        """Return what the process has sent; EOFError if it has ended, TimeoutError at a time."""
-        (size,) = LENGTH.unpack(self._read(LENGTH.size, until))
-        if size > MAX_LINK_BYTES:
-            raise PolicyError(f"a frame of {size} bytes")
-        return read_answer(self._read(size, until))
-
-    def _read(self, size: int, until: float | None) -> bytes:
-        got, ended = bytearray(), False
-        while len(got) < size:
-            try:
-                piece = self._link.recv(min(size - len(got), _PIECE))
-            except TimeoutError:
-                if ended:  # a child of the process may hold its end open
-                    raise EOFError from None
-                ended = self._process.poll() is not None
-                if until is not None and time.monotonic() > until:
-                    raise
-                continue
-            if not piece:
-                raise EOFError
-            got += piece
-        return bytes(got)
-
-    def kill(self) -> None:
-        """End the process and what it has started, at once; whoever waits for it sees that it has ended."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        with contextlib.suppress(OSError):
-            self._link.shutdown(socket.SHUT_RDWR)
+        question = np.frombuffer(ForkingPickler.dumps((method, args, options)), np.uint8)
+        try:
+            return read_answer(self.ask({}, {"question": question}))
+        except FrameEndError:
+            raise
+        except FrameError as error:
+            raise PolicyError(str(error)) from error
 
     def close(self) -> None:
         """Let the policy close, and end the process."""
-        with contextlib.suppress(OSError, EOFError):
-            self._send(None)
+        with contextlib.suppress(FrameError):
+            send_frame(self, {}, {})
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(CLOSE_S)
-        self.end()
+        self.finish()
 
-    def end(self) -> str:
+    def finish(self) -> str:
         """End the process, if it has not ended by itself, and return how it did."""
-        how = "it closed its connection to the run"
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            how = exit_text(self._process.wait(_LEAVE_S))
-        self.kill()
-        self._process.wait()
+        status = self.end(_LEAVE_S)
         if self._life >= 0:
-            self._link.close()
             os.close(self._life)
             self._life = -1
-            end_leftovers(MARK, self._mark, self._process.pid)
+            end_leftovers(MARK, self._mark, self.pid)
             self._output.end()
-        return how
+        return "it closed its connection to the run" if status is None else exit_text(status)
 
 
 def _error(kind: str, texts: Sequence[str]) -> BetterError:
@@ -409,11 +349,3 @@ def _error(kind: str, texts: Sequence[str]) -> BetterError:
     made = getattr(errors, kind) if kind in ERRORS else PolicyError
     error: BetterError = made(texts[0] if texts else "it does not say what failed")
     return error
-
-
-def exit_text(status: int | None) -> str:
-    """Return how a process ended, from its exit status, which is negative for a signal."""
-    if status is None or status >= 0:
-        return f"exit status {status}"
-    name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
-    return f"{name}, as when memory runs out" if name == "SIGKILL" else name

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from betterbench.errors import RecordError, one_line
+from betterbench.jobs import OnCount
 from betterbench.records import JournalEntry, RunFolder
 from betterbench.records.modalities.file import ModalityFile, fault_text
 from betterbench.records.modalities.header import ViewHeader
@@ -63,7 +64,7 @@ def check_folder(
     place: Path,
     *,
     trials: Sequence[TrialId] = (),
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> FolderCheck:
     """Read all files of a folder of modalities, and compare them with what its run has recorded; nothing is written.
 

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.jobs import write_durably
+from betterbench.jobs.conflict import first_difference, require_free, require_same
 from betterbench.jobs.durable import PART_SUFFIX
 from betterbench.json_form import (
     NO_TRUTH,
@@ -23,7 +24,7 @@ from betterbench.json_form import (
     sealed_form,
     strict_form,
 )
-from betterbench.records import RunFolder, first_difference
+from betterbench.records import RunFolder
 from betterbench.records.modalities.labels import semantic_ids
 from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec, require_views
 from betterbench.sim.assets import categories
@@ -106,16 +107,10 @@ class ModalityFolder:
                 "differ. Continue on the same kind of machine, or choose another --out."
             )
 
-    def remove_parts(self) -> None:
-        """Delete what killed processes left unfinished; the caller holds the lock of the folder."""
-        for part in self.path.rglob(f".*{PART_SUFFIX}"):
-            part.unlink(missing_ok=True)
-
 
 def require_free_place(path: Path) -> None:
     """Raise RunConflictError if a folder holds other files and no modalities."""
-    if not (path / SETTINGS_FILE).exists() and path.is_dir() and any(not _is_ours(entry) for entry in path.iterdir()):
-        raise RunConflictError(f"{path}: holds other files and no modalities. Choose another --out.")
+    require_free(path, "set of modalities", file=SETTINGS_FILE, besides=(SEMANTICS_FILE,))
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
@@ -136,13 +131,7 @@ def _is_begun(path: Path) -> bool:
 
 def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
     """Raise RunConflictError if a folder holds something else than is wanted."""
-    difference = first_difference(_form(replace(stored, renderer=None)), _form(wanted), "materialize")
-    if difference is not None:
-        where, there, asked = difference
-        raise RunConflictError(
-            f"{path}: holds other modalities: {where} is {there} there and {asked} here. Give the same "
-            "options to resume, or choose another --out."
-        )
+    require_same(path, _form(replace(stored, renderer=None)), _form(wanted), "set of modalities", where="materialize")
 
 
 def read_settings(path: Path) -> Wanted:
@@ -161,7 +150,3 @@ def _form(wanted: Wanted) -> dict[str, object]:
 
 def _text(wanted: Wanted) -> bytes:
     return json.dumps(sealed_form(json.loads(dump_json(_form(wanted)))), indent=2).encode() + b"\n"
-
-
-def _is_ours(path: Path) -> bool:
-    return path.name in (SEMANTICS_FILE, ".lock") or path.name.endswith(PART_SUFFIX)

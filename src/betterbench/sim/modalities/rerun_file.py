@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from betterbench.installation import missing_extra
+from betterbench.jobs import OnCount
 from betterbench.jobs.durable import DurableFile
 from betterbench.json_form import open_ordinary
 from betterbench.quoting import markdown_text
@@ -40,7 +41,7 @@ def write_rerun(
     path: Path,
     *,
     quality: str,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Path:
     """Write a trial to an ``.rrd`` file and return its path; ``on_progress`` gets the rows done and planned.
 

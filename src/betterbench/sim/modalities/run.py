@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -13,10 +13,8 @@ from typing import Self
 
 from betterbench.errors import RecordError
 from betterbench.interface import observation_spec
-from betterbench.jobs import RunLock
+from betterbench.jobs import OnCount, counts, in_threads, job_folder, run_items
 from betterbench.jobs.ahead import ahead
-from betterbench.jobs.item_threads import in_threads
-from betterbench.jobs.lock import LOCK_NAME
 from betterbench.json_form import file_digest
 from betterbench.records import Record, RunFolder
 from betterbench.records.modalities.file import ModalityFile, fault_text
@@ -81,7 +79,7 @@ def materialize_run(
     trials: Sequence[TrialId] = (),
     workers: int = 1,
     follow: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Materialized:
     """Write the files of the recorded trials of a run that are missing or damaged; intact ones are kept.
 
@@ -95,31 +93,25 @@ def materialize_run(
         MissingDependencyError: If no off-screen OpenGL works here.
     """
     began, tally = time.monotonic(), _Tally()
-    known: set[TrialId] = set()
-    done = 0
+    finished: set[TrialId] = set()
     list(recorded_trials(run, trials))  # a trial that is not there is refused before a folder is made
     require_free_place(out)
-    with RunLock(out.absolute() / LOCK_NAME) as lock:
-        folder = ModalityFolder(out, wanted)
-        folder.remove_parts()
-        writer = _Writer(run, folder, tally)
+    with job_folder(out.absolute()):
+        writer = _Writer(run, ModalityFolder(out, wanted), tally)
 
-        def told(_: TrialId) -> None:
-            nonlocal done
-            done += 1
-            if on_progress is not None:
-                on_progress(done, len(known))
+        def work(fresh: Iterable[TrialId]) -> Iterator[TrialId]:
+            return in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run))
 
         while True:
             running = follow and run.is_running  # asked before the journal is read, so that no trial is missed
-            fresh = [trial for trial in recorded_trials(run, trials) if trial not in known]
-            known.update(fresh)
-            in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run), on_done=told)
+            known = list(recorded_trials(run, trials))
+            fresh = run_items(
+                known, is_done=finished.__contains__, work=work, keep=finished.add, on_progress=counts(on_progress)
+            )
             if not running:
                 break
             if not fresh:
                 time.sleep(_POLL_S)
-        lock.require_in_place()
     if tally.problems:
         more = len(tally.problems) - 1
         raise RecordError(tally.problems[0] + (f" {more} more trials could not be read either." if more else ""))
@@ -175,13 +167,14 @@ class _Writer:
     def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally) -> None:
         self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()
 
-    def write(self, views: _Views, trial: TrialId) -> None:
-        """Write the missing files of a trial; a record that cannot be read is noted."""
+    def write(self, views: _Views, trial: TrialId) -> TrialId:
+        """Write the missing files of a trial, and return the trial; a record that cannot be read is noted."""
         try:
             self._write(views, trial)
         except RecordError as problem:
             with self._lock:
                 self._tally.problems.append(str(problem))
+        return trial
 
     def _write(self, views: _Views, trial: TrialId) -> None:
         record = self._run.read_record(trial.task, trial.condition, trial.seed)

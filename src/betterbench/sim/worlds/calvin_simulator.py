@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.sim.worlds.simulator_loop import FrameContent, answer_requests
+from betterbench.jobs.frames import FrameContent
+from betterbench.sim.worlds.simulator_loop import answer_requests
 
 CAMERAS = {"front": ("static", 200), "wrist": ("gripper", 84)}
 """CALVIN's two cameras by the names that our observations use, with the side of their images [pixel]."""

