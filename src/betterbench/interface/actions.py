@@ -310,7 +310,7 @@ WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space
     for space in (CALVIN_RELATIVE, CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, LIBERO_ABSOLUTE)
 }
-"""The action spaces that only a foreign world plays."""
+"""The action spaces that only worlds other than ours play."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "": tuple(ACTION_SPACES),
@@ -324,7 +324,7 @@ _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CA
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return a registered action space by name, of our own scenes or of a foreign world."""
+    """Return a registered action space by name, of our own scenes or of another world."""
     known = ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]

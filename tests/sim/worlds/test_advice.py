@@ -41,7 +41,7 @@ def in_libero(policy):
 
 
 def in_calvin(policy):
-    world_plan.make_chain_plan(policy, suite="calvin", command=["none"])
+    world_plan.make_world_plan(policy, suite="calvin", command=["none"])
 
 
 WORLDS = pytest.mark.parametrize("planned", [in_libero, in_calvin])

@@ -17,7 +17,7 @@ from betterbench.policies.conventions.libero import BASES_M
 from betterbench.policies.conventions.presets import PRESETS, adapter_of
 from betterbench.policies.kinds import kind_of, read_address
 from betterbench.sim.worlds.calvin import ChainScene
-from betterbench.sim.worlds.calvin_simulator import CalvinSimulator
+from betterbench.sim.worlds.calvin.simulator import CalvinSimulator
 
 BORDERS = (-1.0, -1e-3, 0.0, 0.2, 0.5, np.nextafter(0.5, 1.0), 0.79, 0.8, 0.81, 1.0)
 """Numbers for the gripper, with each at which a client of the field decides."""

@@ -18,12 +18,12 @@ from betterbench.errors import (
 )
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import make_plan
-from betterbench.evaluation.planning.world_plan import make_chain_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
 from betterbench.records import RunFolder
-from betterbench.sim.worlds import WorldProcesses, calvin_command, process
-from betterbench.sim.worlds.calvin import checkout_root, from_euler
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds import WorldProcesses, process
+from betterbench.sim.worlds.calvin import calvin_command, checkout_root, from_euler
+from betterbench.sim.worlds.installation import start_code
 from betterbench.tasks.worlds.calvin import calvin_chains, resampled_start_of, start_of, subtasks
 from betterbench.tasks.worlds.calvin.resampling import APART_M, TRAINING_RANGE
 from betterbench.tasks.worlds.calvin.starts import BLOCKS
@@ -86,7 +86,7 @@ def plan_of(command, tmp_path_factory):
         file.write_text(f"CANNOT = {set(cannot) or 'set()'}\n{POLICY}")
         options = {"trials": 3, **options}
         options.setdefault("command", command)
-        return make_chain_plan(options.pop("policy", f"python:{file}:Reads"), suite=suite, **options)
+        return make_world_plan(options.pop("policy", f"python:{file}:Reads"), suite=suite, **options)
 
     return plan
 
@@ -283,7 +283,7 @@ def test_a_scene_that_is_elsewhere_stops_the_run(plan_of, tmp_path, monkeypatch)
     monkeypatch.setenv("FAKE_SHIFT", "0.04")
     with pytest.raises(PremiseError, match=r"chain 0: the red block is 40 mm from its place.*--calvin-config"):
         evaluate(plan_of(trials=1), tmp_path / "refused")
-    run = evaluate(plan_of(trials=1, refuse_broken=False), tmp_path / "run")
+    run = evaluate(plan_of(trials=1, broken_premises="run"), tmp_path / "run")
     assert "red block is 40 mm" in next(run.records()).metadata.engine["scene_broken_premises"]
 
 

@@ -13,7 +13,7 @@ from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.sim.graphics import devices
 from betterbench.sim.graphics.devices import EglDevice
 from betterbench.sim.worlds.environment import python_environment, simulator_environment
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import start_code
 
 CARD = "GPU-5ebe9f43-ac33-420d-1628-8a0dd6a1ffc6"
 SLURM = [

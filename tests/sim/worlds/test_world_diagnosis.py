@@ -8,12 +8,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from betterbench.diagnosis.foreign import untold_by
 from tests.resealing import rewrite
 
 from betterbench.api.report import ReportListener, build_report
 from betterbench.calibration.truth import true_label
 from betterbench.diagnosis import diagnose_run, favorite_thing, foreign
-from betterbench.diagnosis.foreign import untold_by
 from betterbench.diagnosis.instruction_effect import SAME_THING
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate
@@ -21,8 +21,7 @@ from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.report.headline import headline_of
 from betterbench.report.pages.page import write_report
 from betterbench.report.pages.trust import trust_of
-from betterbench.sim.worlds import ForeignWorld
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import Installation, start_code
 from betterbench.tasks.labels import all_labels
 from betterbench.tasks.worlds.libero_training import trained_in, word_of_sentence
 
@@ -126,7 +125,7 @@ def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path, monkeypatch)
     for ours in ("power matrix", "Pretenders", "fills a cell", "certificate"):
         assert ours not in page
     command = base_plan.world.command
-    monkeypatch.setattr(ForeignWorld, "command", lambda _: command)
+    monkeypatch.setattr(Installation, "command", lambda _: command)
     shown = build_report([swap], tmp_path / "pair", twins=[base.path], latex=False, films=2).page.read_text()
     assert "not measured" not in shown
     assert shown.count("data:image/jpeg") >= 6

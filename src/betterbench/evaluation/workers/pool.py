@@ -13,7 +13,6 @@ from multiprocessing.process import BaseProcess
 from typing import Self
 
 from betterbench.errors import BetterError, PolicyProcessError, WorkerError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.step_count import StepCount, StepReport, StepsTaken
 from betterbench.evaluation.workers.worker import Worker, even_share
@@ -23,6 +22,7 @@ from betterbench.policies.process.policy_process import exit_text
 from betterbench.records import JournalEntry
 from betterbench.sim.graphics import take_device
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 logger = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""Frames between a run and the process of a foreign simulator: a JSON document and the bytes of arrays, no pickles.
+"""Frames between a run and the process of a simulator: a JSON document and the bytes of arrays, no pickles.
 
 The process of the simulator reads this file too, in an environment without betterbench: it imports the standard library
 and NumPy alone.

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.sim.worlds.libero_relations import Relations, Touching
+from betterbench.sim.worlds.libero.relations import Relations, Touching
 from betterbench.sim.worlds.rows import form_of, row_of
 from betterbench.sim.worlds.simulator_loop import FrameContent, answer_requests
 
