@@ -1,4 +1,4 @@
-"""Answers of policy servers in foreign worlds: what is played is what the field's own client would play."""
+"""Answers of policy servers in other worlds: what is played is what the field's own client would play."""
 
 from types import SimpleNamespace
 

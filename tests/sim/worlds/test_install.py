@@ -25,7 +25,10 @@ if (folder / "fails").exists():
     sys.exit("no matching distribution")
 """
 
-INSTALL = "from betterbench.sim.worlds import world_named\nprint(world_named('calvin').installation.install(waits=lambda: print('waits')))"
+INSTALL = """
+from betterbench.sim.worlds import world_named
+print(world_named('calvin').installation.install(waits=lambda: print('waits')))
+"""
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from betterbench.comparison.across import gaps_of, read_suite_runs
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.evaluation import evaluate
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.report.outcomes import variation_rows
 from betterbench.report.pages.page import write_report
 from betterbench.report.pages.trust import trust_of

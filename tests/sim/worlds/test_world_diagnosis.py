@@ -1,4 +1,4 @@
-"""The diagnosis in a foreign world: policies with known faults get their labels, from the records alone."""
+"""The diagnosis in LIBERO: policies with known faults get their labels, from the records alone."""
 
 import html
 import re
@@ -8,13 +8,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from betterbench.diagnosis.foreign import untold_by
 from tests.resealing import rewrite
 
 from betterbench.api.report import ReportListener, build_report
 from betterbench.calibration.truth import true_label
-from betterbench.diagnosis import diagnose_run, favorite_thing, foreign
+from betterbench.diagnosis import diagnose_run, favorite_thing, libero
 from betterbench.diagnosis.instruction_effect import SAME_THING
+from betterbench.diagnosis.libero import untold_by
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
@@ -177,7 +177,7 @@ def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run
     # Why those are never given: there is something to do in every task, and no order is part of it.
     assert never == {"order_violation", "correct_freeze", "correct_refusal"}
     record = next(iter(run_of("noop", trials=1, tasks=["0"]).records()))
-    condition = foreign._condition(record.metadata, foreign._goals(record.metadata))
+    condition = libero._condition(record.metadata, libero._goals(record.metadata))
     assert (condition.expected, condition.instruction.ordered) == ("succeed", False)
 
 

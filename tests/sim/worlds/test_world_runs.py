@@ -1,4 +1,4 @@
-"""Runs in a foreign world: the journal, the records and what a failing simulator costs, with a stand-in of a world."""
+"""Runs in a world with a simulator of its own, a stand-in: journal, records, and what a failing simulator costs."""
 
 import math
 import time

@@ -68,6 +68,7 @@ def all_worlds() -> tuple[World, ...]:
 
 def world_of_suite(suite: str) -> World:
     """Return the world that has a suite; an unknown suite raises an UnknownNameError."""
+    load_declared()
     facts = facts_of_suite(suite)
     if facts is not None:
         return world_named(facts.name)
