@@ -105,18 +105,18 @@ def follow(world, address):
     ],
 )
 def test_a_preset_that_translates_is_refused_with_its_layout(preset, layout):
-    message = refusal(in_libero, f"openpi://127.0.0.1:9?preset={preset}")
+    message = refusal("libero", f"openpi://127.0.0.1:9?preset={preset}")
     assert f"the preset {preset} translates" in message
     assert message.endswith(f"Give preset={layout}.")
-    assert refusal(in_libero, f"openpi://127.0.0.1:9?preset={layout}") == ""
+    assert refusal("libero", f"openpi://127.0.0.1:9?preset={layout}") == ""
 
 
 def test_a_world_is_not_played_in_another_space():
-    message = refusal(in_libero, "openpi://127.0.0.1:9?preset=openpi_droid")
+    message = refusal("libero", "openpi://127.0.0.1:9?preset=openpi_droid")
     assert "openpi_droid answers in joint_delta, which LIBERO does not play. Give preset=NAME (" in message
-    assert refusal(in_libero, "http://127.0.0.1:9/act?preset=x_vla") == ""
-    assert refusal(in_libero, "gr00t://127.0.0.1:9") == ""
-    assert refusal(in_libero, "lerobot:some/checkpoint") == ""
+    assert refusal("libero", "http://127.0.0.1:9/act?preset=x_vla") == ""
+    assert refusal("libero", "gr00t://127.0.0.1:9") == ""
+    assert refusal("libero", "lerobot:some/checkpoint") == ""
 
 
 @pytest.mark.parametrize("preset", presets_in(""))
@@ -227,5 +227,5 @@ def test_every_preset_that_is_advised_in_words_exists():
 
 
 def test_the_space_of_libero_is_the_one_that_its_presets_are_compared_with():
-    assert refusal(in_libero, "openpi://127.0.0.1:9?preset=openpi_libero") == ""
+    assert refusal("libero", "openpi://127.0.0.1:9?preset=openpi_libero") == ""
     assert PRESETS["openpi_libero"].answer.space == EE_DELTA.name

@@ -494,7 +494,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         _print_expert(run)
     following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
-    if plan.world.facts.measured:
+    if plan.world.facts.reading != "chains":  # which get no labels
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     require_a_trial(run)
 
