@@ -315,10 +315,9 @@ WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "": tuple(ACTION_SPACES),
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
-    "libero_plus": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }
-"""The action spaces that a world plays, its usual one first; the empty name stands for our own scenes."""
+"""Action spaces in the conventions of each world, the usual one first; the empty name stands for our own scenes."""
 
 _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name, CALVIN_DELTA.name})
 

@@ -15,10 +15,14 @@ SLOW = replace(
 )
 
 
+def _build(*, visuals, progress):
+    return build_robot_spec("panda", visuals=visuals, progress=progress)
+
+
 @pytest.fixture
 def second(monkeypatch):
     monkeypatch.setattr(spec, "_ROBOTS", dict(spec._ROBOTS))
-    register_robot(SLOW, lambda *, visuals, progress: build_robot_spec("panda", visuals=visuals, progress=progress))
+    register_robot(SLOW, _build)
 
 
 @pytest.mark.usefixtures("second")
@@ -40,4 +44,4 @@ def test_a_trial_is_run_with_a_second_robot(tmp_path):
 @pytest.mark.usefixtures("second")
 def test_the_name_of_a_robot_is_taken_once():
     with pytest.raises(InvalidInputError, match="the name is taken"):
-        register_robot(SLOW, lambda *, visuals, progress: build_robot_spec("panda"))
+        register_robot(SLOW, _build)

@@ -138,7 +138,7 @@ def test_axes_variants_states_and_published_sentences_are_choices(plan_of):
         ({"axes": ["lights"]}, UnknownNameError, "light"),
         ({"variants": 0}, InvalidInputError, "--variants"),
         ({"trials": 51}, InvalidInputError, "--trials"),
-        ({"sentences": "dirty"}, UnknownNameError, "published"),
+        ({"libero_plus_sentences": "dirty"}, UnknownNameError, "published"),
         ({"tasks": ["10"]}, UnknownNameError, "libero_object-00"),
         ({"policy": "zoo:halt"}, InvalidInputError, "knows it"),
         ({"observation": "droid"}, UnknownNameError, "state_only"),
@@ -308,13 +308,18 @@ def test_its_files_are_installed_beside_the_world_that_runs_them(tmp_path, monke
 
 @pytest.mark.parametrize(
     ("suite", "option"),
-    [("libero_object", {"axes": ("camera",)}), ("libero_object", {"variants": 3}), ("calvin", {"variants": 3})],
+    [
+        ("better60", {"variants": 3}),
+        ("libero_object", {"axes": ("camera",)}),
+        ("libero_object", {"variants": 3}),
+        ("calvin", {"variants": 3}),
+    ],
 )
 def test_its_options_are_refused_for_other_suites(suite, option):
-    from betterbench.cli.verbs.evaluate import TrialOptions, WorldOptions, _world_plan
+    from betterbench.cli.verbs.evaluate import TrialOptions, WorldOptions, evaluate_command
 
     with pytest.raises(InvalidInputError, match=r"it is for LIBERO-Plus.*libero_plus_object"):
-        _world_plan("noop", None, TrialOptions(suite=suite), WorldOptions(**option))
+        evaluate_command(policy="noop", chosen=TrialOptions(suite=suite), world=WorldOptions(**option))
 
 
 def test_better_list_suites_shows_them(capsys):

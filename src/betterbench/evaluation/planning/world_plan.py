@@ -9,6 +9,7 @@ from betterbench.errors import UnknownNameError
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.policies.kinds import kind_of
 from betterbench.sim.worlds import PlanRequest, World, world_of_suite
+from betterbench.tasks.worlds.facts import known_facts
 
 
 def make_world_plan(
@@ -45,7 +46,7 @@ def make_world_plan(
     if observation not in world.observations:
         raise UnknownNameError(f"observation preset of {title}", observation, world.observations)
     kind = kind_of(policy)
-    kind.require_world(kind.parse(policy), title)
+    kind.require_world(kind.parse(policy), known_facts().get(world.dialect, world.facts).title)
     space = _action_space(policy, world, action_space)
     planned, used = world.plan(PlanRequest(suite, tuple(tasks), trials, seed, options))
     return Plan(policy, planned, space, world.observations[observation], "standard", world=used)

@@ -530,7 +530,7 @@ def presets_in(world: str) -> tuple[str, ...]:
     return tuple(name for name, layout in shown.items() if layout.answer.space in PLAYED_IN[world])
 
 
-_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "libero_plus": "LIBERO-Plus", "calvin": "CALVIN"}
+_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
