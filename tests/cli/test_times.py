@@ -114,7 +114,7 @@ def test_a_built_in_policy_has_times_too(tmp_path, capsys):
     assert "is the bottleneck" in " ".join(shown.err.split())
 
 
-def test_what_a_foreign_world_draws_counts_as_rendering():
+def test_what_another_world_draws_counts_as_rendering():
     chunks = Chunks(None, None, Execution(), limit=8, began=time.perf_counter() - 4.0)
     for step in range(8):
         chunks.note_world_step(0.5 if step % 4 == 3 else 0.2, drawn=step % 4 == 3)

@@ -124,7 +124,7 @@ def test_calvin_is_given_what_the_client_of_the_field_gives_it(name, monkeypatch
     np.testing.assert_array_equal(played[:, -1], given[:, -1])
 
 
-def test_every_preset_of_a_foreign_world_is_compared_with_a_client():
+def test_every_preset_of_another_world_is_compared_with_a_client():
     translating = {name for name in PRESETS if name.endswith(tuple(f"_{suite}" for suite in BASES_M))}
     ours = {"native", "openpi_droid", "gr00t_new_embodiment", "gr00t_oxe_widowx", "gr00t_oxe_droid"}
     assert PRESETS.keys() - CALVIN_PRESETS.keys() - translating - ours == clients_answers.LIBERO.keys()

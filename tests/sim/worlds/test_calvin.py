@@ -117,7 +117,7 @@ def test_a_chain_is_one_trial_whose_instruction_changes(undisturbed):
 
 
 def test_a_chain_ends_with_the_first_subtask_that_takes_too_long(plan_of, tmp_path, monkeypatch):
-    monkeypatch.setattr("betterbench.sim.worlds.calvin.STEPS_PER_SUBTASK", 7)
+    monkeypatch.setattr("betterbench.sim.worlds.calvin.world.STEPS_PER_SUBTASK", 7)
     third = calvin_chains()[0].subtasks[2].instruction
     record = next(evaluate(plan_of([third], trials=1), tmp_path / "run", workers=1, envs=1).records())
     assert not record.outcome.success
@@ -191,7 +191,7 @@ def test_actions_are_applied_as_they_are_and_counted(plan_of, tmp_path):
     file.write_text(FAR)
     plan = plan_of(policy=f"python:{file}:Far", trials=1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("betterbench.sim.worlds.calvin.STEPS_PER_SUBTASK", 10)
+        patch.setattr("betterbench.sim.worlds.calvin.world.STEPS_PER_SUBTASK", 10)
         record = next(evaluate(plan, tmp_path / "run", workers=1, envs=1).records())
     assert record.action[1:, 0].tolist() == [-1.8] * 10
     assert record.outcome.clipped_actions == 10
@@ -400,7 +400,7 @@ def test_euler_angles_are_bullet_s():
 
 @pytest.mark.slow
 def test_a_thousand_chains_run_to_the_numbers_that_are_known(plan_of, tmp_path, monkeypatch):
-    monkeypatch.setattr("betterbench.sim.worlds.calvin.STEPS_PER_SUBTASK", 6)
+    monkeypatch.setattr("betterbench.sim.worlds.calvin.world.STEPS_PER_SUBTASK", 6)
     cannot = {"open_drawer", "lift_red_block_table", "stack_block"}
     sentences = [s.instruction for s in subtasks() if s.name in cannot]
     run = evaluate(plan_of(sentences, trials=None), tmp_path / "run", workers=1, envs=1)

@@ -159,7 +159,7 @@ def command(tmp_path_factory):
 
 
 def _command(checkout):
-    return (_python(), "-c", start_code("betterbench.sim.worlds.calvin_simulator"), str(checkout), "", "")
+    return (_python(), "-c", start_code("betterbench.sim.worlds.calvin.simulator"), str(checkout), "", "")
 
 
 def _checkout(checkout):

@@ -142,7 +142,7 @@ for _ in range(60):
 @pytest.mark.parametrize(("suite", "task"), [("libero_object", 0), ("libero_goal", 8), ("libero_10", 3)])
 def test_what_is_read_by_numbers_is_what_libero_and_mujoco_say(suite, task):
     world = world_named("libero").installation
-    code = start_code("betterbench.sim.worlds.libero_simulator").replace(
+    code = start_code("betterbench.sim.worlds.libero.simulator").replace(
         "import main\nmain()", "import LiberoSimulator"
     )
     command = [str(world.folder / "bin" / "python"), "-c", code + READ, suite, str(task)]
@@ -187,7 +187,7 @@ np.savez(sys.argv[4], qpos=env.sim.data.qpos, rest=env.robots[0].controller.init
 @pytest.mark.skipif(not world_named("libero_plus").is_ready, reason="better worlds install libero_plus")
 def test_variants_of_libero_plus_change_what_their_axis_says(tmp_path):
     world = world_named("libero_plus").installation
-    code = start_code("betterbench.sim.worlds.libero_plus_simulator")
+    code = start_code("betterbench.sim.worlds.libero_plus.simulator")
     code = code.replace("import main\nmain()", "import LiberoPlusSimulator") + SCENE
     task = "pick_up_the_alphabet_soup_and_place_it_in_the_basket"
     endings = {

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from betterbench.errors import BetterError, PremiseError, one_line
-from betterbench.evaluation.planning import world_plan
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
 from betterbench.sim.worlds import WorldProcesses
@@ -205,7 +204,7 @@ def test_descriptions_of_libero(fake_command, monkeypatch, suite):
         def suite(self, _name):
             return said[0]
 
-    monkeypatch.setattr(world_plan, "WorldProcess", Described)
+    monkeypatch.setattr("betterbench.sim.worlds.libero.world.WorldProcess", Described)
     count = 0
     said = [answer[0]]
     for said[0], _ in drawn(answer, 2):

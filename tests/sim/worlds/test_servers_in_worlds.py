@@ -62,7 +62,7 @@ SHORT = 5
 @pytest.fixture
 def given(monkeypatch):
     """The actions that the simulator's process is given."""
-    monkeypatch.setattr("betterbench.sim.worlds.calvin.STEPS_PER_SUBTASK", SHORT)
+    monkeypatch.setattr("betterbench.sim.worlds.calvin.world.STEPS_PER_SUBTASK", SHORT)
     found = []
     step = process.WorldProcess.step
 
