@@ -115,7 +115,7 @@ def test_suites_say_which_worlds_are_not_installed(capsys, monkeypatch, installe
     assert state.pop("better60") == "yes"
     assert set(state.values()) == {"yes" if installed else "no"}
     _, out, _ = run(capsys, "list", "suites")
-    said = r"\nnot installed here: libero, libero_plus, calvin. To install one:\n\S+ worlds install libero\n"
+    said = r"\nnot installed here: calvin, libero, libero_plus. To install one:\n\S+ worlds install calvin\n"
     assert bool(re.search(said, out)) is not installed
     assert len(out.splitlines()) <= 2 * len(state) + 6
 
