@@ -24,9 +24,10 @@ WORLD, POLICY = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
 
 
 @pytest.fixture
-def followed(tmp_path, monkeypatch, capfd):
+def followed(tmp_path, monkeypatch, capfd, request):
     """The folder in which the commands of the page were run, and what they said."""
     monkeypatch.chdir(tmp_path)
+    request.addfinalizer(lambda: forget_world("point"))
     monkeypatch.setattr(user_files, "_files", {})
     monkeypatch.setattr(user_files, "_origins", dict(user_files._origins))
     monkeypatch.setenv(user_files.VARIABLE, "")
@@ -38,8 +39,7 @@ def followed(tmp_path, monkeypatch, capfd):
         assert name == "better"
         assert main(words) == 0, capfd.readouterr().err
         said.append(capfd.readouterr())
-    yield tmp_path, said
-    forget_world("point")
+    return tmp_path, said
 
 
 def test_the_world_of_the_page_is_evaluated_and_reported(followed):
