@@ -24,10 +24,15 @@ WORLD, POLICY = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
 
 
 @pytest.fixture
-def followed(tmp_path, monkeypatch, capfd, request):
+def forgotten():
+    yield
+    forget_world("point")
+
+
+@pytest.fixture
+def followed(tmp_path, monkeypatch, capfd, forgotten):
     """The folder in which the commands of the page were run, and what they said."""
     monkeypatch.chdir(tmp_path)
-    request.addfinalizer(lambda: forget_world("point"))
     monkeypatch.setattr(user_files, "_files", {})
     monkeypatch.setattr(user_files, "_origins", dict(user_files._origins))
     monkeypatch.setenv(user_files.VARIABLE, "")
