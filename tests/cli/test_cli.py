@@ -16,7 +16,7 @@ import pytest
 from betterbench.cli.main import VERBS, main
 from betterbench.errors import StorageError
 from betterbench.records import RunFolder, read_record
-from betterbench.sim.worlds.registry import ForeignWorld
+from betterbench.sim.worlds.installation import Installation
 from betterbench.tasks import all_tasks
 
 
@@ -109,13 +109,13 @@ def test_lists_are_read_at_80_columns(capsys, monkeypatch, what):
 def test_suites_say_which_worlds_are_not_installed(capsys, monkeypatch, installed):
     """The list is as narrow where nothing is installed, as on a new machine."""
     monkeypatch.setattr("betterbench.cli.console.OUT._width", 80)
-    monkeypatch.setattr(ForeignWorld, "is_installed", installed)
+    monkeypatch.setattr(Installation, "is_installed", installed)
     _, listed, _ = run(capsys, "list", "suites", "--json")
     state = {row["suite"]: row["installed"] for row in json.loads(listed)}
     assert state.pop("better60") == "yes"
     assert set(state.values()) == {"yes" if installed else "no"}
     _, out, _ = run(capsys, "list", "suites")
-    said = r"\nnot installed here: libero, libero_plus, calvin. To install one:\n\S+ worlds install libero\n"
+    said = r"\nnot installed here: calvin, libero, libero_plus. To install one:\n\S+ worlds install calvin\n"
     assert bool(re.search(said, out)) is not installed
     assert len(out.splitlines()) <= 2 * len(state) + 6
 

@@ -20,10 +20,10 @@ from tests.evaluation.misbehaving import CHUNK, Misbehaving
 
 from betterbench.errors import PolicyUnavailableError, RunConflictError, StorageError
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.workers import pool
 from betterbench.interface import episode_number
 from betterbench.records import RunFolder
+from betterbench.tasks.trial import Trial
 
 pytestmark = pytest.mark.physics
 

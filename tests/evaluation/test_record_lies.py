@@ -19,7 +19,6 @@ from betterbench.errors import RecordError
 from betterbench.evaluation import Progress, check_record, evaluate
 from betterbench.evaluation.figures.films import Shot, render_shots, write_video
 from betterbench.evaluation.figures.twin_film import render_paths
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.jobs.line_journal import link_after
 from betterbench.json_form import dump_json
 from betterbench.records import RunFolder, read_journal, read_record, write_record
@@ -31,6 +30,7 @@ from betterbench.sim.modalities.viewing import shown_rows
 from betterbench.sim.scenes.limited import LimitedView
 from betterbench.sim.scenes.stored import load_model, scene_files
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 pytestmark = pytest.mark.physics
 

@@ -89,8 +89,8 @@ class Verb:
 VERBS: dict[str, Verb] = {
     "doctor": Verb("doctor:doctor_command", "Check what works on this machine, or try a policy."),
     "list": Verb("listing:list_command", "List suites, tasks, variations, policies or assets."),
-    "worlds": Verb("worlds:worlds_command", "List the foreign worlds, or install one.", takes_tasks=False),
-    "premise": Verb("premise:premise_command", "Check foreign scenes against their sentences.", takes_tasks=False),
+    "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
+    "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),

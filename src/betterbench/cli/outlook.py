@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from betterbench.cli.tally import duration, pace
-from betterbench.evaluation import Plan, Progress
+from betterbench.evaluation import Progress
 from betterbench.tasks import TrialId
 
 FEW = 8
@@ -15,18 +15,6 @@ FEW = 8
 
 LONG_S = 300.0
 """A run of more than this says after its first seconds how long it takes [s]."""
-
-
-def step_limits(plan: Plan) -> dict[TrialId, int]:
-    """Return how many control steps each trial of a plan may take; empty in a foreign world."""
-    if plan.world is not None:
-        return {}
-    limits: dict[tuple[str, str], int] = {}
-    for trial in plan.trials:
-        if (trial.task, trial.condition) not in limits:
-            found = trial.resolve()
-            limits[trial.task, trial.condition] = found.task.step_limit(found.condition)
-    return {trial.id: limits[trial.task, trial.condition] for trial in plan.trials}
 
 
 @dataclass(slots=True)

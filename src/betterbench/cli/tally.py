@@ -108,20 +108,21 @@ def _milliseconds(seconds: float) -> str:
     return f"{1000 * seconds:.0f} ms" if seconds >= 0.001 else "under 1 ms"
 
 
-def times_text(times: RunTimes, *, foreign: bool, chosen: bool) -> str:
+def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
     """Return where the time of a run went, and a sentence that names the bottleneck and its cure.
 
-    ``foreign`` says that the run is in a world of others, ``chosen`` that a warm-up chose the number of environments.
+    ``drawn_here`` says that the workers render the images and no other simulator does, ``chosen`` that a warm-up chose
+    the number of environments.
     """
     envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"
     parts = (
         f"policy {_seconds(times.policy_s)}, simulation {_seconds(times.simulation_s)}, rendering "
         f"{_seconds(times.rendering_s)}, wire {_seconds(times.wire_s)} over all trials{envs}"
     )
-    return f"{parts}. {bottleneck_text(times, foreign=foreign, chosen=chosen)}"
+    return f"{parts}. {bottleneck_text(times, drawn_here=drawn_here, chosen=chosen)}"
 
 
-def bottleneck_text(times: RunTimes, *, foreign: bool, chosen: bool) -> str:
+def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
     """Return the sentence that names the bottleneck of a run and its cure, as :func:`times_text` ends."""
     if times.bottleneck == "policy" and times.envs is None:
         return "The policy, which is computed in the workers, is the bottleneck: more --workers share it."
@@ -137,11 +138,11 @@ def bottleneck_text(times: RunTimes, *, foreign: bool, chosen: bool) -> str:
             "or more --workers are the cure."
         )
     if times.bottleneck == "rendering":
-        less = "" if foreign else ", --quality fast or --observation state_only (if the policy needs no images)"
+        less = ", --quality fast or --observation state_only (if the policy needs no images)" if drawn_here else ""
         return (
             f"Rendering is the bottleneck: a graphics card{less}, or more processors with more --workers are the cure."
         )
-    what = "Simulation (with its images, if the world draws at each step)" if foreign else "Simulation"
+    what = "Simulation" if drawn_here else "Simulation (with its images, if the world draws at each step)"
     cure = "more processors with more --workers, or more machines with --engine ray"
     return f"{what} is the bottleneck: {cure} are the cure."
 

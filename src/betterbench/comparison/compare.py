@@ -21,11 +21,11 @@ from betterbench.comparison.matching import Matching, match_sides
 from betterbench.comparison.side import Side
 from betterbench.comparison.verdict import sequential_sentences, verdict_sentences
 from betterbench.diagnosis import Kind, TrialDiagnosis
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.measures.standing import Standing, standing_of
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
 from betterbench.tasks import Axis, all_labels
+from betterbench.tasks.worlds.facts import facts_of_task
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +121,8 @@ def compare(
     evidence = tuple(_sequential(sides, matching, alpha)) if sequential else ()
     verdict = (*sequential_sentences(evidence, alpha), *verdict_sentences(groups, paired=matching.paired, alpha=alpha))
     compared = [replace(s.diagnosis, trials=tuple(t)) for s, t in zip(sides, matching.trials, strict=True)]
-    # The power matrix holds our own scenes alone.
-    standings = (
-        () if all(is_of_libero(t.task) for d in compared for t in d.trials) else tuple(map(standing_of, compared))
-    )
+    measured = any(facts_of_task(t.task).measured for d in compared for t in d.trials)
+    standings = tuple(map(standing_of, compared)) if measured else ()
     return Comparison(tuple(sides), matching, alpha, groups, evidence, verdict, matching.notes, standings)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.statistics import percent
 from betterbench.statistics.wording import counted, p_text, points
 from betterbench.tasks.labels import Kind
+from betterbench.tasks.worlds.facts import facts_of_task
 
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
@@ -37,8 +37,8 @@ def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) 
 
 
 def scope_text(scope: str) -> str:
-    """Return a scope in words; a task of LIBERO keeps its name."""
-    if is_of_libero(scope):
+    """Return a scope in words; a task of another world keeps its name."""
+    if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
         scope, scope.removeprefix("axis:").replace("_", " ")

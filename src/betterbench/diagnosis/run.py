@@ -13,7 +13,6 @@ from pydantic import Field, TypeAdapter
 from betterbench.diagnosis.decider import Decider, decider_of
 from betterbench.diagnosis.favorite_thing import FavoriteThing, favorite_thing
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.foreign import BASE, NOTE, PLUS_NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
 from betterbench.diagnosis.instruction_effect import (
     SAME_TARGET,
     SAME_THING,
@@ -22,26 +21,23 @@ from betterbench.diagnosis.instruction_effect import (
     tasks_without_effect,
 )
 from betterbench.diagnosis.labels import decide
+from betterbench.diagnosis.libero import BASE
 from betterbench.diagnosis.measures.metrics import compute_metrics, twins
-from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
+from betterbench.diagnosis.readers import OwnReader, Reader, reader_of
 from betterbench.diagnosis.ruling import Ruling
 from betterbench.diagnosis.second_pass import judge_policy
 from betterbench.diagnosis.task_rules import TaskRules
-from betterbench.diagnosis.trial import Choice, Reading, read_trial
+from betterbench.diagnosis.trial import Choice, Reading
 from betterbench.diagnosis.until_decided import UntilDecided, decided_of
 from betterbench.diagnosis.verdict import Metric, RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.jobs import OnCount
 from betterbench.json_form import open_form, read_form
-from betterbench.quoting import shell_word
 from betterbench.records import Record, RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
-from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.labels import Label
-from betterbench.tasks.worlds.libero_plus import axis_of
-from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 @dataclass(slots=True)
@@ -97,7 +93,7 @@ def diagnose_run(
     """
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan, rule = read_plan(run)
-    foreign = _foreign_of(run)
+    reader = reader_of(run)
     running = run.is_running and not whole  # asked before the journal is read: a run that ends now has its last lines
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
@@ -107,7 +103,7 @@ def diagnose_run(
         entry = entries.get(trial)
         if entry is None or entry.status != "done":
             continue
-        _read_one(run, trial, trials, versions, foreign)
+        _read_one(run, trial, trials, versions, reader)
     expected = frozenset(plan)
     if rule is not None:
         trials.until_decided = decided_of(rule, plan, trials.outcome)
@@ -123,36 +119,22 @@ def diagnose_run(
         if trial not in trials.readings:
             trials.missing[trial] = None if entry is None else entry.message or "its record is not there"
     if twins_in is not None:
-        _take_in_twins(twins_in, trials, versions, foreign)
-    found = _diagnose(policy, trials, versions.found, foreign)
-    said = () if foreign is None else (NOTE, *_plus_notes(run, found))
-    return replace(found, notes=(*_policy_notes(run.context), *said, *found.notes))
+        _take_in_twins(twins_in, trials, versions, reader)
+    found = _diagnose(policy, trials, versions.found, reader)
+    return replace(found, notes=(*_policy_notes(run.context), *reader.notes(run, found), *found.notes))
 
 
-def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
-    """Yield notes on a run in LIBERO-Plus, and its variants that were not run."""
-    if not any(axis_of(trial.variation) for trial in found.trials):
-        return
-    yield PLUS_NOTE
-    left_out = run.plan["world"].get("left_out", {})
-    if left_out:
-        counted = ", ".join(f"{axis} {number}" for axis, number in left_out.items())
-        yield f"Variants that were not run, because they want the assets of LIBERO-Plus's authors: {counted}."
-
-
-def _read_one(
-    run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordVersions, foreign: ForeignRun | None
-) -> None:
+def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
     """Read the record of a finished trial, if it is there."""
     path = run.record_path(trial.task, trial.condition, trial.seed)
     if path.exists():
         record = run.read_record(trial.task, trial.condition, trial.seed)
         versions.add(record.metadata)
         at = path.relative_to(run.path).as_posix()
-        trials.readings[trial] = read_trial(record, path=at) if foreign is None else foreign.read(record, path=at)
+        trials.readings[trial] = reader.read(record, path=at)
 
 
-def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, foreign: ForeignRun | None) -> None:
+def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
     """Add the twins of the planned trials, read from ``run``, a run of the base suite.
 
     The run under diagnosis does not contain them.
@@ -160,7 +142,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, fo
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]
-    if foreign is None or not shared:
+    if not reader.twins_elsewhere or not shared:
         raise InvalidInputError(
             str(run.path),
             "it holds no twin of these trials",
@@ -170,7 +152,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, fo
         record = run.read_record(trial.task, trial.condition, trial.seed)
         versions.add(record.metadata, but="suite_version")
         trials.plan.append(trial)
-        trials.readings[trial] = foreign.read(record)
+        trials.readings[trial] = reader.read(record)
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
@@ -182,13 +164,13 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
     """
     if not records:
         raise RecordError("There are no records to diagnose. Give at least one.")
-    trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
+    trials, versions, reader = _Trials(), RecordVersions(allow_mixed=allow_mixed), OwnReader()
     for record in records:
         versions.add(record.metadata)
-        reading = read_trial(record)
+        reading = reader.read(record)
         trials.plan.append(reading.diagnosis.trial_id)
         trials.readings[reading.diagnosis.trial_id] = reading
-    return _diagnose(records[0].metadata.policy, trials, versions.found)
+    return _diagnose(records[0].metadata.policy, trials, versions.found, reader)
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
@@ -226,46 +208,6 @@ class _PlanForm:
 _PLAN = TypeAdapter(_PlanForm)
 
 
-@open_form
-@dataclass(frozen=True, slots=True)
-class _WorldTaskForm:
-    """Fields of a stored LIBERO task that the diagnosis reads."""
-
-    instruction: str
-
-
-@open_form
-@dataclass(frozen=True, slots=True)
-class _WorldForm:
-    """Fields of a run's stored world settings that the diagnosis reads."""
-
-    regime: tuple[TrainedTask, ...]
-    tasks: dict[str, _WorldTaskForm]
-
-
-_WORLD = TypeAdapter(_WorldForm)
-
-
-def _foreign_of(run: RunFolder) -> ForeignRun | None:
-    """Return the training distribution and instructions of a run in LIBERO, or None for a run in our own scenes.
-
-    Raises:
-        RecordError: If the plan does not say it.
-    """
-    if not run.is_foreign:
-        return None
-    world = run.plan["world"]
-    if isinstance(world, dict) and world.get("name") == "calvin":
-        raise RecordError(
-            f"{run.path}: a run in CALVIN gets no labels, because its success rules name no target for every subtask. "
-            f"Give `better compare {shell_word(run.path)}` for its five rates, its average length and its rates per "
-            "subtask."
-        )
-    where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
-    form = read_form(_WORLD, world, where=where, cure=cure, raises=RecordError)
-    return ForeignRun.of(form.regime, {name: task.instruction for name, task in form.tasks.items()})
-
-
 def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | None]:
     """Return the policy and the planned trials of a run, and when it stops if it is run until decided.
 
@@ -281,14 +223,12 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
     return plan.policy, trials, plan.until_decided
 
 
-def _diagnose(
-    policy: str, trials: _Trials, versions: dict[str, str], foreign: ForeignRun | None = None
-) -> RunDiagnosis:
+def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
     """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes.
 
     The rules of a policy are judged per task; in LIBERO per suite, because each of its tasks has one sentence alone.
     """
-    group = {t.task: t.task if foreign is None else suite_of(t.task) for t in trials.plan}
+    group = {t.task: reader.group(t.task) for t in trials.plan}
     choices: dict[str, dict[str, Choice]] = {}
     for trial in trials.plan:
         reading = trials.readings.get(trial)
@@ -299,7 +239,7 @@ def _diagnose(
     found = tuple(
         _settled(trial, trials.readings[trial], rules)
         if trial in trials.readings
-        else _without_record(trial, policy, trials.missing.get(trial), foreign)
+        else reader.without_record(trial, policy, trials.missing.get(trial))
         for trial in trials.plan
     )
     unused = tasks_without_effect(found)
@@ -310,21 +250,20 @@ def _diagnose(
         else t
         for t in found
     )
-    favorites = {} if foreign is None else _favorites(found, choices, group)
+    favorites = _favorites(found, choices, group) if reader.finds_favorites else {}
     found = tuple(
         _wherever_it_stands(t, trials.readings[t.trial_id], favorites[group[t.task]])
         if group[t.task] in favorites and t.trial_id in trials.readings
         else t
         for t in found
     )
-    waiting = tuple(_without_record(trial, policy, None, foreign) for trial in trials.pending)
+    waiting = tuple(reader.without_record(trial, policy, None) for trial in trials.pending)
     broken = sorted(str(trial) for trial, reason in trials.missing.items() if reason)
     decided = trials.until_decided
     even = None if decided is None else len(twins([t for t in found if t.seed in decided.first_seeds]))
-    more = {} if foreign is None else {"cure": TWINS_CURE}
-    notes = find_notes(found, judged, broken, len(twins(found)), pending=len(waiting), even_pairs=even, **more)
-    if foreign is not None and (untold := untold_by(found)):
-        notes = (*notes, f"A base suite shows what training showed: to learn why the policy succeeds, {untold}.")
+    notes = find_notes(
+        found, judged, broken, len(twins(found)), pending=len(waiting), even_pairs=even, cure=reader.twins_cure
+    )
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided),
         findings=(
@@ -332,8 +271,8 @@ def _diagnose(
             *(favorite.finding(suite) for suite, favorite in favorites.items()),
             *find_findings(found, rules),
         ),
-        notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),
-        versions=versions, waiting=waiting, until_decided=decided,
+        notes=(*(() if decided is None else decided.notes()), *notes, *reader.last_notes(found)),
+        thresholds=THRESHOLDS.to_json(), versions=versions, waiting=waiting, until_decided=decided,
     )  # fmt: skip
 
 
@@ -390,17 +329,3 @@ def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why:
     if label is not Label.VISUAL_LAYOUT_BIAS:
         return trial
     return replace(trial, label=label, evidence=replace(evidence, rule=rule, text=f"{evidence.text} {why}"))
-
-
-def _without_record(trial: TrialId, policy: str, reason: str | None, foreign: ForeignRun | None) -> TrialDiagnosis:
-    if foreign is not None:
-        return foreign.without_record(trial, policy, reason)
-    resolved = resolve_condition(trial.task, trial.condition)
-    return TrialDiagnosis(
-        task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
-        axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
-        success=False, expected=resolved.condition.expected.value, label=label_without_record(reason),
-        first_attempt=None, first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None,
-        intended_any=(), intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason),
-        collisions=None, steps=0, duration_s=0.0, record=None,
-    )  # fmt: skip

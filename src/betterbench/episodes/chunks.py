@@ -14,8 +14,7 @@ from betterbench.errors import InvalidActionError
 from betterbench.interface import EpisodeStart, Execution, Observation, episode_number
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import PrivilegedPolicy, WorldState
-from betterbench.sim.scenes import Scene
-from betterbench.sim.worlds import ForeignScene
+from betterbench.sim.worlds import TrialScene
 
 
 class Chunks:
@@ -27,7 +26,7 @@ class Chunks:
     """
 
     def __init__(
-        self, scene: Scene | ForeignScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
+        self, scene: TrialScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
         """Prepare for one episode, which began at ``began`` on the clock of ``time.perf_counter`` [s]."""
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
@@ -40,7 +39,10 @@ class Chunks:
         self._observe_s = 0.0
         self._began = self._resumed = began
         self._simulation_s = 0.0
-        self._world_steps: dict[bool, list[float]] = {False: [], True: []}  # times of a foreign world, by drawn or not
+        self._world_steps: dict[bool, list[float]] = {
+            False: [],
+            True: [],
+        }  # of scenes that draw in a step, by drawn or not
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
@@ -109,11 +111,11 @@ class Chunks:
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Note how long a foreign world took for a control step, and whether it drew its images in it [s]."""
+        """Note how long a scene that draws in its steps took for one, and whether it drew [s]."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the rendering time of a foreign world: the extra time of steps with images over steps without [s].
+        """Return the time of drawing in steps: the extra time of steps with images over steps without [s].
 
         It is 0 where every step was drawn, as nothing tells both parts of a step apart then.
         """

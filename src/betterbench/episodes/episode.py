@@ -11,7 +11,7 @@ import numpy as np
 
 from betterbench.episodes.answers import Question, Reply, answer
 from betterbench.episodes.chunks import Chunks
-from betterbench.episodes.describe import TrialContext, describe, describe_foreign
+from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.heap import settled_heap
 from betterbench.episodes.observer import Observer
 from betterbench.errors import (
@@ -23,10 +23,9 @@ from betterbench.errors import (
 )
 from betterbench.interface import Execution
 from betterbench.interface.state import AnyPolicy, PrivilegedPolicy, WorldState
-from betterbench.records import Record, RecordBuilder, RecordMetadata, Termination
-from betterbench.sim.scenes import Scene
-from betterbench.sim.worlds import ForeignScene, ForeignTracker
-from betterbench.tasks import GoalTracker, Truth
+from betterbench.records import Record, RecordBuilder, Termination
+from betterbench.sim.worlds import Tracker, TrialScene
+from betterbench.tasks import Truth
 
 logger = logging.getLogger(__name__)
 
@@ -61,7 +60,7 @@ Disturbance = Callable[[np.ndarray], np.ndarray]
 
 
 def run_episode(
-    scene: Scene | ForeignScene,
+    scene: TrialScene,
     policy: AnyPolicy,
     *,
     context: TrialContext,
@@ -116,7 +115,7 @@ def run_episode(
 
 
 def episode_steps(
-    scene: Scene | ForeignScene,
+    scene: TrialScene,
     *,
     context: TrialContext,
     observer: Observer | None = None,
@@ -137,21 +136,21 @@ def episode_steps(
     """
     began = time.perf_counter()
     state = scene.reset()
-    tracker, metadata = _tracked(scene, context)
-    judge = _Judge(tracker, RecordBuilder(metadata), scene)
+    tracker = scene.tracker()
+    judge = _Judge(tracker, RecordBuilder(describe(scene, tracker, context)), scene)
     judge.see(state, None, None)
-    limit, foreign = scene.step_limit, scene if isinstance(scene, ForeignScene) else None
+    limit = scene.step_limit
     chunks = Chunks(scene, observer, execution, limit=limit, began=began)
     termination: Termination = "step_limit"
     error: str | None = None
     try:
         if observer is not None:
             yield from chunks.begin()
-        while state.step < limit and not judge.success and not (foreign is not None and foreign.over):
+        while state.step < limit and not judge.success and not scene.over:
             action = yield from chunks.next(state, privileged)
             executed = action if disturb is None else disturb(action)
             applied = (
-                scene.step(executed) if foreign is None else _world_step(foreign, chunks, executed, state.step + 1)
+                _drawing_step(scene, chunks, executed, state.step + 1) if scene.draws_in_step else scene.step(executed)
             )
             if observer is not None:
                 chunks.look(state.step + 1)
@@ -159,7 +158,7 @@ def episode_steps(
             judge.see(state, action, applied)
             if on_step is not None:
                 on_step(state.step)
-            if foreign is not None and foreign.instructed_anew:
+            if scene.instructed_anew:
                 yield from chunks.begin_again()
         if judge.success:
             termination = "success"
@@ -174,8 +173,8 @@ def episode_steps(
     return EpisodeResult(record, chunks.wall_figures(), builder.states)
 
 
-def _world_step(scene: ForeignScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
-    """Take the control step that leads to ``step`` in a foreign world, which draws in the middle of it."""
+def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
+    """Take the control step that leads to ``step`` in a scene that draws in the middle of it."""
     drawn = chunks.looks_at(step)
     scene.draw_next(wanted=drawn)
     began = time.perf_counter()
@@ -194,9 +193,7 @@ class _Judge:
     once.
     """
 
-    def __init__(
-        self, tracker: GoalTracker | ForeignTracker, builder: RecordBuilder, scene: Scene | ForeignScene
-    ) -> None:
+    def __init__(self, tracker: Tracker, builder: RecordBuilder, scene: TrialScene) -> None:
         self.success = False
         self._builder, self._tracker, self._simulator_state = builder, tracker, scene.simulator_state
         self._waiting: list[WorldState] = []
@@ -223,18 +220,8 @@ class _Judge:
         self._block = min(_LONGEST_BLOCK, 1 + self._tracker.undecided_states)
 
 
-def _tracked(scene: Scene | ForeignScene, context: TrialContext) -> tuple[GoalTracker | ForeignTracker, RecordMetadata]:
-    """Return what follows the goal of a scene that has been reset, and what its record says about itself."""
-    if isinstance(scene, ForeignScene):
-        return ForeignTracker(scene), describe_foreign(scene, context)
-    tracker = GoalTracker(
-        scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
-    )
-    return tracker, describe(scene, tracker, context)
-
-
 def _finished(
-    scene: Scene | ForeignScene,
+    scene: TrialScene,
     builder: RecordBuilder,
     termination: Termination,
     error: str | None,
@@ -255,7 +242,7 @@ def _finished(
 
 def append_row(
     builder: RecordBuilder,
-    scene: Scene | ForeignScene,
+    scene: TrialScene,
     state: WorldState,
     truth: Truth,
     *,

@@ -24,12 +24,13 @@ if TYPE_CHECKING:
         render_twin_films,
         write_twin_film,
     )
-    from betterbench.evaluation.planning.plan import Plan, Trial, make_plan, named_trial
+    from betterbench.evaluation.planning.plan import Plan, make_plan, named_trial
     from betterbench.evaluation.preflight.check import Convention, PreflightCheck, run_preflight
     from betterbench.evaluation.running.external_run import ExternalRun
     from betterbench.evaluation.running.replay import ReplayCheck, check_record
     from betterbench.evaluation.running.runner import Progress, evaluate
     from betterbench.evaluation.serving.server import open_server
+    from betterbench.tasks.trial import Trial
 
 __all__ = [
     "Convention",

@@ -310,21 +310,20 @@ WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space
     for space in (CALVIN_RELATIVE, CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, LIBERO_ABSOLUTE)
 }
-"""The action spaces that only a foreign world plays."""
+"""The action spaces that only worlds other than ours play."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "": tuple(ACTION_SPACES),
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
-    "libero_plus": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }
-"""The action spaces that a world plays, its usual one first; the empty name stands for our own scenes."""
+"""Action spaces in the conventions of each world, the usual one first; the empty name stands for our own scenes."""
 
 _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name, CALVIN_DELTA.name})
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return a registered action space by name, of our own scenes or of a foreign world."""
+    """Return a registered action space by name, of our own scenes or of another world."""
     known = ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]

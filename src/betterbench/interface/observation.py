@@ -97,7 +97,7 @@ class Observation:
         gripper_width: Distance of the finger pads [m].
         depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless asked for.
         masks: Per camera (height, width) int32 instance ids; empty unless asked for.
-        native: In a foreign world, what its own clients read of the state, by the names of our state parts; else empty.
+        native: State as the clients of another world read it, by the names of our state parts; else empty.
     """
 
     instruction: str

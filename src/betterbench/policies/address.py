@@ -124,7 +124,7 @@ class AddressForm:
 
         Args:
             text: The address.
-            world: The foreign world in which the policy acts, or empty.
+            world: The world in whose conventions the policy acts; empty for those of our own scenes.
 
         Raises:
             UnknownNameError: If it has an option that the kind does not know.
@@ -172,7 +172,7 @@ class AddressForm:
 class PolicyAddress:
     """An address that has been read: where a policy is ("localhost:8000") and how it is used.
 
-    :meth:`AddressForm.read` has checked the options. ``world`` is the foreign world in which the policy acts
+    :meth:`AddressForm.read` has checked the options. ``world`` is the world in whose conventions it acts
     ("libero"), empty for our own scenes: a preset is what the clients of that world do.
     """
 

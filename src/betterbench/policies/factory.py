@@ -12,13 +12,12 @@ from betterbench.interface.state import AnyPolicy
 from betterbench.jobs.conflict import first_difference
 from betterbench.policies.clients.connection import ConnectionLimits
 from betterbench.policies.conventions.handshake import space_cure
-from betterbench.policies.conventions.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
 from betterbench.policies.description import describe_policy
 from betterbench.policies.kinds import find_kind, kind_of, make_for, make_policy
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind
 from betterbench.policies.process.policy_process import LOAD_S, PolicyProcess, start_policy
-from betterbench.sim.scenes import CONTROL_RATE_HZ, Scene
-from betterbench.sim.worlds import ForeignScene
+from betterbench.sim.scenes import CONTROL_RATE_HZ
+from betterbench.sim.worlds import TrialScene
 
 SOURCE = "source file"
 """Key in the metadata of a Python policy under which its file and the file's SHA-256 stand."""
@@ -64,7 +63,7 @@ class PolicyFactory:
     ) -> None:
         """Prepare; nothing is loaded and no server is asked yet.
 
-        ``world`` is the foreign world of the run, in whose conventions a server is spoken to.
+        ``world`` is the world in whose conventions a server is spoken to (``World.dialect``).
 
         With ``apart``, a policy that is not ours is loaded in a process of its own, within ten times the ``timeout_s``
         of an answer [s]. ``known`` is what the server of the policy said when the run began, or None: its clients
@@ -108,21 +107,21 @@ class PolicyFactory:
         """Whether one instance answers the observations of many environments. The policy is built to find out."""
         return bool(self.info) and self._takes_batches
 
-    def check(self, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-        """Return :attr:`info`, and check it as :func:`check_policy` does; the action space of a replay is empty."""
+    def check(
+        self, action_space: str | None = None, observation: str | None = None, *, rate_hz: float = CONTROL_RATE_HZ
+    ) -> PolicyInfo:
+        """Return :attr:`info`, and check it as :func:`check_policy` does; the action space of a replay is empty.
+
+        ``rate_hz`` is the control rate of the run [Hz].
+        """
         info = self.info
         check_action_space(self.address, info, action_space)
         agree = getattr(self._made, "check", None) if self._kind.compares else None
         if callable(agree) and action_space is not None and observation is not None:
-            agree(space=action_space, observation=observation_spec(observation), rate_hz=self._rate_hz)
+            agree(space=action_space, observation=observation_spec(observation), rate_hz=rate_hz)
         return info
 
-    @property
-    def _rate_hz(self) -> float:
-        """Control rate of the run [Hz]."""
-        return CALVIN_RATE_HZ if self._world == "calvin" else CONTROL_RATE_HZ
-
-    def policy(self, scene: Scene | ForeignScene, trial: PlannedTrial) -> AnyPolicy:
+    def policy(self, scene: TrialScene, trial: PlannedTrial) -> AnyPolicy:
         """Return the policy of one episode, where it needs no thread; InvalidInputError if it knows only our world."""
         if self.needs.state or self.needs.trial:
             return make_for(self.address, scene, trial)

@@ -41,6 +41,7 @@ from betterbench.records.record import Record
 from betterbench.records.scene_archive import StorableScene, has_digest, read_scene, scene_digest, write_scene
 from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files, require_origins
+from betterbench.tasks.worlds.facts import WorldFacts, facts_of_plan
 
 logger = logging.getLogger(__name__)
 
@@ -174,9 +175,9 @@ class RunFolder:
         return self.inside("report")
 
     @property
-    def is_foreign(self) -> bool:
-        """Whether the plan names another world than our own scenes."""
-        return "world" in self.plan
+    def world(self) -> WorldFacts:
+        """Facts about the world in which the trials were run; RecordError if the plan names an unknown one."""
+        return facts_of_plan(self.plan, where=str(self.path / "run.json"))
 
     @property
     def is_running(self) -> bool:

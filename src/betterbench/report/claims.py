@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.measures.metrics import twins
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.quoting import shell_line
@@ -16,6 +15,7 @@ from betterbench.statistics.power import DEFAULT_ALPHA, DEFAULT_POWER
 from betterbench.statistics.wording import listed, plural
 from betterbench.tasks.labels import Kind
 from betterbench.tasks.user_files import options_for
+from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
 """Share of failed trials that a kind of failure has to exceed, by an exact binomial test at the usual level, to be
@@ -86,7 +86,7 @@ def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
     """Return the command that runs so many trials of the training conditions of a run, with new seeds."""
     task = next((t.task for t in diagnosis.trials if t.variation is None), "")
     conditions = {t.condition for t in diagnosis.trials if t.task == task}
-    if not task or is_of_libero(task):
+    if not task or not facts_of_task(task).measured:
         return ""
     each = -(-trials // len(conditions))
     return _evaluation(diagnosis, [task], seed=_next_seed(diagnosis), trials=each, out="runs/training")
@@ -103,7 +103,7 @@ def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
     """Return the grounds of a run without variations: the trials that it lacks to judge reasoning, and the command."""
     text = "What would show how it reasons: the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
-    if not tasks or any(map(is_of_libero, tasks)):
+    if not tasks or not all(facts_of_task(task).measured for task in tasks):
         return DESCRIBED
     seeds = [t.seed for t in diagnosis.trials]
     trials = max(seeds) - min(seeds) + 1
@@ -129,7 +129,7 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
         return Grounds(True, test, p)
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     text = "What would decide it: more trials of the variations (a larger --trials), on new seeds."
-    if not tasks or any(map(is_of_libero, tasks)):
+    if not tasks or not all(facts_of_task(task).measured for task in tasks):
         return Grounds(False, test, p, text)
     command = _evaluation(diagnosis, tasks, seed=_next_seed(diagnosis), trials=3, out="runs/more")
     return Grounds(False, test, p, text, command)
@@ -186,7 +186,7 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
         text = f"What would decide it, if they go on failing as often: {plural(each, 'pair')} of {names}"
         text += " each" if len(chosen) > 1 else ""
     text += " on new seeds, judged by themselves."
-    if any(is_of_libero(task) for task, _ in chosen):
+    if not all(facts_of_task(task).measured for task, _ in chosen):
         return text, ""
     command = _evaluation(
         diagnosis,

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from betterbench.diagnosis.failure_mode import exposed_labels
-from betterbench.diagnosis.foreign import untold_by
 from betterbench.diagnosis.instruction_effect import effect_sentence
+from betterbench.diagnosis.libero import untold_by
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line

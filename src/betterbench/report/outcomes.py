@@ -6,13 +6,13 @@ from collections import Counter
 from dataclasses import dataclass
 
 from betterbench.diagnosis.failure_mode import FailureMode
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
 from betterbench.tasks import Task, Variation, get_task
+from betterbench.tasks.worlds.facts import facts_of_task
 from betterbench.tasks.worlds.libero import CHANGES
 from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 
@@ -63,6 +63,10 @@ class ConditionRow:
         return sum(segment.count for segment in self.segments if segment.mode.family == family)
 
 
+_CHANGES = {**CHANGES, **PLUS_AXES}
+"""Descriptions of what the suites of LIBERO-PRO and LIBERO-Plus change, by the name of the change."""
+
+
 def task_of(name: str) -> Task | None:
     """Return a task of the suite, or None if this version of the suite has none of that name."""
     try:
@@ -72,8 +76,8 @@ def task_of(name: str) -> Task | None:
 
 
 def is_abroad(diagnosis: RunDiagnosis) -> bool:
-    """Tell whether a run is in LIBERO, of which the suite's matrices, pretenders and certificates say nothing."""
-    return bool(diagnosis.trials) and all(is_of_libero(trial.task) for trial in diagnosis.trials)
+    """Tell whether a run is in another world, of which our matrices, pretenders and certificates say nothing."""
+    return bool(diagnosis.trials) and not any(facts_of_task(trial.task).measured for trial in diagnosis.trials)
 
 
 def task_title(name: str) -> str:
@@ -137,7 +141,7 @@ def _variation_row(
         task,
         name,
         trials[0].axis,
-        known.title if known is not None else {**CHANGES, **PLUS_AXES}.get(name, "") if is_of_libero(task) else "",
+        known.title if known is not None else "" if facts_of_task(task).measured else _CHANGES.get(name, ""),
         known.hypothesis if known is not None else "",
         EXPECTED_NAMES.get(trials[0].expected, trials[0].expected),
         trials[0].instruction,

@@ -6,12 +6,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.figures.charts import twin_figure
 from betterbench.report.headline import Failure, leading_failure
 from betterbench.report.outcomes import ConditionRow, Segment, segments_of, task_title, training_rows, variation_rows
 from betterbench.report.wording import Figure
+from betterbench.tasks.worlds.facts import facts_of_task
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +80,8 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
 
 
 def _title(task: str, groups: Sequence[ConditionGroup]) -> str:
-    """Return the title of a task; in LIBERO, a task is known by its sentence."""
-    return groups[0].first.twin_instruction if is_of_libero(task) else task_title(task)
+    """Return the title of a task; in other worlds, a task is known by its sentence."""
+    return task_title(task) if facts_of_task(task).measured else groups[0].first.twin_instruction
 
 
 def _lines(diagnoses: Sequence[RunDiagnosis], task: str) -> tuple[TaskLine, ...]:

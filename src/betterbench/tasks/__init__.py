@@ -20,8 +20,9 @@ from betterbench.tasks.authoring.training_distribution import TrainingDistributi
 from betterbench.tasks.authoring.variation import Variation
 from betterbench.tasks.axes import Axis, Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
-from betterbench.tasks.judging.goal import GoalTracker, Truth
+from betterbench.tasks.judging.goal import GoalTracker
 from betterbench.tasks.judging.premise import broken_premises
+from betterbench.tasks.judging.truth import Truth
 from betterbench.tasks.labels import Kind, Label, all_labels, new_label, remove_label
 from betterbench.tasks.looks import LOOKS, Looks, looks_named
 from betterbench.tasks.randomness import SUITE_VERSION, stream

@@ -217,13 +217,14 @@ def loaded_files() -> tuple[TaskFile, ...]:
     return tuple(_files.values())
 
 
-def origins_of(tasks: Iterable[str]) -> dict[str, list[dict[str, str]]]:
-    """Return what has to be loaded before tasks can be run or diagnosed, for the plan of a run.
+def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str, list[dict[str, str]]]:
+    """Return what has to be loaded before tasks and worlds can be run or diagnosed, for the plan of a run.
 
     These are "task_files" (name, sha256) and "plugins" (name, version) as far as there are any; nothing for built-in
     tasks.
     """
-    found = [origin for origin in (_origins.get(("task", task)) for task in tasks) if origin is not None]
+    names = [*(("task", task) for task in tasks), *(("world", world) for world in worlds)]
+    found = [origin for origin in map(_origins.get, names) if origin is not None]
     packages = sorted({origin.package for origin in found if origin.package})
     files = [{"name": Path(f.path).name, "sha256": f.sha256} for f in _files.values()] if found else []
     plugins = [{"name": name, "version": version} for name, version in packages]

@@ -1,4 +1,4 @@
-"""The diagnosis in a foreign world: policies with known faults get their labels, from the records alone."""
+"""The diagnosis in LIBERO: policies with known faults get their labels, from the records alone."""
 
 import html
 import re
@@ -12,17 +12,16 @@ from tests.resealing import rewrite
 
 from betterbench.api.report import ReportListener, build_report
 from betterbench.calibration.truth import true_label
-from betterbench.diagnosis import diagnose_run, favorite_thing, foreign
-from betterbench.diagnosis.foreign import untold_by
+from betterbench.diagnosis import diagnose_run, favorite_thing, libero
 from betterbench.diagnosis.instruction_effect import SAME_THING
+from betterbench.diagnosis.libero import untold_by
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.report.headline import headline_of
 from betterbench.report.pages.page import write_report
 from betterbench.report.pages.trust import trust_of
-from betterbench.sim.worlds import ForeignWorld
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import Installation, start_code
 from betterbench.tasks.labels import all_labels
 from betterbench.tasks.worlds.libero_training import trained_in, word_of_sentence
 
@@ -126,7 +125,7 @@ def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path, monkeypatch)
     for ours in ("power matrix", "Pretenders", "fills a cell", "certificate"):
         assert ours not in page
     command = base_plan.world.command
-    monkeypatch.setattr(ForeignWorld, "command", lambda _: command)
+    monkeypatch.setattr(Installation, "command", lambda _: command)
     shown = build_report([swap], tmp_path / "pair", twins=[base.path], latex=False, films=2).page.read_text()
     assert "not measured" not in shown
     assert shown.count("data:image/jpeg") >= 6
@@ -178,7 +177,7 @@ def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run
     # Why those are never given: there is something to do in every task, and no order is part of it.
     assert never == {"order_violation", "correct_freeze", "correct_refusal"}
     record = next(iter(run_of("noop", trials=1, tasks=["0"]).records()))
-    condition = foreign._condition(record.metadata, foreign._goals(record.metadata))
+    condition = libero._condition(record.metadata, libero._goals(record.metadata))
     assert (condition.expected, condition.instruction.ordered) == ("succeed", False)
 
 

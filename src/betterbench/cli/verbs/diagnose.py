@@ -67,7 +67,7 @@ def diagnose_command(
     elif not keep and twins is None:
         _store(folder, result)
     known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
-    standing = None if folder.is_foreign else standing_of(result)  # the power matrix holds our own scenes alone
+    standing = standing_of(result) if folder.world.measured else None
     if json:
         print_json(_document(result, standing, changes, known))
         return

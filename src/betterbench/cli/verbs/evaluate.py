@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from betterbench.evaluation import Plan, Progress
     from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.records import JournalEntry, RunFolder
+    from betterbench.sim.worlds import World
 
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
 """Time from the first steps to the first estimate, and between the first two lines of a log before any step [s]."""
@@ -40,7 +40,7 @@ class TrialOptions:
         trials: Trials per variation, 20 if not given; in LIBERO initial states per task, those of the protocol; in
             CALVIN chains, 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
-        action_space: Action space of the policy; ee_delta if not given, and in a foreign world what its address says.
+        action_space: Action space of the policy; ee_delta if not given, and in another world what its address says.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
@@ -60,9 +60,6 @@ class TrialOptions:
     until_decided: bool = False
 
 
-_PLUS_OPTIONS = ("axes", "variants", "libero_plus_assets", "libero_plus_sentences")
-_FOR_CALVIN = ("it is for CALVIN", "Leave out {option}")
-
 USUAL_TRIALS = 20
 """Trials per variation unless asked for otherwise."""
 
@@ -75,7 +72,7 @@ FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
 
 @dataclass(frozen=True, slots=True)
 class WorldOptions:
-    """Options of a run in the suites of a foreign world.
+    """Options that only some worlds have.
 
     Attributes:
         protocol: In LIBERO, whose protocol.
@@ -159,7 +156,7 @@ def evaluate_command(
         out: Folder of the run; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
-        world: Settings of a foreign world.
+        world: Options of other worlds than ours.
         workers: Worker processes; one per processor if not given.
         envs: Environments of each worker, which hide the policy's latency; a warm-up chooses if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
@@ -173,14 +170,19 @@ def evaluate_command(
         explain_power: Say at length which drops the trials can show, and which not.
         json: Print one JSON document at the end.
     """
+    from betterbench.sim.worlds import world_of_suite
+
     if engine == "local":
         _refuse_changed(
             ray, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}"
         )
-    if is_foreign(chosen.suite):
+    chosen_world = world_of_suite(chosen.suite)
+    _refuse_other_options(world, chosen_world)
+    if not chosen_world.facts.measured:
         plan = _world_plan(policy, from_run, chosen, world)
+        for line in plan.world.announcement(plan.trials, chosen.suite):
+            say(line)
     else:
-        _refuse_changed(world, "it is for a foreign world", "Leave out {option}, or give --suite calvin")
         plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
         if not uncertified:
             _require_certified(plan, certificate)
@@ -266,21 +268,12 @@ def _plan(
     return make_plan(policy, **{**options, "tasks": chosen.tasks or of_suite})
 
 
-def is_foreign(suite: str) -> bool:
-    """Return whether a suite is run in a foreign world."""
-    from betterbench.tasks.worlds.calvin import CHAIN_SUITES
-    from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
-
-    return any(suite in known for known in (SUITES, PLUS_SUITES, CHAIN_SUITES))
-
-
 def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of a foreign world, after saying how it is run."""
-    from betterbench.tasks.worlds.calvin import CHAIN_SUITES
-    from betterbench.tasks.worlds.libero import PLUS_SUITES
+    """Return the plan of a suite of another world than ours."""
+    from betterbench.evaluation.planning.world_plan import make_world_plan
 
     if from_run is not None:
-        raise InvalidInputError("--from", "a run in a foreign world is not repeated", "Give its --suite and --policy")
+        raise InvalidInputError("--from", f"runs of {chosen.suite} are not repeated", "Give its --suite and --policy")
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address")
     _refuse_changed(
@@ -288,115 +281,41 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
         f"{chosen.suite} has no such choice",
         "Leave out {option}",
     )
-    if chosen.suite in PLUS_SUITES:
-        return _plus_plan(policy, chosen, world)
-    plus = WorldOptions(**{name: getattr(world, name) for name in _PLUS_OPTIONS})
-    _refuse_changed(plus, "it is for LIBERO-Plus", "Leave out {option}, or give --suite libero_plus_object")
-    return (_chain_plan if chosen.suite in CHAIN_SUITES else _libero_plan)(policy, chosen, world)
-
-
-def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of CALVIN, after saying how it is run."""
-    from betterbench.evaluation.planning.world_plan import make_chain_plan
-    from betterbench.sim.worlds import calvin_command
-    from betterbench.statistics.wording import plural
-    from betterbench.tasks.worlds.calvin import STEPS_PER_SUBTASK
-
-    _refuse_changed(
-        replace(world, broken_premises="refuse", calvin_env=None, calvin_config=None, calvin_renderer="auto"),
-        "it is for LIBERO",
-        "Leave out {option}",
-    )
-    if chosen.tasks:
-        raise InvalidInputError("--tasks", "CALVIN has chains and no tasks", "Give --seed and --trials")
-    plan = make_chain_plan(
+    return make_world_plan(
         policy,
         suite=chosen.suite,
-        command=calvin_command(
-            world.calvin_env,
-            world.calvin_config,
-            egl=None if world.calvin_renderer == "auto" else world.calvin_renderer == "egl",
-        ),
-        trials=chosen.trials,
-        seed=chosen.seed,
-        action_space=chosen.action_space,
-        observation=chosen.observation,
-        refuse_broken=world.broken_premises != "run",
-    )
-    made_of = "" if plan.world is None else "; ".join(f"{k}: {v}" for k, v in plan.world.versions.items())
-    say(
-        f"{plural(len(plan.trials), 'chain')} of {chosen.suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
-        f"instructions. {made_of}."
-    )
-    return plan
-
-
-def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of LIBERO, after saying how it is run."""
-    from betterbench.evaluation.planning.world_plan import make_world_plan
-    from betterbench.statistics.wording import plural
-    from betterbench.tasks.worlds.libero import OURS, protocol_named, suite_named
-
-    _refuse_changed(replace(world, protocol="openpi", broken_premises="refuse"), *_FOR_CALVIN)
-    plan = make_world_plan(
-        policy,
-        suite=chosen.suite,
-        protocol=world.protocol,
         tasks=chosen.tasks,
         trials=chosen.trials,
         seed=chosen.seed,
         action_space=chosen.action_space,
         observation=chosen.observation,
-        refuse_broken=world.broken_premises != "run",
+        **_changed(world),
     )
-    by = protocol_named(world.protocol)
-    steps = by.steps[suite_named(chosen.suite).base]
-    say(
-        f"{plural(len(plan.trials), 'trial')} of {chosen.suite}, protocol {by.name}: "
-        f"{by.settling_steps} settling steps, then at "
-        f"most {steps} steps; seed {by.seed}. Against openpi: {by.differences or 'the same'}. Against all: {OURS}."
-    )
-    return plan
 
 
-def _plus_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of LIBERO-Plus, after saying how it is run and what is left out."""
-    from betterbench.evaluation.planning.plus_plan import VariantChoice, make_plus_plan
-    from betterbench.sim.worlds import PlusSettings, plus_command
-    from betterbench.statistics.wording import plural
-    from betterbench.tasks.worlds.libero import protocol_named, suite_named
-
-    known = {name: getattr(world, name) for name in ("protocol", "broken_premises", *_PLUS_OPTIONS)}
-    _refuse_changed(replace(world, **{name: getattr(WorldOptions(), name) for name in known}), *_FOR_CALVIN)
-    plan = make_plus_plan(
-        policy,
-        suite=chosen.suite,
-        choice=VariantChoice(world.axes, world.variants, world.libero_plus_sentences),
-        protocol=world.protocol,
-        tasks=chosen.tasks,
-        trials=chosen.trials,
-        seed=chosen.seed,
-        action_space=chosen.action_space,
-        observation=chosen.observation,
-        refuse_broken=world.broken_premises != "run",
-        command=plus_command(world.libero_plus_assets),
-    )
-    by = protocol_named(world.protocol)
-    steps = by.steps[suite_named(chosen.suite).base]
-    counts = Counter(trial.axis for trial in plan.trials)
-    say(
-        f"{plural(len(plan.trials), 'trial')} of {chosen.suite} "
-        f"({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
-        f"{by.settling_steps} settling steps, then at most {steps} steps; seed {by.seed}; "
-        f"{world.libero_plus_sentences} sentences."
-    )
-    if isinstance(plan.world, PlusSettings) and plan.world.left_out:
-        missing = ", ".join(f"{axis} {n}" for axis, n in plan.world.left_out.items())
-        say(f"Not run, because they want the authors' assets: {missing}. Download them and give --libero-plus-assets.")
-    return plan
+def _changed(world: WorldOptions) -> dict[str, Any]:
+    """Return the options that are not at their defaults, by name."""
+    return {f.name: getattr(world, f.name) for f in fields(world) if getattr(world, f.name) != f.default}
 
 
-def _refuse_changed(given: TrialOptions | RayOptions | WorldOptions, problem: str, cure: str) -> None:
+def _refuse_other_options(given: WorldOptions, world: World) -> None:
+    """Refuse the first option that the world of the run does not have, and name a world that has it."""
+    from betterbench.sim.worlds import all_worlds
+    from betterbench.statistics.wording import listed
+
+    def has(world: World, option: str) -> bool:
+        return world.options is not None and option in {f.name for f in fields(world.options)}
+
+    name = next((name for name in _changed(given) if not has(world, name)), None)
+    if name is None:
+        return
+    option = f"--{name.replace('_', '-')}"
+    others = [other for other in all_worlds() if has(other, name)]
+    titles, suite = listed([other.facts.title for other in others]), next(iter(others[0].facts.suites))
+    raise InvalidInputError(option, f"it is for {titles}", f"Leave out {option}, or give --suite {suite}")
+
+
+def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -> None:
     """Refuse the first option that is not at its default."""
     for field in fields(given):
         if getattr(given, field.name) != field.default:
@@ -420,8 +339,13 @@ def default_folder(policy: str) -> str:
 
 def prepare_robot(name: str) -> None:
     """Decimate the meshes of a robot into the cache, with a bar; later runs find them there and show nothing."""
-    from betterbench.sim.robots import build_robot_spec
+    from betterbench.sim.worlds import OWN_WORLD
 
+    _prepare(OWN_WORLD, name)
+
+
+def _prepare(world: World, robot: str) -> None:
+    """Prepare this machine for the runs of a world, with a bar if that takes long."""
     with ExitStack() as stack:
         shown: list[Callable[..., None]] = []
 
@@ -431,7 +355,7 @@ def prepare_robot(name: str) -> None:
                 shown.append(lambda **changes: bar.update(task, **changes))
             shown[0](description=what, completed=done, total=planned)
 
-        build_robot_spec(name, progress=on_progress)
+        world.prepare(robot, on_progress)
 
 
 def _say_what_is_done(plan: Plan, out: Path) -> None:
@@ -454,7 +378,7 @@ class _RunLine:
     """The line that shows how far a run is, after each trial and between two of them."""
 
     def __init__(self, plan: Plan, out: Path, label: str | None, draw: Callable[[int, str], None]) -> None:
-        from betterbench.cli.outlook import Outlook, step_limits
+        from betterbench.cli.outlook import Outlook
         from betterbench.cli.tally import RunTally
         from betterbench.records import RunFolder
 
@@ -462,7 +386,7 @@ class _RunLine:
         self.elapsed_s = 0.0
         self._draw = draw
         self._folder, self._start = RunFolder(out, {}, {}), "" if label is None else f"{label}: "
-        self._tally, self._outlook = RunTally(), Outlook(step_limits(plan))
+        self._tally, self._outlook = RunTally(), Outlook(plan.world.step_limits(plan.trials))
         self._progress: Progress | None = None
         self._began_s = time.monotonic()
         self._next_line_s, self._estimated = 0.0, False
@@ -519,8 +443,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
     kind = kind_of(plan.policy)
     needs = kind.needs_of(plan.policy)
     shown_as = kind.name if needs.server else plan.policy
-    if plan.world is None:
-        prepare_robot(plan.robot)
+    _prepare(plan.world, plan.robot)
     with progress_bar(label or shown_as, len(plan.trials), estimate=False) as (bar, task):
         shown = _RunLine(plan, out, label, lambda done, note: bar.update(task, completed=done, note=note))
         on_progress, on_steps = shown.progress, shown.step
@@ -532,7 +455,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
     times = run_times(run.entries())
     if times is not None:
         chosen = options.get("envs") is None
-        say(f"time: {times_text(times, foreign=plan.world is not None, chosen=chosen)}")
+        say(f"time: {times_text(times, drawn_here=not plan.world.drawn_by, chosen=chosen)}")
     return run
 
 
@@ -567,11 +490,11 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
-    if plan.policy == "expert" and plan.world is None:
+    if plan.policy == "expert" and plan.world.facts.measured:
         _print_expert(run)
     following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
-    if plan.world is None:
+    if plan.world.facts.reading != "chains":  # which get no labels
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     require_a_trial(run)
 

@@ -1,4 +1,4 @@
-"""``better premise``: check that the scenes of a foreign world fulfill the premises of their instructions."""
+"""``better premise``: check that the scenes of LIBERO and LIBERO-Plus fulfill the premises of their instructions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def premise_command(
     """
     from betterbench.jobs.durable import write_durably
     from betterbench.jobs.outputs import OutputFile
-    from betterbench.sim.worlds import WorldProcess, world_command
+    from betterbench.sim.worlds import WorldProcess, world_named
     from betterbench.sim.worlds.premises import check_premises, entries_bytes, is_premise_file, read_entries
     from betterbench.tasks.worlds.libero import PLUS_SUITES, suite_named
 
@@ -57,7 +57,7 @@ def premise_command(
     with OutputFile(path, "premise", overwrite=overwrite, is_ours=is_premise_file), ExitStack() as stack:
         known = read_entries(path) if not overwrite or is_premise_file(path) else ()
         kept: list[PremiseEntry] = list(known)
-        process = stack.enter_context(WorldProcess(world_command(world)))
+        process = stack.enter_context(WorldProcess(world_named(world).start_command()))
         for name in chosen:
             for entry in check_premises(process, name, known=known):
                 found.append(entry)

@@ -12,10 +12,11 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.records import Record, RunFolder
 from betterbench.records.run_names import run_names
 from betterbench.tasks import TrialId
-from betterbench.tasks.worlds.calvin import CHAIN_SUITES, Chain, ChainResult, SubtaskResult, calvin_chains
-from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
+from betterbench.tasks.worlds.calvin import Chain, ChainResult, SubtaskResult, calvin_chains
+from betterbench.tasks.worlds.facts import OUR_SUITE
+from betterbench.tasks.worlds.libero import PLUS_SUITES
 
-OURS = "better60"
+OURS = OUR_SUITE
 """Name of the suite of a run in our own scenes."""
 
 InitialState = tuple[str, int]
@@ -62,7 +63,7 @@ class SuiteRun:
 def is_across(runs: Sequence[RunFolder]) -> bool:
     """Tell whether runs are of several suites, or of chains: then they share no trials that labels could compare."""
     suites = {_suite_of(run) for run in runs}
-    return len(suites) > 1 or bool(suites & CHAIN_SUITES.keys())
+    return len(suites) > 1 or any(run.world.reading == "chains" for run in runs)
 
 
 def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> tuple[SuiteRun, ...]:
@@ -97,11 +98,15 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
 def _suite_of(run: RunFolder) -> str:
     """Return the suite of a run; RecordError if its plan names none that is known."""
-    world = run.plan.get("world")
-    if world is None:
-        return OURS
-    suites = {str(t.get("suite")) for t in _mapping(_mapping(world).get("tasks")).values() if isinstance(t, dict)}
-    if len(suites) != 1 or not suites <= SUITES.keys() | PLUS_SUITES.keys() | CHAIN_SUITES.keys():
+    facts = run.world
+    if len(facts.suites) == 1:
+        return next(iter(facts.suites))
+    stored = _mapping(run.plan["world"]).get("tasks")
+    suites = {str(t.get("suite")) for t in _mapping(stored).values() if isinstance(t, dict)}
+    if stored is None:
+        planned = {(str(t["task"]).rpartition("-")[0], t.get("variation")) for t in run.plan["trials"]}
+        suites = {suite.name for suite in facts.suites.values() if (suite.base, suite.change) in planned}
+    if len(suites) != 1 or not suites <= facts.suites.keys():
         listed = ", ".join(sorted(suites))[:80] or "none"
         raise RecordError(f"{run.path / 'run.json'}: plan.world.tasks names the suites {listed}. Restore the file.")
     return suites.pop()
@@ -112,7 +117,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
     if suite == OURS:
         return SuiteRun(name, run.path, OURS, OURS, None)
     world = _mapping(run.plan["world"])
-    known = {**SUITES, **PLUS_SUITES, **CHAIN_SUITES}[suite]
+    known = run.world.suites[suite]
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     planned = [TrialId(str(t["task"]), str(t["condition"]), int(t["seed"])) for t in run.plan["trials"]]
     lost = {trial for trial in planned if trial in entries and entries[trial].status != "done"}
@@ -121,7 +126,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
     chains: list[ChainResult] = []
     for trial in planned:
         missing = trial in lost or trial in left
-        if suite in CHAIN_SUITES:
+        if run.world.reading == "chains":
             chain = calvin_chains()[trial.seed]
             record = None if missing else run.read_record(trial.task, trial.condition, trial.seed)
             chains.append(chain_result(chain, record))

@@ -124,7 +124,7 @@ def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
 
     Raises:
         UnknownNameError: If there is no such preset.
-        InvalidInputError: If only a foreign world plays its actions, or the observation preset lacks a camera that it
+        InvalidInputError: If only another world plays its actions, or the observation preset lacks a camera that it
             shows.
     """
     adapter = own_preset(name)

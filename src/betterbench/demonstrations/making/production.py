@@ -45,7 +45,7 @@ from betterbench.demonstrations.making.starts import (
 )
 from betterbench.errors import InvalidInputError, RecordError, require_between
 from betterbench.evaluation.planning.manifest import run_context
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.interface.actions import EE_DELTA
 from betterbench.jobs import JobProgress, in_processes, run_items
@@ -62,6 +62,7 @@ from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.interventions.regimes import Regime, in_regime
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 logger = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ from betterbench.demonstrations.making.production import Method
 from betterbench.demonstrations.making.starts import Start, planned_starts
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.planning.manifest import run_context
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.interface.actions import EE_DELTA
 from betterbench.jobs.durable import on_disk
@@ -24,6 +24,7 @@ from betterbench.records import Journal, JournalEntry, RunFolder
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Expected, get_task
+from betterbench.tasks.trial import Trial
 
 FIRST_TELEOPERATED_SEED = 500_000_000
 """First seed of teleoperated demonstrations unless another one is asked for: far from those of other demonstrators."""

@@ -27,7 +27,7 @@ from betterbench.errors import (
     RunConflictError,
     StorageError,
 )
-from betterbench.evaluation.planning.plan import Plan, Trial, make_plan
+from betterbench.evaluation.planning.plan import Plan, make_plan
 from betterbench.evaluation.running.external_run import ExternalRun
 from betterbench.installation import missing_extra
 from betterbench.interface import Observation, observation_spec
@@ -36,6 +36,7 @@ from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.presets import PRESETS, VLA_EVAL, own_preset
 from betterbench.records import Outcome
 from betterbench.tasks import TrialId, get_task
+from betterbench.tasks.trial import Trial
 
 try:
     from vla_eval.benchmarks.base import StepBenchmark, StepResult

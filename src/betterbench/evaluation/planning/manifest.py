@@ -22,9 +22,6 @@ from betterbench.interface.actions import action_space
 from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json
 from betterbench.records import RunFolder
-from betterbench.sim.robots import robot as robot_named
-from betterbench.sim.scenes import CONTROL_RATE_HZ, TIMESTEP_S
-from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.user_files import loaded_files
 
 
@@ -36,8 +33,8 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
     unseen = {"problem": "no images are rendered in this run"}
-    if images and plan.world is not None:
-        images, unseen = False, {"problem": "the process of the foreign simulator renders the images"}
+    if images and plan.world.drawn_by:
+        images, unseen = False, {"problem": f"{plan.world.drawn_by} renders the images"}
     machine = describe_machine()
     context = {
         "python": platform.python_version(),
@@ -60,23 +57,10 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
     """Return every convention in force, those of the plan and the fixed ones."""
-    if plan.world is not None:
-        return {
-            "action_space": action_space(plan.action_space).to_json(),
-            "observation": observation_spec(plan.observation).to_json(),
-            **plan.world.conventions(),
-        }
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
-        "robot": robot_named(plan.robot).to_json(),
-        "control_rate_hz": CONTROL_RATE_HZ,
-        "physics_timestep_s": TIMESTEP_S,
-        "thresholds": THRESHOLDS.to_json(),
-        "images": "upright, RGB, uint8, (height, width, 3)",
-        "quaternions": "w x y z, w >= 0",
-        "poses": "tool center point in the robot base frame [m]",
-        "units": "m, kg, s, rad",
+        **plan.world.conventions(plan.robot),
     }
 
 

@@ -12,13 +12,14 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation.planning.manifest import policy_difference
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.trust import require_trust
 from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json, open_form, read_form
 from betterbench.records import RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import Looks, TrialId
+from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
 """Parts of a plan that are read back, or that alone change no result: the suite and every task have their versions."""
@@ -72,8 +73,9 @@ def repeated_plan(
     """
     run = _open(path)
     where = run.path / "run.json"
-    if run.is_foreign:
-        raise InvalidInputError("--from", f"{where} is a run in a foreign world", "Give its --suite and --protocol")
+    if not run.world.measured:
+        problem = f"{where} is a run in {run.world.title}, where runs are not repeated"
+        raise InvalidInputError("--from", problem, "Give its --suite and options again")
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     if policy is None and not trust:
         require_trust(stored.policy, where=str(where))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.statistics import Decisions, Question, decide
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 
 class Schedule:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, WorkerError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.ray_engine.cluster import PLACING_S
 from betterbench.evaluation.ray_engine.remote_worker import Delivery, RemoteWorker, Turn, versions_here
 from betterbench.evaluation.ray_engine.replicas import Replicas
@@ -35,6 +34,7 @@ from betterbench.evaluation.workers.worker import even_share
 from betterbench.jobs import RetryLedger, write_durably
 from betterbench.jobs.durable import on_disk
 from betterbench.records import JournalEntry, RunFolder
+from betterbench.tasks.trial import Trial
 
 logger = logging.getLogger(__name__)
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.worker import Worker
 from betterbench.records import JournalEntry, RunFolder
 from betterbench.sim.graphics import take_device
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import load_sources
 from betterbench.version import __version__
 

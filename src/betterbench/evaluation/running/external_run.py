@@ -15,7 +15,7 @@ import numpy.typing as npt
 from betterbench.episodes import POLICY_BOUNDARY, Question, Reply
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError
 from betterbench.evaluation.planning.manifest import run_context, same_policy
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.trials.given_policy import kind_of_callers, needs_in_run
@@ -27,6 +27,7 @@ from betterbench.policies.description import describe_policy
 from betterbench.policies.factory import PolicyFactory
 from betterbench.records import Journal, JournalEntry, Outcome, RunFolder
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 LOCK_PATIENCE_S = 60.0
 """Longest wait for another process that drives the same run [s]; each holds the lock while it writes one line."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.planning.manifest import run_context, same_policy
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.repeat import require_same_policy
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require_ray
@@ -35,6 +35,7 @@ from betterbench.policies.kinds import PolicyNeeds, needs_of
 from betterbench.records import Journal, JournalEntry, RunFolder
 from betterbench.sim.graphics import require_drawing
 from betterbench.statistics import Decisions
+from betterbench.tasks.trial import Trial
 
 if TYPE_CHECKING:
     from betterbench.evaluation.ray_engine.session import RaySession
@@ -158,7 +159,7 @@ def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
     """
     if "assumed" in info.metadata:
         logger.warning("%s", info.metadata["assumed"])
-    if engine == "local" and plan.world is None and info.needs_images and plan.observation != "state_only":
+    if engine == "local" and not plan.world.drawn_by and info.needs_images and plan.observation != "state_only":
         require_drawing()
 
 
@@ -218,18 +219,19 @@ def _ask_policy(
 ) -> _Asked:
     """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
     if given is not None:
-        return _Asked(given.check(plan.action_space, plan.observation), 1, given)
-    address, world = plan.policy, "" if plan.world is None else plan.world.world
+        return _Asked(given.check(plan.action_space, plan.observation, rate_hz=plan.world.control_rate_hz), 1, given)
+    address, world, rate_hz = plan.policy, plan.world.dialect, plan.world.control_rate_hz
     needs = needs_of(address)
     if alone or needs.server or not needs.thread:
         policies = PolicyFactory(address, apart=True, timeout_s=timeout_s, world=world)
         stack.callback(policies.close)
-        return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
+        info = policies.check(plan.action_space, plan.observation, rate_hz=rate_hz)
+        return _Asked(info, usual_envs(policies), policies)
     with ExitStack() as own:
         # A policy of the user may hold weights. It is asked in a process of its own, so that they are loaded either
         # there or, after that process has ended, in the workers.
         run = (plan.action_space, plan.observation)
-        host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world))
+        host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world, rate_hz=rate_hz))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
         if not (info.heavy or host.takes_batches):
             return _Asked(info, envs, PolicyFactory(address, apart=True, timeout_s=timeout_s, world=world))
@@ -244,7 +246,7 @@ def _with_policy(
     settings: RunSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
 ) -> RunSettings:
     """Return settings with what is known of the policy, and the environments that were asked for or may be chosen."""
-    first, most = (envs, envs) if envs else envs_between(asked.envs, workers, foreign=settings.world is not None)
+    first, most = (envs, envs) if envs else envs_between(asked.envs, workers, world=settings.world)
     return replace(
         settings,
         envs=first,
@@ -274,24 +276,6 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
         raise UnknownNameError("engine", engine, get_args(Engine))
 
 
-def _by_scene(trials: list[Trial], *, last: int = 0, foreign: bool = False) -> list[Trial]:
-    """Order trials: those that share compiled scenes follow each other, and long tasks come before short ones.
-
-    The ``last`` trials are ordered by their own lengths, since at the end of a run workers should wait for short trials
-    only. Results do not depend on the order.
-    """
-    if foreign:
-        return sorted(trials, key=lambda t: (t.task, t.seed))
-    limits = dict[tuple[str, str], int]()
-    for trial in {(t.task, t.condition): t for t in trials}.values():
-        found = trial.resolve()
-        limits[trial.task, trial.condition] = found.task.step_limit(found.condition)
-    longest = {task: max(s for (of, _), s in limits.items() if of == task) for task, _ in limits}
-    ordered = sorted(trials, key=lambda t: (-longest[t.task], t.task, t.seed))
-    begin = max(0, len(ordered) - last)
-    return ordered[:begin] + sorted(ordered[begin:], key=lambda t: -limits[t.task, t.condition])
-
-
 def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
     # Imported here because Ray is an extra.
     from betterbench.evaluation.ray_engine.session import RaySession  # noqa: PLC0415
@@ -311,7 +295,7 @@ def _entries(
     """Yield the journal entry of every trial, as they end."""
     workers = settings.workers
     last = 2 * workers * max(settings.envs, settings.most_envs)  # so that each environment takes some of them
-    later = (_by_scene(trials, last=last, foreign=settings.world is not None) for trials in schedule.rounds())
+    later = (settings.world.in_order(trials, last=last) for trials in schedule.rounds())
     first = next(later, [])
     if not first:
         return

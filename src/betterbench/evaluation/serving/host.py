@@ -21,6 +21,7 @@ from betterbench.interface import PolicyInfo
 from betterbench.jobs.worker_process import SpawnedProcess, interrupts_blocked, prepare_process
 from betterbench.policies.clients.connection import LONGEST_WAIT_S
 from betterbench.policies.factory import PolicyFactory
+from betterbench.sim.scenes import CONTROL_RATE_HZ
 
 logger = logging.getLogger(__name__)
 
@@ -47,13 +48,20 @@ class Host:
     """
 
     def __init__(
-        self, policy: str, *, run: tuple[str, str], timeout_s: float = POLICY_TIMEOUT_S, world: str = ""
+        self,
+        policy: str,
+        *,
+        run: tuple[str, str],
+        timeout_s: float = POLICY_TIMEOUT_S,
+        world: str = "",
+        rate_hz: float = CONTROL_RATE_HZ,
     ) -> None:
         """Prepare; ``run`` is the action space and observation preset to compare the policy's conventions with.
 
-        ``world`` is the foreign world of the run.
+        ``world`` is the world in whose conventions a server is spoken to, and ``rate_hz`` the control rate of the run
+        [Hz].
         """
-        self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world), timeout_s, 0
+        self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world, rate_hz), timeout_s, 0
         self._port = 0
         self.takes_batches = False
         self._running: SpawnedProcess | None = None  # closing its pipe ends it
@@ -144,17 +152,17 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
     return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
 
 
-def serve(policy: str, run: tuple[str, str, str], timeout_s: float, port: int, pipe: Connection) -> None:
+def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port: int, pipe: Connection) -> None:
     """Serve a policy until this process is ended; the main function of a host.
 
-    ``run`` is its action space, its observation preset, and its foreign world or "". The port is any free one if
-    ``port`` is 0. What the policy says about itself and the port are sent to ``pipe``, or the error that prevents it;
-    the process ends when the other end is closed.
+    ``run`` is its action space, its observation preset, the world in whose conventions a server is spoken to, and its
+    control rate [Hz]. The port is any free one if ``port`` is 0. What the policy says about itself and the port are
+    sent to ``pipe``, or the error that prevents it; the process ends when the other end is closed.
     """
     prepare_process()
-    *conventions, world = run
+    space, observation, world, rate_hz = run
     with _errors_sent(pipe), PolicyFactory(policy, apart=True, timeout_s=timeout_s, world=world) as policies:
-        info, batches = policies.check(*conventions), policies.takes_batches
+        info, batches = policies.check(space, observation, rate_hz=rate_hz), policies.takes_batches
         deadline = Deadline(timeout_s, exit_hung)
         server = open_server(policy, port=port, made=policies.take(), deadline=deadline)
         with contextlib.suppress(OSError):

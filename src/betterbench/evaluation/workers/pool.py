@@ -11,7 +11,6 @@ from multiprocessing.connection import Connection, wait
 from typing import Self
 
 from betterbench.errors import BetterError, PolicyProcessError, WorkerError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.step_count import StepCount, StepReport, StepsTaken
 from betterbench.evaluation.workers.worker import Worker, even_share
@@ -20,6 +19,7 @@ from betterbench.jobs.worker_process import SpawnedProcess, interrupts_blocked, 
 from betterbench.records import JournalEntry
 from betterbench.sim.graphics import take_device
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 logger = logging.getLogger(__name__)
 

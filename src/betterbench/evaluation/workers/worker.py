@@ -17,7 +17,6 @@ from typing import Self
 
 from betterbench.episodes import Question, Reply
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyUnavailableError, one_line
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.policy_thread import Answered, PolicyThread, no_answer
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
@@ -27,16 +26,15 @@ from betterbench.interface import BatchPolicy, Observation, Policy
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.factory import PolicyFactory
 from betterbench.records import JournalEntry
+from betterbench.sim.worlds import OWN_WORLD, World
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 logger = logging.getLogger(__name__)
 
 USUAL_ENVS = 8
 """Environments with which a worker begins for a policy that answers from another process: while some wait, the others
 are simulated. A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environment_count`)."""
-
-WORLD_ENVS = 2
-"""The same in a foreign world, where every environment is a process with a simulator that takes far longer."""
 
 MOST_WAITING = 32
 """Environments of all workers together at the beginning: a server that answers one question at a time, in 0.3 s, then
@@ -70,15 +68,15 @@ def fair_envs(envs: int, workers: int) -> int:
     return max(1, min(envs, MOST_WAITING // workers))
 
 
-def envs_between(envs: int, workers: int, *, foreign: bool = False) -> tuple[int, int]:
+def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[int, int]:
     """Return with how many environments each of several workers begins, and how many a warm-up may choose.
 
-    ``envs`` is the usual number of one worker alone. A policy of which each environment has an instance of its own
-    stays at 1: instances may hold weights.
+    ``envs`` is the usual number of one worker alone, which the ``world`` may change. A policy of which each environment
+    has an instance of its own stays at 1: instances may hold weights.
     """
     if envs == 1:
         return 1, 1
-    first = fair_envs(WORLD_ENVS if foreign else envs, workers)
+    first = fair_envs(world.environments(envs), workers)
     return first, max(first, min(MAX_ENVS, MOST_CHOSEN // workers))
 
 

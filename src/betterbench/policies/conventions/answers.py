@@ -72,7 +72,7 @@ _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_absolute_quaternion": "quaternion_xyzw",
     "libero_absolute": "axis_angle",
 }
-"""Rotation format of the action spaces of foreign worlds."""
+"""Rotation format of the action spaces that only other worlds play."""
 
 _OF_THE_SPACE: Any = None
 """Default of a convention that is taken from the action space."""
@@ -209,7 +209,7 @@ class AnswerRule:
         return any(part.kind == "action" for part in self.parts)
 
     def in_space(self, space: str) -> AnswerRule:
-        """Return the rule for another action space, in its own conventions if only a foreign world plays it.
+        """Return the rule for another action space, in its own conventions if only another world plays it.
 
         Raises UnknownNameError if there is none of that name, InvalidInputError if its columns make no such action.
         """
@@ -351,7 +351,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _in_world(self, translation: np.ndarray, rows: list[list[float]], bad: np.ndarray) -> np.ndarray:
-        """Return translation and rotation in the numbers of a foreign world's action space, (horizon, 6 or 7)."""
+        """Return translation and rotation in the numbers of another world's action space, (horizon, 6 or 7)."""
         if self.space in _ADDS_ANGLES:
             scale = action_space(self.space).scale
             moves = translation * (self.translation_unit_m / scale[0])

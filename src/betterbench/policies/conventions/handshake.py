@@ -185,7 +185,7 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
 def space_cure(space: str) -> str:
     """Return what to do about a policy that answers in another action space than the run's.
 
-    A foreign world is played in the space of its own, so there the option does not exist.
+    Another world is played in the space of its own, so there the option does not exist.
     """
     return f"Give --action-space {space} in a suite of ours, and in LIBERO and CALVIN another policy or preset"
 

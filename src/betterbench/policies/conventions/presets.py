@@ -435,7 +435,7 @@ def preset(name: str) -> Adapter:
 def own_preset(name: str) -> Adapter:
     """Return a preset that is played in our own scenes.
 
-    Raises UnknownNameError if there is no such preset, and InvalidInputError if only a foreign world plays its actions.
+    Raises UnknownNameError if there is no such preset, and InvalidInputError if only another world plays its actions.
     """
     found = preset(name)
     if name not in OWN_PRESETS:
@@ -450,7 +450,7 @@ def own_preset(name: str) -> Adapter:
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
     """Return the adapter that an address asks for, or the default if it names neither a preset nor a file.
 
-    In a foreign world, a preset is what that world's own clients do with such a policy.
+    In another world, a preset is what that world's own clients do with such a policy.
 
     Raises InvalidInputError if it names both, or neither without a default, or an option is malformed, or the world
     does not play such actions, and UnknownNameError if a name in it does not exist.
@@ -522,7 +522,7 @@ def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputEr
 
 
 def presets_in(world: str) -> tuple[str, ...]:
-    """Return the names of the presets that are played in a foreign world, or in our own scenes if it is empty."""
+    """Return the names of the presets that are played in another world, or in our own scenes if it is empty."""
     if world == "calvin":
         return tuple(CALVIN_PRESETS)
     layouts = _LAYOUTS if world == "" else (*_LAYOUTS, VLA_EVAL_ABSOLUTE)
@@ -530,7 +530,7 @@ def presets_in(world: str) -> tuple[str, ...]:
     return tuple(name for name, layout in shown.items() if layout.answer.space in PLAYED_IN[world])
 
 
-_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "libero_plus": "LIBERO-Plus", "calvin": "CALVIN"}
+_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:

@@ -17,7 +17,7 @@ from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.policies.experts.motion import CLOSE, OPEN, TRANSLATION_PER_UNIT_M, Motion, delta_action
 from betterbench.policies.experts.registry import parse_address
 from betterbench.policies.faulty import Fault
-from betterbench.sim.worlds import ForeignScene
+from betterbench.sim.worlds import ProcessScene
 from betterbench.tasks import Label, TrainingDistribution, stream
 from betterbench.tasks.worlds.libero_training import CARRIED, trained_in, word_of_sentence
 
@@ -67,7 +67,7 @@ class _Aim:
 class LiberoAgent:
     """Privileged policy in one episode of a LIBERO task that asks for objects to be carried."""
 
-    def __init__(self, address: str, scene: ForeignScene) -> None:
+    def __init__(self, address: str, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset.
 
         Raises:
@@ -239,7 +239,7 @@ class CarriedStep:
     target: str
 
 
-def steps_of(scene: ForeignScene) -> tuple[CarriedStep, ...]:
+def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
     """Return what the task of a scene that has been reset asks for.
 
     Raises:

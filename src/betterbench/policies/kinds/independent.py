@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from betterbench.interface.state import PrivilegedPolicy
-    from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 _FORM = AddressForm(scheme="independent", example="independent:HABIT-MANNER")
 
@@ -32,7 +31,7 @@ def _read(text: str, world: str) -> PolicyAddress:
     return address
 
 
-def _make_for(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
+def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
     del trial
     made: PrivilegedPolicy = _family(address.text).make_independent(address.text, own_scene(address, scene))
     return made

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from betterbench.interface import Policy, PolicyInfo
     from betterbench.interface.state import AnyPolicy, PrivilegedPolicy
     from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 
 class PlannedTrial(Protocol):
@@ -113,12 +113,12 @@ class PolicyKind:
         make: Makes a policy that sees observations and plays one episode after the other.
         make_for: Makes a policy for one episode in a scene; the trial is None outside a run.
         named: Its policies by address with a sentence each, where their number is fixed; else None.
-        read: Reads an address, for a foreign world or ""; the form does it unless told otherwise.
+        read: Reads an address for a world ("libero"), or for ours (""); the form does it unless told otherwise.
         describe: Returns what a policy says about itself, or None where one has to be made to be asked.
         compares: Whether its policies have a ``check`` that compares their conventions with those of the run.
         source_of: Returns name and fingerprint of the user's file behind a policy. A resumed run compares them.
         risk: Risk of evaluating such an address, which the owner of the machine has to allow, with ``{target}``.
-        require_world: Raises InvalidInputError if a policy cannot act in a foreign world ("LIBERO").
+        require_world: Raises InvalidInputError if a policy cannot act in a world that is not ours ("LIBERO").
         space_in_world: Returns the action space in which a policy answers in the world of its address; None if open.
     """
 
@@ -127,7 +127,7 @@ class PolicyKind:
     summary: str
     needs: PolicyNeeds | Callable[[PolicyAddress], PolicyNeeds]
     make: Callable[[PolicyAddress], Policy] | None = None
-    make_for: Callable[[PolicyAddress, Scene | ForeignScene, PlannedTrial | None], AnyPolicy] | None = None
+    make_for: Callable[[PolicyAddress, TrialScene, PlannedTrial | None], AnyPolicy] | None = None
     named: Callable[[], Mapping[str, str]] | None = None
     read: Callable[[str, str], PolicyAddress] | None = None
     describe: Callable[[PolicyAddress], PolicyInfo | None] = _declares_nothing
@@ -143,7 +143,7 @@ class PolicyKind:
         return self.form.scheme
 
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
-        """Read one of its addresses, for a foreign world if one is named.
+        """Read one of its addresses, in the conventions of a world if one is named.
 
         Raises:
             UnknownNameError: If there is no such policy or option.
@@ -224,7 +224,7 @@ def needs_of(address: str) -> PolicyNeeds:
 
 
 def read_address(address: str, *, world: str = "") -> PolicyAddress:
-    """Read an address, for a foreign world if one is named.
+    """Read an address, in the conventions of a world if one is named.
 
     Raises:
         UnknownNameError: If there is no such policy or option.
@@ -234,7 +234,7 @@ def read_address(address: str, *, world: str = "") -> PolicyAddress:
 
 
 def make_policy(address: str, *, world: str = "") -> Policy:
-    """Return a policy that sees observations, for a foreign world if one is named.
+    """Return a policy that sees observations, in the conventions of a world if one is named.
 
     Raises:
         UnknownNameError: If there is no such policy or option.
@@ -250,7 +250,7 @@ def make_policy(address: str, *, world: str = "") -> Policy:
     return kind.make(read)
 
 
-def make_for(address: str, scene: Scene | ForeignScene, trial: PlannedTrial | None = None) -> AnyPolicy:
+def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None) -> AnyPolicy:
     """Return a policy for one episode in a scene; the trial is None outside a run.
 
     Raises:

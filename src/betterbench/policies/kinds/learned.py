@@ -13,8 +13,7 @@ if TYPE_CHECKING:
 
     from betterbench.interface import Policy, PolicyInfo
     from betterbench.interface.state import PrivilegedPolicy
-    from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 _FORM = AddressForm(
     scheme="learned",
@@ -42,7 +41,7 @@ def _make(address: PolicyAddress) -> Policy:
     return make_seeing(address)
 
 
-def _make_for(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
+def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
     del trial
     from betterbench.policies.learned import make_learned
 

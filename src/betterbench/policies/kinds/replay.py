@@ -13,8 +13,7 @@ from betterbench.policies.address import AddressForm, PolicyAddress
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind, PolicyNeeds, register
 
 if TYPE_CHECKING:
-    from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 
 class Replay:
@@ -91,7 +90,7 @@ def _describe(address: PolicyAddress) -> PolicyInfo:
     return PolicyInfo(address.text, action_space="", needs_images=False)
 
 
-def _make_for(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> Replay:
+def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> Replay:
     del scene
     if trial is None:
         raise address.error("it replays the records of planned trials", "Evaluate it")

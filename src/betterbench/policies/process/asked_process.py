@@ -42,7 +42,7 @@ _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.l
 
 
 def main(address: str, link: int, life: int, world: str = "") -> None:
-    """Load the policy of an address, which acts in a foreign world if one is named; answer until the socket is closed.
+    """Load the policy of an address, in the conventions of a world if one is named; answer until the socket is closed.
 
     ``link`` is the file descriptor of the socket, and ``life`` one that reads an end when the run has ended.
     """

@@ -84,7 +84,7 @@ class PolicyProcess:
     ) -> None:
         """Start the process and wait until it has loaded the policy, unless it was started already.
 
-        ``world`` is the foreign world in which the policy acts.
+        ``world`` is the world in whose conventions a server is spoken to.
 
         Raises:
             BetterError: What the policy's loading raised, if it is an error of betterbench.

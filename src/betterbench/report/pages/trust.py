@@ -14,20 +14,14 @@ from betterbench.report.pages.power_page import flagged, redundant
 from betterbench.statistics import Rate
 from betterbench.statistics.wording import listed, points
 from betterbench.tasks import SUITE_VERSION
-
-_ABROAD = {
-    "Scenes": "They are LIBERO's own. Where a scene does not show what its sentence presupposes, the run stops or its "
-    "records say so; no trial is certified.",
-    "Calibration": "The labels of scripted policies with known faults in LIBERO are counted in docs/worlds.md; better "
-    "calibrate measures our own scenes alone.",
-}
-"""Statements about scenes and calibration for a run in LIBERO."""
+from betterbench.tasks.worlds.facts import facts_of_task
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     """Return statements about the benchmark itself for these runs, by name, a sentence or two each."""
     if all(map(is_abroad, diagnoses)):
-        return dict(_ABROAD)
+        worlds = {name: facts_of_task(name) for d in diagnoses for name in dict.fromkeys(t.task for t in d.trials)}
+        return {name: text for facts in worlds.values() for name, text in facts.statements.items()}
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
     shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
     facts = {"Certificate": _certified(trials, shown)}

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.tables.cell_position import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.tables.table import Scalar, Table
@@ -14,6 +13,7 @@ from betterbench.statistics import Rate
 from betterbench.tasks import Condition, Expected
 from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.labels import Label, all_labels
+from betterbench.tasks.worlds.facts import facts_of_task
 
 PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
     Horizon.SHORT: (
@@ -123,14 +123,14 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
 
     Conditions are found by their objects and not by their names. The cell in which everything stands on the table
     belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
-    so. Trials in LIBERO are in no cell.
+    so. Trials in other worlds are in no cell.
 
     Raises:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
     """
     trials: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.even_trials:
-        if not is_of_libero(trial.task):
+        if facts_of_task(trial.task).measured:
             trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():

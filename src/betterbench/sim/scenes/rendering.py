@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -384,3 +385,27 @@ def _visible_groups() -> mujoco.MjvOption:
     option.geomgroup[:] = (1, 1, 1, 0, 0, 0)
     option.sitegroup[:] = 0
     return option
+
+
+class Renderers:
+    """Renderers of the last models, because making one takes tens of milliseconds."""
+
+    def __init__(self, most: int) -> None:
+        """Prepare; ``most`` is the number of renderers that are kept, one per model."""
+        self._most = max(1, most)
+        self._kept: OrderedDict[str, Renderer] = OrderedDict()
+
+    def of(self, key: str, model: mujoco.MjModel, *, width: int, height: int, quality: Quality) -> Renderer:
+        """Return the renderer of a model, whose name is ``key``; width and height are those of its largest image."""
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        while len(self._kept) >= self._most:
+            self._kept.popitem(last=False)[1].close()
+        renderer = self._kept[key] = Renderer(model, width=width, height=height, quality=quality)
+        return renderer
+
+    def close(self) -> None:
+        """Free all renderers."""
+        while self._kept:
+            self._kept.popitem()[1].close()

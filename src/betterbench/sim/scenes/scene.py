@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import copy
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, distance, unit_quaternion
+from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.sim.robots import ArmController
@@ -19,13 +21,34 @@ from betterbench.sim.robots.control import ControllerState
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.readers import number_reader, row_reader, speed_reader
 from betterbench.sim.scenes.appearance import room_of, start_joints_of, view_jitter_of
-from betterbench.sim.scenes.builder import LABELS, CompiledScene, Placement, compile_scene, place_objects
+from betterbench.sim.scenes.builder import (
+    LABELS,
+    CompiledScene,
+    Placement,
+    compile_scene,
+    engine_version,
+    place_objects,
+)
 from betterbench.sim.scenes.cameras import ViewPlacement
 from betterbench.sim.scenes.contacts import ContactReader
+from betterbench.sim.scenes.described import SceneDescription
 from betterbench.sim.scenes.instances import ROBOT_PREFIX
 from betterbench.sim.scenes.stage import QUALITIES, Quality
 from betterbench.sim.scenes.stored import scene_files
-from betterbench.tasks import Condition, Expected, Looks, Task, broken_premises, training_distribution_of
+from betterbench.tasks import (
+    SUITE_VERSION,
+    Condition,
+    Expected,
+    GoalTracker,
+    Looks,
+    Task,
+    broken_premises,
+    training_distribution_of,
+)
+from betterbench.tasks.worlds.facts import OURS
+
+if TYPE_CHECKING:
+    from betterbench.sim.scenes.rendering import Images, Renderers
 
 TIMESTEP_S = PHYSICS.timestep_s
 """Step of the simulation [s]."""
@@ -52,8 +75,13 @@ class Scene:
     """One trial's world; everything else in the project is a frozen value.
 
     The initial state is computed, never simulated: every object is put into the pose in which its asset rests alone, so
-    that no object's start depends on another one.
+    that no object's start depends on another one. It is a :class:`betterbench.sim.worlds.TrialScene`.
     """
+
+    world: ClassVar[str] = OURS.name
+    draws_in_step: ClassVar[bool] = False
+    instructed_anew: ClassVar[bool] = False
+    over: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -192,6 +220,48 @@ class Scene:
     def files(self) -> dict[str, bytes]:
         """Return the compiled model as files, to be stored once per distinct scene."""
         return scene_files(self.model, self.compiled.content_hash)
+
+    def tracker(self) -> GoalTracker:
+        """Return the judge of an episode."""
+        return GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=self.control_rate_hz)
+
+    def described(self, *, images: bool) -> SceneDescription:
+        """Return what a record says about the scene."""
+        return SceneDescription(
+            task_version=self.task.version,
+            suite_version=SUITE_VERSION,
+            instruction=self.condition.instruction.text,
+            render_quality=self.quality.name if images else None,
+            engine={
+                "simulator": "mujoco",
+                "mujoco": engine_version(),
+                "machine": platform.machine(),
+                "model": self.compiled.content_hash,
+            },
+            looks=self.looks,
+            room=self.room.name,
+            view_jitter=self.view_jitter,
+        )
+
+    def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
+        """Return the images of the current state by camera; MissingDependencyError without off-screen OpenGL."""
+        largest = max(spec.cameras, key=lambda c: c.width * c.height)
+        renderer = renderers.of(
+            self.content_hash, self.model, width=largest.width, height=largest.height, quality=self.quality
+        )
+        wanted = tuple((c.name, c.width, c.height) for c in spec.cameras)
+        images = renderer.render_views(self.data, wanted, depth=spec.depth, masks=spec.masks)
+        return dict(zip((c.name for c in spec.cameras), images, strict=True))
+
+    def native(self) -> dict[str, np.ndarray]:
+        """Return nothing: a policy reads our own state parts."""
+        return {}
+
+    def draw_next(self, *, wanted: bool) -> None:
+        """Do nothing: images are rendered when they are looked at."""
+
+    def close(self, *, well: bool) -> None:
+        """Do nothing: the scene holds no process."""
 
     def reset(self, *, check_premise: bool = True) -> WorldState:
         """Put everything back to the start of the trial and return the state.

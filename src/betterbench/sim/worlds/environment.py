@@ -1,4 +1,4 @@
-"""Environment variables of a foreign simulator's process: those of the user that it must not see are left out.
+"""Environment variables of a simulator's process: those of the user that it must not see are left out.
 
 robosuite 1.4.0 takes ``CUDA_VISIBLE_DEVICES`` for the number of an EGL device, and asserts that
 ``MUJOCO_EGL_DEVICE_ID`` is among it (``utils/binding_utils.py``, ``renderers/context/egl_context.py``), so that both

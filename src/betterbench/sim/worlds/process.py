@@ -1,4 +1,4 @@
-"""The process of a foreign simulator, as a worker sees it: a failure of it costs at most its own trial."""
+"""The process of a simulator, as a worker sees it: a failure of it costs at most its own trial."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
 class WorldError(BetterError):
-    """The process of a foreign simulator has ended, hangs, or answers nonsense; its trial broke and is run again."""
+    """The process of a simulator has ended, hangs, or answers nonsense; its trial broke and is run again."""
 
 
 @contextlib.contextmanager
@@ -64,7 +64,7 @@ def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
 
 
 class WorldProcess(AskedProcess):
-    """A process of a foreign simulator, which ends when its socket is closed. A context manager, which ends it."""
+    """A process of a simulator, which ends when its socket is closed. A context manager, which ends it."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process; WorldError if that is not possible.

@@ -1,27 +1,37 @@
-"""A trial in a foreign world, with the interface of :class:`betterbench.sim.scenes.Scene` that an episode uses."""
+"""A trial in a world whose simulator is a process of its own, which answers over a socket."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion
+from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import LIBERO_ABSOLUTE, ActionSpace
 from betterbench.interface.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.json_form import open_form, read_form
+from betterbench.sim.scenes.described import SceneDescription
 from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
 from betterbench.sim.worlds.rows import RowForm
-from betterbench.tasks import Expected, Truth
-from betterbench.tasks.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, FieldProtocol, suite_named
+from betterbench.sim.worlds.world import USUAL_SCENE, Instructed, SceneOptions, World
+from betterbench.tasks import Truth
+from betterbench.tasks.worlds.libero import IMAGE_SIDE, OURS, PROTOCOLS, FieldProtocol, suite_named
 from betterbench.tasks.worlds.libero_training import TrainedTask
+
+if TYPE_CHECKING:
+    from betterbench.sim.scenes.rendering import Images, Renderers
+
+PROCESSES = 2
+"""Environments with which a worker begins: every one is a process with a simulator that takes far longer than ours."""
 
 PANDA_OPENING_M = 0.08
 """Largest distance of the finger pads of robosuite's Panda gripper [m]."""
@@ -131,11 +141,10 @@ def task_id(suite: str, number: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class WorldSettings:
-    """Settings of a worker that runs trials in a foreign world; small and picklable.
+class ProcessWorld(World):
+    """A world whose simulator is a process of its own; what a run adds to it is small and can be pickled.
 
     Attributes:
-        world: Its name.
         command: The command of its process.
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
         versions: Versions of the packages of its environment.
@@ -143,23 +152,19 @@ class WorldSettings:
         refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
     """
 
-    world: str
-    command: tuple[str, ...]
-    protocol: FieldProtocol
-    tasks: Mapping[str, WorldTask]
-    versions: Mapping[str, str]
+    drawn_by: ClassVar[str] = "the process of the foreign simulator"
+
+    command: tuple[str, ...] = ()
+    protocol: FieldProtocol = PROTOCOLS["openpi"]
+    tasks: Mapping[str, WorldTask] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
     regime: tuple[TrainedTask, ...] = ()
     refuse_broken: bool = True
 
     @property
     def simulator(self) -> str:
         """Name of the simulator; records of different simulators are not compared."""
-        return self.world
-
-    @property
-    def control_rate_hz(self) -> float:
-        """Control steps per second."""
-        return CONTROL_RATE_HZ
+        return self.name
 
     def step_limit(self, task: WorldTask) -> int:
         """Return the most control steps of an episode of a task."""
@@ -175,19 +180,27 @@ class WorldSettings:
         action_space: ActionSpace,
         images: bool,
         depth: bool = False,
-    ) -> ForeignScene:
+        options: SceneOptions = USUAL_SCENE,
+    ) -> ProcessScene:
         """Return the scene of a trial, which is set up by its reset; ``depth`` images are drawn beside ``images``."""
+        del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
         scene.draws_depth = depth
         return scene
 
-    def _scene_class(self) -> type[ForeignScene]:
-        return ForeignScene
+    def _scene_class(self) -> type[ProcessScene]:
+        return ProcessScene
 
-    def conventions(self) -> dict[str, str]:
+    def environments(self, usual: int) -> int:
+        """Return with how many environments a worker begins: each is a process with a simulator that takes long."""
+        del usual
+        return PROCESSES
+
+    def conventions(self, robot: str) -> dict[str, Any]:
         """Return the conventions of the world in words."""
+        del robot
         return {
             "controller": (
                 "robosuite OSC_POSE: deltas are added to the measured pose, absolute poses are its goals; actions pass "
@@ -202,7 +215,7 @@ class WorldSettings:
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, which does not say where the world is installed."""
         return {
-            "name": self.world,
+            "name": self.name,
             "protocol": self.protocol.to_json(),
             "tasks": {name: asdict(task) for name, task in self.tasks.items()},
             "versions": dict(self.versions),
@@ -212,32 +225,14 @@ class WorldSettings:
         }
 
 
-@dataclass(frozen=True, slots=True)
-class _Instruction:
-    text: str
+class ProcessScene:
+    """One initial state of one task of a world whose simulator is a process of its own."""
 
-
-@dataclass(frozen=True, slots=True)
-class Instructed:
-    """A condition of a foreign world, with the fields that an episode reads."""
-
-    id: str
-    name: str
-    instruction: _Instruction
-    expected: Expected = Expected.SUCCEED
-
-    @classmethod
-    def of(cls, whole: str, name: str, sentence: str) -> Instructed:
-        """Return the condition ``whole`` ("libero_spatial-05/base") with a sentence."""
-        return cls(whole, name, _Instruction(sentence))
-
-
-class ForeignScene:
-    """One initial state of one task of a foreign world."""
+    draws_in_step: ClassVar[bool] = True
 
     def __init__(
         self,
-        settings: WorldSettings,
+        settings: ProcessWorld,
         processes: WorldProcesses,
         *,
         task: str,
@@ -268,6 +263,11 @@ class ForeignScene:
         self._step = 0
         self._gripper_command = -1.0
         self._info = SceneInfo((), (), (0.0, 0.0, 0.0), PANDA_OPENING_M)
+
+    @property
+    def world(self) -> str:
+        """Name of the world in whose terms privileged policies read the state."""
+        return self.settings.simulator
 
     @property
     def info(self) -> SceneInfo:
@@ -347,7 +347,7 @@ class ForeignScene:
                 f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} does not hold "
                 f"after settling, and the sentence is {self.task.instruction!r}. An update of the engine breaks "
                 f"scenes: this is MuJoCo {self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds "
-                f"install {self.settings.world}` for the one that is pinned, or give --broken-premises run to go on by "
+                f"install {self.settings.name}` for the one that is pinned, or give --broken-premises run to go on by "
                 "the book."
             )
         return self.state()
@@ -425,6 +425,31 @@ class ForeignScene:
             forbidden=False,
             success=bool(self._document["done"]),
         )
+
+    def tracker(self) -> ProcessTracker:
+        """Return the judge of an episode that has been reset: the world's own verdict."""
+        return ProcessTracker(self)
+
+    def described(self, *, images: bool) -> SceneDescription:
+        """Return what a record says about the scene, after its reset."""
+        engine = {**self.engine, "machine": platform.machine()}
+        if self.broken_premises:
+            engine["scene_broken_premises"] = ", ".join(self.broken_premises)
+        return SceneDescription(
+            task_version=1,
+            suite_version=self.task.suite,
+            instruction=self.whole_instruction,
+            render_quality=self.settings.name if images else None,
+            engine=engine,
+        )
+
+    def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
+        """Return the images of this step, which the process has drawn, by camera."""
+        from betterbench.sim.scenes.rendering import Images  # noqa: PLC0415 - a simulator's tests need no renderer
+
+        del spec, renderers
+        depth = self.depth()
+        return {name: Images(image, depth.get(name), None) for name, image in self.images().items()}
 
     def images(self) -> dict[str, np.ndarray]:
         """Return the images of this step as LIBERO's clients show them, turned by 180 degrees, by camera."""
@@ -544,10 +569,10 @@ class ForeignScene:
         return SceneInfo(objects, slots, vector_of(self._get("ee_position")), PANDA_OPENING_M)
 
 
-class ForeignTracker:
-    """Follows the goal of an episode in a foreign world, as :class:`betterbench.tasks.GoalTracker` does in ours."""
+class ProcessTracker:
+    """Follows the goal of an episode, as :class:`betterbench.tasks.GoalTracker` does in our own scenes."""
 
-    def __init__(self, scene: ForeignScene) -> None:
+    def __init__(self, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset."""
         self._scene = scene
 

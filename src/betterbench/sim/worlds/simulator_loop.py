@@ -1,4 +1,4 @@
-"""Main loop of the process of a foreign simulator, which answers requests until the run closes the connection.
+"""Main loop of the process of a simulator, which answers requests until the run closes the connection.
 
 Like :mod:`betterbench.jobs.frames`, it is imported in an environment without betterbench.
 """
@@ -22,7 +22,7 @@ _LONGEST_PROBLEM = 2000
 
 
 class Simulator(Protocol):
-    """A foreign simulator with one environment."""
+    """A simulator with one environment."""
 
     def suite(self, name: str) -> dict[str, Any]:
         """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""

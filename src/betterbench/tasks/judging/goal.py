@@ -1,7 +1,5 @@
 """The goal of a condition, tracked over time: subgoals, order, harm, dwell and forbidden interactions."""
 
-from typing import NamedTuple
-
 from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.axes import Expected
@@ -11,28 +9,9 @@ from betterbench.tasks.judging.incremental import JudgingMemory
 from betterbench.tasks.judging.picked_slots import picked_slots
 from betterbench.tasks.judging.restraint import Restraint
 from betterbench.tasks.judging.targets import Places, Targets, asked_by
+from betterbench.tasks.judging.truth import Truth
 from betterbench.tasks.relations import RestWatch, arm_still, is_at, released
 from betterbench.tasks.thresholds import THRESHOLDS
-
-
-class Truth(NamedTuple):
-    """Goal state at one control step. A named tuple, because one is built at every control step.
-
-    Attributes:
-        relations: Whether each predicate holds, in the order of :attr:`GoalTracker.relation_names`.
-        subgoals: Whether each subgoal is done now (related, released and at rest).
-        in_order: False once a subgoal was done before one that comes earlier in an ordered instruction.
-        goal: All subgoals done in order, and no harm done to anything else (see ``tasks.harm``).
-        forbidden: An interaction happened so far that the condition forbids.
-        success: The episode has succeeded.
-    """
-
-    relations: tuple[bool, ...]
-    subgoals: tuple[bool, ...]
-    in_order: bool
-    goal: bool
-    forbidden: bool
-    success: bool
 
 
 class GoalTracker:

@@ -10,14 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 from betterbench.geometry import Pose, Quaternion, Vector
 from betterbench.interface.state import Contact, SceneInfo, WorldState
 from betterbench.tasks.judging.targets import Places, Targets
-
-if TYPE_CHECKING:
-    from betterbench.tasks.judging.goal import Truth
+from betterbench.tasks.judging.truth import Truth
 
 _HELD, _ANY_OBJECT, _ANYTHING = "<held>", "<any object>", "<anything>"
 """What a predicate can have read beside single bodies: the held object; all poses; or what may differ in any state."""

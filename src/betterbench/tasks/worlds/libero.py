@@ -12,6 +12,7 @@ from typing import Any
 
 from betterbench.errors import UnknownNameError
 from betterbench.json_form import strict_form
+from betterbench.tasks.worlds.facts import Suite, WorldFacts, register_facts
 
 IMAGE_SIDE = 256
 """Width and height of an image [pixel]."""
@@ -33,25 +34,6 @@ CHANGES: Mapping[str, str] = {
     "task": "the sentence asks for another task",
 }
 """Descriptions of LIBERO-PRO's changes to a suite, by name."""
-
-
-@dataclass(frozen=True, slots=True)
-class Suite:
-    """Suite of LIBERO, LIBERO-PRO or LIBERO-Plus.
-
-    Attributes:
-        name: Its name in LIBERO ("libero_spatial_swap").
-        base: The suite whose tasks it changes, or its own name.
-        change: Name of its change ("swap"), or None.
-        tasks: Number of its tasks.
-        summary: Description in one phrase.
-    """
-
-    name: str
-    base: str
-    change: str | None
-    tasks: int
-    summary: str
 
 
 _BASES = (
@@ -90,6 +72,21 @@ PLUS_SUITES: Mapping[str, Suite] = {
     )
 }
 """The four suites of LIBERO-Plus by name."""
+
+
+_STATEMENTS = {
+    "Scenes": "They are LIBERO's own. Where a scene does not show what its sentence presupposes, the run stops or its "
+    "records say so; no trial is certified.",
+    "Calibration": "The labels of scripted policies with known faults in LIBERO are counted in docs/worlds.md; better "
+    "calibrate measures our own scenes alone.",
+}
+
+LIBERO = register_facts(
+    WorldFacts(name="libero", title="LIBERO", suites=SUITES, reading="goals", statements=_STATEMENTS)
+)
+LIBERO_PLUS = register_facts(
+    WorldFacts(name="libero_plus", title="LIBERO-Plus", suites=PLUS_SUITES, reading="goals", statements=_STATEMENTS)
+)
 
 
 @strict_form

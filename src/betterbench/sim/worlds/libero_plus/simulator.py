@@ -29,8 +29,8 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.sim.worlds.libero_plus_noise import Noise
-from betterbench.sim.worlds.libero_simulator import LiberoSimulator, TaskFiles, prepare
+from betterbench.sim.worlds.libero.simulator import LiberoSimulator, TaskFiles, prepare
+from betterbench.sim.worlds.libero_plus.noise import Noise
 from betterbench.sim.worlds.simulator_loop import answer_requests
 from betterbench.tasks.worlds.libero_plus import CameraView, Variant, read_variant
 

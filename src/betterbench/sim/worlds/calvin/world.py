@@ -11,32 +11,40 @@ import json
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, PremiseError, one_line
+from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError, one_line, require_between
 from betterbench.geometry import Pose, Quaternion, Vector, horizontal_distance, multiply, rotate
-from betterbench.interface.actions import CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, ActionSpace
+from betterbench.interface.actions import (
+    CALVIN_ABSOLUTE,
+    CALVIN_ABSOLUTE_QUATERNION,
+    CALVIN_DELTA,
+    PLAYED_IN,
+    ActionSpace,
+)
 from betterbench.interface.state import Contact, ObjectInfo, SceneInfo, WorldState
 from betterbench.json_form import open_form, read_form
-from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
-from betterbench.sim.worlds.registry import world_named
+from betterbench.sim.worlds.installation import Installation
+from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed, sent_text, sent_texts
 from betterbench.sim.worlds.scene import (
     PANDA_OPENING_M,
-    ForeignScene,
-    Instructed,
-    WorldSettings,
+    ProcessScene,
+    ProcessWorld,
     WorldTask,
     held_object,
     require_finite,
     require_image,
     vector_of,
 )
-from betterbench.tasks import Truth
+from betterbench.sim.worlds.world import Instructed, PlanRequest
+from betterbench.statistics.wording import plural
+from betterbench.tasks import Expected, Truth
+from betterbench.tasks.trial import Trial
 from betterbench.tasks.worlds.calvin import (
     CHAINS,
     STEPS_PER_SUBTASK,
@@ -52,15 +60,19 @@ from betterbench.tasks.worlds.calvin import (
 from betterbench.tasks.worlds.calvin.play_table import finite_number
 from betterbench.tasks.worlds.calvin.sequences import CHAIN_LENGTH, GOLDEN
 from betterbench.tasks.worlds.calvin.starts import BLOCKS, DRAWER_OPEN_M, SLIDER_OPEN_M
-from betterbench.tasks.worlds.calvin.suites import CHAIN_SUITES, OFFICIAL
+from betterbench.tasks.worlds.calvin.suites import CALVIN, CHAIN_SUITES, OFFICIAL
+from betterbench.tasks.worlds.facts import WorldFacts
 from betterbench.tasks.worlds.libero import FieldProtocol
 
 logger = logging.getLogger(__name__)
 
-CALVIN = "calvin"
-
-CONTROL_RATE_HZ = 30.0
-
+INSTALLATION = Installation(
+    CALVIN.name,
+    "world-calvin.lock",
+    "betterbench.sim.worlds.calvin.simulator",
+    "270 MB (0.9 GB unpacked)",
+    "CALVIN ABC→D with PyBullet 3.2.7, in your checkout of calvin_env",
+)
 
 OURS = (
     "every chain is played in a process of its own, as the first one of CALVIN's evaluation is, so that it does not "
@@ -128,32 +140,102 @@ class ChainTask(WorldTask):
 
 
 @dataclass(frozen=True, slots=True)
-class ChainSettings(WorldSettings):
-    """Settings of a worker that plays chains in CALVIN.
+class ChainOptions:
+    """Options of a run in CALVIN.
+
+    Attributes:
+        broken_premises: "refuse" if a scene that is not as its chain presupposes stops the run, else "run".
+        calvin_env: A checkout of calvin_env, or of mees/calvin, which contains one.
+        calvin_config: ``merged_config.yaml`` of a data set, or None for the configuration of the checkout.
+        calvin_renderer: "egl", "tiny", or "auto" for EGL where it starts.
+        command: Command of the world's process; by the others if empty.
+    """
+
+    broken_premises: Literal["refuse", "run"] = "refuse"
+    calvin_env: Path | None = None
+    calvin_config: Path | None = None
+    calvin_renderer: Literal["auto", "egl", "tiny"] = "auto"
+    command: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CalvinWorld(ProcessWorld):
+    """CALVIN; the world is asked for the versions of what it is made of.
 
     Attributes:
         objects: The blocks, then the fixtures.
     """
 
-    objects: tuple[ObjectInfo, ...] = ()
+    facts: ClassVar[WorldFacts] = CALVIN
+    control_rate_hz: ClassVar[float] = 30.0
+    action_spaces: ClassVar[tuple[str, ...]] = PLAYED_IN["calvin"]
+    observations: ClassVar[Mapping[str, str]] = {
+        "default": "calvin",
+        "calvin": "calvin",
+        "calvin_depth": "calvin_depth",
+        "state_only": "state_only",
+    }
+    dialect: ClassVar[str] = "calvin"
+    options: ClassVar[type | None] = ChainOptions
+    installation: ClassVar[Installation | None] = INSTALLATION
 
-    @property
-    def control_rate_hz(self) -> float:
-        """Control steps per second."""
-        return CONTROL_RATE_HZ
+    protocol: FieldProtocol = PROTOCOL
+    objects: tuple[ObjectInfo, ...] = ()
 
     def step_limit(self, task: WorldTask) -> int:
         """Return the most control steps of a chain."""
         del task
         return self.protocol.steps[OFFICIAL]
 
-    def _scene_class(self) -> type[ForeignScene]:
+    def _scene_class(self) -> type[ProcessScene]:
         return ChainScene
 
-    def conventions(self) -> dict[str, str]:
+    def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], CalvinWorld]:
+        """Return chains as trials, and the world as the run keeps it; all 1,000 chains unless told otherwise."""
+        options = asked.options_as(ChainOptions, world=self.facts.title)
+        suite, seed = asked.suite, asked.seed
+        if suite not in CHAIN_SUITES:
+            raise UnknownNameError("suite of CALVIN", suite, CHAIN_SUITES)
+        if asked.tasks:
+            raise InvalidInputError("--tasks", "CALVIN has chains and no tasks", "Give --seed and --trials")
+        change = CHAIN_SUITES[suite].change
+        require_between("--seed", seed, 0, CHAINS - 1)
+        count = CHAINS - seed if asked.trials is None else asked.trials
+        require_between("--trials", count, 1, CHAINS - seed)
+        egl = None if options.calvin_renderer == "auto" else options.calvin_renderer == "egl"
+        command = options.command or calvin_command(options.calvin_env, options.calvin_config, egl=egl)
+        started, said = describe_chains(command, suite)
+        with as_agreed(f"describes {suite} in a way"):
+            task = ChainTask(suite, 0, suite, "five instructions in a row", sent_text(said["tasks"][0]["fingerprint"]))
+            versions = sent_texts(said["versions"])
+            objects = chain_objects(said["objects"])
+        planned = tuple(
+            Trial(task.id, task.condition, change, None, change and "base", number, Expected.SUCCEED.value)
+            for number in range(seed, seed + count)
+        )
+        world = replace(
+            self,
+            command=started,
+            tasks={f"{task.id}/{task.condition}": task},
+            versions=versions,
+            refuse_broken=options.broken_premises == "refuse",
+            objects=objects,
+        )
+        return planned, world
+
+    def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
+        """Return how many chains are played, and the versions of what the world is made of."""
+        made_of = "; ".join(f"{k}: {v}" for k, v in self.versions.items())
+        said = (
+            f"{plural(len(trials), 'chain')} of {suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
+            f"instructions. {made_of}."
+        )
+        return (said,)
+
+    def conventions(self, robot: str) -> dict[str, Any]:
         """Return the conventions of the world in words."""
         return {
-            **WorldSettings.conventions(self),
+            **ProcessWorld.conventions(self, robot),
             "controller": "calvin_env: relative actions are added to the last target, absolute ones are it; unclipped",
             "images": "CALVIN's, as it draws them: upright; RGB, uint8",
             "poses": "CALVIN's world frame [m]",
@@ -162,7 +244,7 @@ class ChainSettings(WorldSettings):
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, which does not say where the checkout lies."""
         return {
-            "name": self.world,
+            "name": self.name,
             "protocol": self.protocol.to_json(),
             "steps_per_subtask": STEPS_PER_SUBTASK,
             "chains_sha256": GOLDEN,
@@ -173,14 +255,14 @@ class ChainSettings(WorldSettings):
         }
 
 
-class ChainScene(ForeignScene):
+class ChainScene(ProcessScene):
     """One chain of CALVIN: its instruction changes when a subtask is done."""
 
-    settings: ChainSettings
+    settings: CalvinWorld
 
     def __init__(
         self,
-        settings: ChainSettings,
+        settings: CalvinWorld,
         processes: WorldProcesses,
         *,
         task: str,
@@ -225,7 +307,7 @@ class ChainScene(ForeignScene):
     @property
     def engine(self) -> dict[str, str]:
         """Fingerprint of everything that can change the numbers."""
-        return {"simulator": self.settings.world, **self._fixed["engine"], "code": self.task.bddl_sha256}
+        return {"simulator": self.settings.name, **self._fixed["engine"], "code": self.task.bddl_sha256}
 
     @property
     def over(self) -> bool:
@@ -515,7 +597,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
             "--calvin-config", f"{config} is no file", "Give validation/.hydra/merged_config.yaml of the data set"
         )
     chosen = "" if config is None else str(config.resolve())
-    return (*world_named(CALVIN).command(), str(root.resolve()), chosen, _RENDERER_WORDS[egl])
+    return (*INSTALLATION.command(), str(root.resolve()), chosen, _RENDERER_WORDS[egl])
 
 
 def checkout_root(named: Path) -> Path:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -72,7 +73,7 @@ BASE = "base"
 
 
 @dataclass(frozen=True, slots=True)
-class ForeignRun:
+class LiberoRun:
     """Training distribution and instructions of a run in LIBERO, which its diagnosis needs.
 
     Attributes:
@@ -84,7 +85,7 @@ class ForeignRun:
     instructions: Mapping[str, str]
 
     @classmethod
-    def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> ForeignRun:
+    def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> Self:
         """Return it from the stored plan of a run."""
         return cls(trained_in(regime), instructions)
 
@@ -93,7 +94,9 @@ class ForeignRun:
         here = on_our_table(record)
         goals = _goals(here.metadata)
         if goals is None:
-            return Reading(_by_outcome(here, path), (), None)
+            return Reading(
+                by_outcome(here, path, unmet=_joint_unmet(here), axis=_axis(here.metadata.variation)), (), None
+            )
         condition = _condition(here.metadata, goals)
         trained = _known_here(self.trained, here.metadata.scene)
         trace = _trace(here, condition, trained)
@@ -128,11 +131,6 @@ def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
         return ""
     each = "it" if len(told) == 1 else "each"
     return f"run {listed(told)} by the same policy, and diagnose {each} with --twins naming the run of its base suite"
-
-
-def is_of_libero(task: str) -> bool:
-    """Tell whether a task is one of LIBERO and not of our own."""
-    return suite_of(task) in SUITES
 
 
 def suite_of(task: str) -> str:
@@ -265,8 +263,25 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
     return tuple(found)
 
 
-def _by_outcome(record: Record, path: str | None) -> TrialDiagnosis:
-    """Return the diagnosis of a task that moves a joint: of it, no more is said than how it ended."""
+def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
+    """Return the label of a task that moves a joint and whose goal is not met."""
+    end = float(record.time[-1])
+    text = (
+        f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. A part of it moves a "
+        "joint, and why such a task failed is not judged in LIBERO."
+    )
+    return Label.TIMEOUT, Evidence("joint_not_judged", text, end, end)
+
+
+def by_outcome(
+    record: Record,
+    path: str | None,
+    *,
+    unmet: tuple[Label, Evidence],
+    axis: str | None,
+    condition: str = BASE,
+) -> TrialDiagnosis:
+    """Return a diagnosis that says no more than how the trial ended; ``unmet`` is the label of one without success."""
     m, outcome, end = record.metadata, record.outcome, float(record.time[-1])
     if outcome.success:
         label, evidence = Label.SUCCESS, Evidence("goal", "The goal is met.", end, end)
@@ -276,14 +291,10 @@ def _by_outcome(record: Record, path: str | None) -> TrialDiagnosis:
             outcome.termination, f"The episode ended early: {outcome.error or 'no reason given'}", end, end
         )
     else:
-        text = (
-            f"The goal {', '.join(m.subgoal_names)} is not met at the step limit. A part of it moves a joint, and why "
-            "such a task failed is not judged in LIBERO."
-        )
-        label, evidence = Label.TIMEOUT, Evidence("joint_not_judged", text, end, end)
+        label, evidence = unmet
     done = record.subgoals.any(axis=0)
     return TrialDiagnosis(
-        task=m.task, variation=m.variation, condition="base", axis=_axis(m.variation), seed=m.seed, policy=m.policy,
+        task=m.task, variation=m.variation, condition=condition, axis=axis, seed=m.seed, policy=m.policy,
         instruction=m.instruction, success=outcome.success, expected=Expected.SUCCEED.value, label=label,
         first_attempt=None, first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None,
         intended_any=(), intention_correct=None, progress=float(done.mean()) if done.size else 0.0, attempts=(),

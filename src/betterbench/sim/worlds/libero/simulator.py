@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.jobs.frames import FrameContent
-from betterbench.sim.worlds.libero_relations import Relations, Touching
+from betterbench.sim.worlds.libero.relations import Relations, Touching
 from betterbench.sim.worlds.rows import form_of, row_of
 from betterbench.sim.worlds.simulator_loop import answer_requests
 
