@@ -51,7 +51,7 @@ def list_command(
     if what == "variations":
         OUT.print("support: whether every pose that it needs was seen in training", markup=False)
     elif what == "policies":
-        OUT.print("\nzoo: faulty on purpose, with one fault that the diagnosis has to find", markup=False)
+        OUT.print("\nzoo: faulty policies, each with one known fault that the diagnosis has to find", markup=False)
 
 
 def _table(what: What) -> tuple[list[str], list[list[str]]]:
@@ -89,7 +89,7 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
 
 
 def _suites() -> list[list[str]]:
-    """Return our suite and those of the foreign worlds, and whether each can be run here."""
+    """Return the suite of betterbench and those of the foreign worlds, and whether each can be run here."""
     from betterbench.sim.worlds import WORLDS
     from betterbench.tasks import suite_tasks
     from betterbench.tasks.worlds.calvin import CHAIN_SUITES
