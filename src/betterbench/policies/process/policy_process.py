@@ -1,4 +1,4 @@
-"""User policies in processes of their own, so that a crash costs at most the trial of that policy."""
+"""User policies in separate processes, so that a crash costs at most the trial of that policy."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ LOAD_S = 3000.0
 """Default time limit for loading a policy [s]."""
 
 CLOSE_S = 5.0
-"""Time limit for closing a policy [s], after which its process is ended."""
+"""Time limit for closing a policy [s]; then its process is killed."""
 
 MAX_KILLS = 3
-"""Number of times that a batch is tried when the process is killed during it."""
+"""Number of attempts for a batch if the process is killed during it."""
 
 _POLL_S = 0.2
 _LEAVE_S = 0.5
@@ -59,21 +59,21 @@ _START = (
 )
 
 MARK = "BETTERBENCH_POLICY_PROCESS"
-"""Environment variable by which what a process has started is found when it has ended."""
+"""Environment variable that marks child processes, so that they are found when the process has ended."""
 
 
 class PolicyProcess:
-    """Client side of a policy in a process of its own.
+    """Client side of a policy in a separate process.
 
-    If it is asked after its process has ended, another process is started with a new policy. The same is done for the
-    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes.
-    The process leads a session of its own, so that signals to its group do not reach the run, and the other way round.
+    After its process has ended, the next request starts another process with a new policy. The same is done for the
+    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes. The
+    process leads its own session, so that signals to its group do not reach the run, and vice versa.
 
     Attributes:
-        info: Description that the policy gives of itself.
+        info: Declarations of the policy.
         source: Name and fingerprint of the file that it was loaded from, or empty.
         takes_batches: Whether it answers several observations at once.
-        ready_at: Since when it can be asked, by ``time.perf_counter`` [s]; infinite while a process loads the policy.
+        ready_at: Time since which it accepts requests, by ``time.perf_counter`` [s]; infinite during loading.
     """
 
     def __init__(
@@ -84,13 +84,14 @@ class PolicyProcess:
         load_s: float = LOAD_S,
         started: tuple[_Started, Declared] | None = None,
     ) -> None:
-        """Start the process and wait until it has loaded the policy, unless it was started already.
+        """Start the process and wait until it has loaded the policy, unless it is already started.
 
         ``world`` is the foreign world in which the policy acts.
 
         Raises:
-            BetterError: What the policy's loading raised, if it is an error of betterbench.
-            PolicyProcessError: If it raised something else, took longer than ``load_s`` [s], or the process ended.
+            BetterError: If loading the policy raised this error of betterbench.
+            PolicyProcessError: If loading raised another exception, took longer than ``load_s`` [s], or the process
+                ended.
         """
         self._address, self._world, self._load_s = address, world, load_s
         self._asking, self._closing = threading.Lock(), threading.Lock()
@@ -101,9 +102,9 @@ class PolicyProcess:
         self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
-        """Tell the policy that an episode begins; raises what :meth:`act` raises.
+        """Notify the policy that an episode begins; raises the errors of :meth:`act`.
 
-        If it fails in a process that has seen other episodes, it is told again in another one.
+        If this fails in a process that has run other episodes, it is repeated in a new process.
         """
         try:
             self._ask("reset", start)
@@ -120,33 +121,33 @@ class PolicyProcess:
         """Return the policy's answer to an observation.
 
         Raises:
-            PolicyError: If the policy failed, whatever it raised, or its process ended by its own fault.
+            PolicyError: If the policy raised any exception, or its process ended by its own fault.
             PolicyKilledError: If the process was ended from outside.
             PolicyUnavailableError: If the policy raised it, because its server cannot be reached.
-            HandshakeError: If the policy raised it, because it has become another one.
+            HandshakeError: If the policy raised it, because its server serves another policy.
         """
         return self._ask("act", observation, answers=1)[0]
 
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
-        """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
+        """Let a checkpoint compare its conventions with those of the run; other policies declare none."""
         if kind_of(self._address).compares:
             self._ask("check", options=conventions)
 
     def distrust(self) -> None:
-        """Have the next episode begin in another process, unless the policy holds weights: its trial has failed."""
+        """Use another process for the next episode, unless the policy holds weights, because its trial has failed."""
         self._failed = not self.info.heavy
 
     def close(self) -> None:
-        """Let the policy close, and end its process; at once where the policy is just being asked.
+        """Let the policy close, and end its process; immediately if a request is running.
 
-        Whoever comes second does not wait for the first one, nor ends what the policy does to close.
+        A second caller neither waits for the first one nor interrupts the policy's own close.
         """
         with self._closing:
             first, self._closed = not self._closed, True
         if not self._asking.acquire(blocking=False):
             running = self._running
             if first and running is not None:
-                running.kill()  # whoever is asking sees that it has ended
+                running.kill()  # a running request then sees the end
             return
         try:
             if self._running is not None:
@@ -164,7 +165,7 @@ class PolicyProcess:
             self._prepare(begins=method == "reset")
             running = self._running
             if running is None:
-                raise AssertionError("it was just prepared")
+                raise AssertionError("prepare() has made a process")
             try:
                 answer, arrays = running.ask(method, args, options or {})
                 if answer.error is None and len(arrays) != answers:
@@ -172,16 +173,16 @@ class PolicyProcess:
             except Exception as error:
                 status, self._running = running.end(), None
                 if isinstance(error, PolicyError):
-                    raise PolicyError(f"the process of the policy sent what is no answer: {error}") from error
+                    raise PolicyError(f"the process of the policy sent an invalid answer: {error}") from error
                 kind = PolicyKilledError if status.startswith(_FROM_OUTSIDE) else PolicyError
-                raise kind(f"the process of the policy ended while it was asked ({status})") from error
+                raise kind(f"the process of the policy ended during a request ({status})") from error
             if answer.error is None:
                 return arrays
             self.distrust()
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """See to it that there is a process: for an episode that begins one in which nothing has gone wrong."""
+        """Make sure that there is a process: at the beginning of an episode, one without earlier failures."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
@@ -192,7 +193,7 @@ class PolicyProcess:
             self.ready_at = time.perf_counter()
 
     def _start_another(self, running: _Started | None) -> None:
-        """Start a process in the place of one; if it cannot load the policy, that one goes on if it can."""
+        """Replace a process by another one; if that cannot load the policy, the old process continues if possible."""
         if running is not None and not running.waits:
             running.end()
             running = None
@@ -209,7 +210,7 @@ class PolicyProcess:
                 self._running = None
                 running.end()
                 raise
-            logger.warning("%s It goes on in the process in which it failed.", problem)
+            logger.warning("%s The policy continues in the process in which it failed.", problem)
         else:
             if running is not None:
                 running.close()
@@ -220,12 +221,12 @@ class PolicyProcess:
 
 
 class BatchPolicyProcess(PolicyProcess):
-    """A policy that answers several observations at once, in a process of its own."""
+    """A policy that answers several observations at once, in a separate process."""
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
-        """Return one answer per observation; raises what :meth:`act` raises.
+        """Return one answer per observation; raises the errors of :meth:`act`.
 
-        Each answer depends on its observation alone, so a batch whose process was killed is asked for again.
+        Each answer depends on its observation only, so a batch whose process was killed is repeated.
         """
         for left in reversed(range(MAX_KILLS)):
             try:
@@ -238,18 +239,18 @@ class BatchPolicyProcess(PolicyProcess):
 
 
 def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
-    """Return the policy of an address, loaded in a process of its own; raises what :class:`PolicyProcess` raises."""
+    """Return the policy of an address, loaded in a separate process; raises the errors of :class:`PolicyProcess`."""
     started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
     return kind(address, world=world, load_s=load_s, started=started)
 
 
 def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared]:
-    """Return a process that has loaded its policy, and what that declares."""
+    """Return a process that has loaded its policy, and the policy's declarations."""
     started = _Started(address, world)
     try:
         return started, started.loaded(load_s)
-    except PolicyKilledError as error:  # no trial has begun that could be run again
+    except PolicyKilledError as error:  # no trial has begun, so none can be repeated
         raise PolicyProcessError(str(error)) from error
     except BaseException:
         started.end()
@@ -270,7 +271,7 @@ class _Started:
             self._process = subprocess.Popen(  # noqa: S603 - our own module; the address is a literal in its arguments
                 [sys.executable, "-c", _START.format(path=sys.path, arguments=arguments)],
                 stdin=subprocess.DEVNULL,
-                stdout=self._output.theirs,  # what a policy prints is no output of the run
+                stdout=self._output.theirs,  # output of a policy is not output of the run
                 stderr=self._output.theirs,
                 pass_fds=(theirs.fileno(), life),
                 start_new_session=True,
@@ -282,34 +283,34 @@ class _Started:
             self._output.begin()
 
     def loaded(self, timeout_s: float) -> Declared:
-        """Wait until the policy is loaded, and return what it declares.
+        """Wait until the policy is loaded, and return its declarations.
 
-        Raises what :class:`PolicyProcess` raises, and PolicyKilledError if the process was ended from outside.
+        Raises the errors of :class:`PolicyProcess`, and PolicyKilledError if the process was ended from outside.
         """
         try:
             answer, _ = self._receive(time.monotonic() + timeout_s)
         except TimeoutError as error:
             raise PolicyProcessError(
-                f"{self._address}: it is not loaded after {timeout_s:g} s. Raise --policy-timeout: loading may take "
+                f"{self._address}: it is not loaded after {timeout_s:g} s. Increase --policy-timeout: loading may take "
                 "ten times as long as an answer."
             ) from error
         except (EOFError, OSError, PolicyError) as error:
             how = self.end()
             kind = PolicyKilledError if how.startswith(_FROM_OUTSIDE) else PolicyProcessError
             raise kind(
-                f"{self._address}: its process ended while loading ({how}); what it wrote stands above. Load it in a "
+                f"{self._address}: its process ended while loading ({how}); see its output above. Load it in a "
                 "Python shell to see why"
             ) from error
         if answer.error is None and answer.declared is not None:
             return answer.declared
         raised = _error(answer.error or "", answer.texts or ("it declares nothing",))
         if type(raised) is not PolicyError:
-            raise raised  # errors of betterbench say enough
+            raise raised  # errors of betterbench need no prefix
         raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")
 
     @property
     def waits(self) -> bool:
-        """Whether the process waits for a question: it still runs, and has sent nothing that was not asked for."""
+        """Whether the process waits for a request: it runs, and has sent no unexpected message."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):
@@ -319,11 +320,11 @@ class _Started:
     def ask(
         self, method: str, args: Sequence[object], options: dict[str, object]
     ) -> tuple[ProcessAnswer, list[np.ndarray]]:
-        """Return the answer to a question.
+        """Return the answer to a request.
 
         Raises:
             EOFError: If the process has ended.
-            PolicyError: If it sends what is no answer.
+            PolicyError: If it sends an invalid answer.
         """
         self._number += 1
         self._send((self._number, method, args, options))
@@ -332,7 +333,7 @@ class _Started:
             if answer.number == self._number:
                 return answer, arrays
             if answer.number > self._number:
-                raise PolicyError("it answers what nobody has asked yet")
+                raise PolicyError("it sent an answer before the request")
             # Otherwise an answer was sent twice.
 
     def _send(self, message: object) -> None:
@@ -346,7 +347,7 @@ class _Started:
                     raise EOFError from None
 
     def _receive(self, until: float | None = None) -> tuple[ProcessAnswer, list[np.ndarray]]:
-        """Return what the process has sent; EOFError if it has ended, TimeoutError at a time."""
+        """Return the next message of the process; EOFError if it has ended, TimeoutError at the deadline."""
         (size,) = LENGTH.unpack(self._read(LENGTH.size, until))
         if size > MAX_LINK_BYTES:
             raise PolicyError(f"a frame of {size} bytes")
@@ -358,7 +359,7 @@ class _Started:
             try:
                 piece = self._link.recv(min(size - len(got), _PIECE))
             except TimeoutError:
-                if ended:  # a child of the process may hold its end open
+                if ended:  # a child process may keep the socket open
                     raise EOFError from None
                 ended = self._process.poll() is not None
                 if until is not None and time.monotonic() > until:
@@ -370,7 +371,7 @@ class _Started:
         return bytes(got)
 
     def kill(self) -> None:
-        """End the process and what it has started, at once; whoever waits for it sees that it has ended."""
+        """End the process and its child processes at once; a waiting request then sees the end."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         with contextlib.suppress(OSError):
@@ -385,7 +386,7 @@ class _Started:
         self.end()
 
     def end(self) -> str:
-        """End the process, if it has not ended by itself, and return how it did."""
+        """End the process, if it has not ended by itself, and return how it ended."""
         how = "it closed its connection to the run"
         with contextlib.suppress(subprocess.TimeoutExpired):
             how = exit_text(self._process.wait(_LEAVE_S))
@@ -401,18 +402,18 @@ class _Started:
 
 
 def _error(kind: str, texts: Sequence[str]) -> BetterError:
-    """Return the error that a process has told."""
+    """Return the error that a process has sent."""
     if kind == "UnknownNameError" and len(texts) > 1:
         return UnknownNameError(texts[0], texts[1], texts[2:])
     if kind == "InvalidInputError" and len(texts) == 3:
         return InvalidInputError(*texts)
     made = getattr(errors, kind) if kind in ERRORS else PolicyError
-    error: BetterError = made(texts[0] if texts else "it does not say what failed")
+    error: BetterError = made(texts[0] if texts else "no message")
     return error
 
 
 def exit_text(status: int | None) -> str:
-    """Return how a process ended, from its exit status, which is negative for a signal."""
+    """Return a description of a process's exit status, which is negative for a signal."""
     if status is None or status >= 0:
         return f"exit status {status}"
     name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"

@@ -20,7 +20,7 @@ from betterbench.policies.process.process_link import (
 )
 
 MAX_OBJECTS = 1 << 20
-"""Most objects of an array whose content is left out."""
+"""Maximum number of objects in an array whose content is left out."""
 
 _LONGEST_KIND = 40
 _MOST_AXES = 32
@@ -30,12 +30,12 @@ _ANSWER = TypeAdapter(strict_form(ProcessAnswer))
 
 
 def read_answer(frame: bytes) -> tuple[ProcessAnswer, list[np.ndarray]]:
-    """Return what a process has sent, and its arrays; raise PolicyError if it is no answer."""
+    """Return the message of a process and its arrays; raise PolicyError if it is invalid."""
     begin = SIZES.size - LENGTH.size
     length = int.from_bytes(frame[:begin], "big")
     at = begin + length
     if len(frame) < begin or length > MAX_HEAD_BYTES or at > len(frame):
-        raise PolicyError("a frame that is cut off")
+        raise PolicyError("an incomplete frame")
     answer = read_form(_ANSWER, frame[begin:at], where="an answer", cure="Leave its socket alone", raises=PolicyError)
     if answer.number < 0 or not all(map(_is_array, answer.arrays)):
         raise PolicyError("an answer with a number or a shape out of range")
@@ -44,7 +44,7 @@ def read_answer(frame: bytes) -> tuple[ProcessAnswer, list[np.ndarray]]:
         array, at = _read_array(frame, at, kind, shape)
         arrays.append(array)
     if at != len(frame):
-        raise PolicyError("an answer with bytes too many")
+        raise PolicyError("an answer with extra bytes")
     return answer, arrays
 
 
@@ -54,7 +54,7 @@ def _is_array(form: ArrayForm) -> bool:
 
 
 def _read_array(frame: bytes, at: int, kind: str, shape: tuple[int, ...]) -> tuple[np.ndarray, int]:
-    """Return the array that begins at a byte of a frame, and where the next one does."""
+    """Return the array at an offset of a frame, and the offset after it."""
     try:
         dtype = np.dtype(kind)
         count = math.prod(shape)
@@ -65,4 +65,4 @@ def _read_array(frame: bytes, at: int, kind: str, shape: tuple[int, ...]) -> tup
         end = at + count * dtype.itemsize
         return np.frombuffer(bytearray(frame[at:end]), dtype, count).reshape(shape), end
     except (TypeError, ValueError, SyntaxError) as error:
-        raise PolicyError(f"an array that is none ({error})") from error
+        raise PolicyError(f"an invalid array ({error})") from error
