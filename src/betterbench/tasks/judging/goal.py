@@ -20,11 +20,11 @@ class Truth(NamedTuple):
     """Goal state at one control step. A named tuple, because one is built at every control step.
 
     Attributes:
-        relations: Whether each predicate holds, in the order of :attr:`GoalTracker.relation_names`.
+        relations: Whether each predicate is true, in the order of :attr:`GoalTracker.relation_names`.
         subgoals: Whether each subgoal is done now (related, released and at rest).
-        in_order: False once a subgoal was done before one that comes earlier in an ordered instruction.
-        goal: All subgoals done in order, and no harm done to anything else (see ``tasks.harm``).
-        forbidden: An interaction happened so far that the condition forbids.
+        in_order: False once a subgoal was done before an earlier one of an ordered instruction.
+        goal: All subgoals done in order, without harm (see ``tasks.harm``).
+        forbidden: Whether a forbidden interaction has happened so far.
         success: The episode has succeeded.
     """
 
@@ -37,10 +37,10 @@ class Truth(NamedTuple):
 
 
 class GoalTracker:
-    """Tracker of the goal in an episode, live or offline alike. Feed it every state from reset on, in order."""
+    """Tracker of the goal in an episode, live or offline. Pass it every state from reset on, in order."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
-        """Prepare for an episode; the dwell is counted by the control rate."""
+        """Prepare for an episode; the dwell time is counted at the control rate."""
         self._condition, self._info = condition, info
         self._goals = condition.instruction.subgoals
         asked = asked_by(condition)
@@ -72,7 +72,7 @@ class GoalTracker:
         self._settling = False
         self._last: tuple[WorldState, Places] | None = None
         self._lasting: Truth | None = None
-        """Goal state as long as no object moves and no contact changes; None where it also depends on time."""
+        """Goal state while no object moves and no contact changes; None if it also depends on time."""
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -91,12 +91,12 @@ class GoalTracker:
 
     @property
     def harm(self) -> tuple[Harm, ...]:
-        """The harm that was done up to the last state, which keeps a goal from being reached."""
+        """The harm up to the last state, which prevents success."""
         return () if self._last is None else self._harm.found(*self._last)
 
     @property
     def undecided_states(self) -> int:
-        """Number of next states at which the episode cannot succeed yet, whatever happens."""
+        """Number of following states in which the episode cannot succeed yet, whatever happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
@@ -137,7 +137,7 @@ class GoalTracker:
         return truth
 
     def _relations_of(self, at: Places) -> tuple[bool, ...]:
-        """Return what holds, in the order of the names."""
+        """Return the truth of the predicates, in the order of their names."""
         found: list[tuple[bool, ...]] = []
         for watch, table, places in zip(self._targets.watches, self._relations_at, at, strict=True):
             for place in places:
@@ -147,7 +147,7 @@ class GoalTracker:
         return tuple(chain.from_iterable(found))
 
     def _there(self, at: Places) -> list[bool]:
-        """Return per object whether it is at some place of a target to which things are carried."""
+        """Return for each object whether it is in some region of a target to which objects are carried."""
         there = [False] * len(self._info.objects)
         for watch, places in zip(self._targets.watches, at, strict=True):
             for name, place in zip(watch.subjects, places, strict=True):
@@ -156,7 +156,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Tell which subgoals are done: their objects are there, at rest and let go."""
+        """Return which subgoals are done: their objects are at the target, at rest and released."""
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []
@@ -195,9 +195,9 @@ class GoalTracker:
 
 
 def _changed(before: WorldState, now: WorldState) -> set[str]:
-    """Return the names of the bodies for which anything differs between two states that a relation may read.
+    """Return the names of the bodies with a difference between two states that a relation may read.
 
-    That is the pose of an object, what a body touches, and whether it is held.
+    The compared data are the pose of an object, the contacts of a body, and whether it is held.
     """
     changed: set[str] = set()
     if before.positions != now.positions or before.quaternions != now.quaternions:
@@ -214,7 +214,7 @@ def _changed(before: WorldState, now: WorldState) -> set[str]:
 
 
 def _same_pairs(before: Sequence[Contact], now: Sequence[Contact]) -> bool:
-    """Tell whether the same pairs touch, whatever their forces are."""
+    """Tell whether the same pairs are in contact, whatever their forces."""
     if before is now:
         return True
     if len(before) != len(now):
