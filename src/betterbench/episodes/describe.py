@@ -15,7 +15,7 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """Facts of a trial beside its scene; fields are None on a training condition or without images."""
+    """Facts of a trial besides its scene; fields are None on a training condition or without images."""
 
     policy: str
     variation: str | None = None
@@ -50,7 +50,7 @@ def describe(scene: Scene, tracker: GoalTracker, context: TrialContext) -> Recor
 
 
 def describe_foreign(scene: ForeignScene, context: TrialContext) -> RecordMetadata:
-    """Return the metadata of an episode in a foreign world, after its reset; as :func:`describe` otherwise."""
+    """Return the metadata of an episode in a foreign world, after its reset; otherwise like :func:`describe`."""
     engine = {**scene.engine, "machine": platform.machine()}
     if scene.broken_premises:
         engine["scene_broken_premises"] = ", ".join(scene.broken_premises)
@@ -67,7 +67,7 @@ def describe_foreign(scene: ForeignScene, context: TrialContext) -> RecordMetada
 
 
 def _of_trial(scene: Scene | ForeignScene, context: TrialContext) -> dict[str, Any]:
-    """Return the metadata of a trial that every world has."""
+    """Return the metadata of a trial that are common to all worlds."""
     return {
         "task": scene.task.id,
         "package_version": __version__,

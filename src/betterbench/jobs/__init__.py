@@ -1,10 +1,9 @@
 """Resumable jobs: journals that survive a crash, locks on folders and files, retries, and worker processes.
 
-``places`` and ``lock`` guard a folder or a file against a second writer, ``durable`` writes whole files or none,
-``line_journal`` appends what is finished, and ``outputs`` is the folder of a command that is not a run. ``retries``
-counts failed attempts; ``item_threads`` and ``ahead`` work on several items at once; ``worker_process``,
-``process_output`` and ``leftovers`` start child processes, read what they print, and end those that outlive their
-parent.
+``places`` and ``lock`` protect a folder or a file against a second writer. ``durable`` writes whole files or none.
+``line_journal`` appends finished items. ``outputs`` is the folder of a command other than a run. ``retries`` counts
+failed attempts. ``item_threads`` and ``ahead`` work on several items at once. ``worker_process``, ``process_output``
+and ``leftovers`` start child processes, read their output, and end those that outlive their parent.
 """
 
 from betterbench.jobs.durable import write_durably

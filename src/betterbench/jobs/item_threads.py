@@ -1,4 +1,4 @@
-"""Many items, such as the trials of a run, over threads that each keep a resource, such as a drawing process."""
+"""Processing of many items, such as the trials of a run, in threads with a resource each, such as a renderer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Stoppable(Protocol):
     """A resource of a thread."""
 
     def stop(self) -> None:
-        """Let whatever waits for the resource, in any thread, end soon with an error."""
+        """Make any thread that waits for the resource end soon with an error."""
 
 
 WorkT = TypeVar("WorkT")
@@ -33,9 +33,9 @@ def in_threads(
     open_resource: Callable[[], AbstractContextManager[ResourceT]],
     on_done: Callable[[WorkT], None],
 ) -> None:
-    """Work on each item once, begun in the order given; what is left behind must not depend on the number of workers.
+    """Process each item once, in the given order; the results must not depend on the number of workers.
 
-    After an error, or Ctrl-C, no further item is begun, the resources are stopped, and the first error is raised when
+    After an error, or Ctrl-C, no further item is started, the resources are stopped, and the first error is raised when
     all threads have ended. ``on_done`` is called after each item, by one thread at a time.
 
     Raises InvalidInputError if the number of workers is out of range.

@@ -16,10 +16,10 @@ ABOUT = (
     "A **shortcut** is a rule that a learner of the data could use and that some variation breaks; a regularity is a "
     "rule that all variations keep, such as the meaning of a word. Strength is mutual information above chance, "
     f"relative to the largest possible value. A rule counts from a strength of {STRONG:g}, or if one value always "
-    "occurs with the same other value, or if two words determine half of the uncertainty that each alone leaves; and if "
-    f"its test, corrected for all questions, gives p ≤ {ALPHA:g}. For whole instructions, strength is the share of wrong guesses "
-    "that they avoid; they are compared among demonstrations that agree in the words already found. Words that "
-    "name their own place are not shortcuts."
+    "occurs with the same other value, or if two words determine half of the uncertainty that each alone leaves; and "
+    f"if its test, corrected for all questions, gives p ≤ {ALPHA:g}. For whole instructions, strength is the share of "
+    "wrong guesses that they avoid; they are compared among demonstrations that agree in the words already found. "
+    "Words that name their own place are not shortcuts."
 )
 
 

@@ -1,6 +1,6 @@
 """Robots: their description, their inverse kinematics and the controller that turns actions into motion.
 
-The controller and the inverse kinematics are imported when they are first used: who only draws needs neither.
+The controller and the inverse kinematics are imported at first use, because rendering needs neither.
 """
 
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from betterbench.lazy_names import lazy_names
 from betterbench.sim.graphics import require_engine
 
-require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
+require_engine()  # MuJoCo reads these variables at its import, and its error would not name a remedy
 
 from betterbench.sim.robots.panda import PANDA  # noqa: E402
 from betterbench.sim.robots.spec import Progress, RobotSpec, build_robot_spec, robot, robot_names  # noqa: E402

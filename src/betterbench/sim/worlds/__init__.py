@@ -1,6 +1,6 @@
-"""Foreign worlds: simulators that live in environments of their own and answer over a local socket.
+"""Foreign worlds: simulators in separate environments that communicate over a local socket.
 
-Each public name is imported from its module when it is first used: a run in our own scenes reads nothing of CALVIN.
+Each public name is imported from its module at first use: a run in our own scenes does not import CALVIN.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
 """Frames between a run and the process of a foreign simulator: a JSON document and the bytes of arrays, no pickles.
 
-The process of the simulator reads this file too, in an environment without betterbench: it imports the standard library
-and NumPy alone.
+The process of the simulator reads this file too, in an environment without betterbench: it imports only the standard
+library and NumPy.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ MAX_ARRAY_BYTES = 256 << 20
 """Largest sum of the arrays of a frame [byte]."""
 
 _LENGTHS = struct.Struct(">IIQQ")
-"""Bytes of the document, of the forms of the arrays and of the arrays, and the number of the frame."""
+"""Sizes of the document, of the array forms and of the arrays, and the number of the frame."""
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _MAX_AXES = 8
 _BLOCK = 1 << 16
 _SHORT_BYTES = 64
-"""Longest JSON that is remembered [byte]."""
+"""Longest JSON that is cached [byte]."""
 _ALIGNED = 8
-"""Arrays begin at a multiple of so many bytes, as far as those before them let them."""
+"""Alignment of arrays [byte], if the sizes of the arrays before allow it."""
 _ENCODE = json.JSONEncoder(allow_nan=False).encode
 
 
 class FrameError(Exception):
-    """The other side has gone, or sent bytes that are not a frame."""
+    """The other side has disconnected, or sent bytes that are not a frame."""
 
 
 def send_frame(
     link: socket.socket, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0
 ) -> None:
-    """Send a document and arrays by name; FrameError if the other side has gone or does not read in time.
+    """Send a document and arrays by name; FrameError if the other side has disconnected or does not read in time.
 
-    The ``number`` is that of a request, and stands in its answer too.
+    The ``number`` is that of a request; its answer has the same number.
     """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _encoded(document)
@@ -62,13 +62,13 @@ def send_frame(
 
 
 def receive_frame(link: socket.socket, *, number: int = 0) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the next document and its arrays, which cannot be written to.
+    """Return the next document and its read-only arrays.
 
-    The timeout of the socket is for the whole frame, however many pieces it comes in.
+    The timeout of the socket applies to the whole frame, whatever the number of its pieces.
 
     Raises:
-        FrameError: If the other side has gone, sends what is no frame or one of another number, or does not send in
-            time.
+        FrameError: If the other side has disconnected, sends an invalid frame or one with another number, or does not
+            send in time.
     """
     limit_s = link.gettimeout()
     until = None if limit_s is None else time.monotonic() + limit_s
@@ -86,21 +86,21 @@ def receive_frame(link: socket.socket, *, number: int = 0) -> tuple[dict[str, An
     elif left < 0:
         raise FrameError(f"{-left} bytes follow a frame")
     if found != number:
-        raise FrameError(f"a frame has the number {found} where {number} is due: one was sent twice or left out")
+        raise FrameError(f"a frame has the number {found} , expected {number}: one was sent twice or left out")
     try:
         document = _decoded(frame[_LENGTHS.size : forms_at])
         places, end = _places(frame[forms_at:body_at])
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError, MemoryError) as error:
         raise FrameError(f"a frame cannot be read ({' '.join(str(error).split())[:200]})") from error
     if not isinstance(document, dict):
-        raise FrameError(f"a frame holds a {type(document).__name__} and no document")
+        raise FrameError(f"a frame contains a {type(document).__name__} instead of a document")
     if end != body_bytes:
-        raise FrameError(f"a frame holds {body_bytes} bytes of arrays and names {end}")
+        raise FrameError(f"a frame contains {body_bytes} bytes of arrays, but declares {end}")
     return document, {name: np.ndarray(shape, dtype, frame, body_at + at) for name, dtype, shape, at in places}
 
 
 def _encoded(document: Mapping[str, Any]) -> bytes:
-    """Return a document as JSON; the short ones of control steps are alike and remembered."""
+    """Return a document as JSON; the short ones of control steps repeat and are cached."""
     for value in document.values():
         if value is not True and value is not False and type(value) is not str:  # 1 and True are one key
             return _ENCODE(document).encode()
@@ -113,7 +113,7 @@ def _short_text(items: tuple[tuple[str, bool | str], ...]) -> bytes:
 
 
 def _decoded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
-    """Return the value of a JSON text; the short texts of control steps are alike and remembered."""
+    """Return the value of a JSON text; the short texts of control steps repeat and are cached."""
     known = _short_items(text) if len(text) <= _SHORT_BYTES else None
     return _loaded(text) if known is None else dict(known)
 
@@ -132,7 +132,7 @@ def _finite(text: str) -> float:
 
 @lru_cache(maxsize=64)
 def _short_items(text: bytes) -> tuple[tuple[str, Any], ...] | None:
-    """Return the entries of a short document, or None if it is none or holds what can be changed."""
+    """Return the entries of a short document, or None for other values or mutable entries."""
     document = _loaded(text)
     if not isinstance(document, dict) or any(isinstance(value, (dict, list)) for value in document.values()):
         return None
@@ -145,7 +145,7 @@ def _forms_text(
 ) -> tuple[bytes, list[np.dtype[Any]] | None]:
     """Return names, types and shapes of arrays as JSON, and the types to send where an array has another byte order.
 
-    Most frames have the arrays of the one before.
+    Most frames have the same arrays as the previous one.
     """
     kinds = [kind.newbyteorder("<") for kind, _ in forms]
     shapes = {name: (kind.str, shape) for name, kind, (_, shape) in zip(names, kinds, forms, strict=True)}
@@ -154,7 +154,7 @@ def _forms_text(
 
 @lru_cache(maxsize=64)
 def _places(text: bytes) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...], int], ...], int]:
-    """Return name, type and shape of arrays and where each begins, and where the last one ends [byte]."""
+    """Return name, type and shape of arrays and the offset of each, and the end of the last one [byte]."""
     found, at = [], 0
     for name, (kind, shape) in json.loads(text).items():
         if not isinstance(kind, str) or not _TYPES.fullmatch(kind):
@@ -172,7 +172,7 @@ def _places(text: bytes) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...
 
 
 def _received(link: socket.socket, count: int, until: float | None) -> bytes:
-    """Return exactly so many bytes, which have to be there by a time of the monotonic clock."""
+    """Return exactly ``count`` bytes, which must arrive before a time of the monotonic clock."""
     blocks = []
     while count:
         if until is not None:
@@ -183,7 +183,7 @@ def _received(link: socket.socket, count: int, until: float | None) -> bytes:
 
 
 def _more(link: socket.socket, most: int) -> bytes:
-    """Return the bytes that come next, at least one."""
+    """Return the next bytes, at least one."""
     try:
         block = link.recv(most)
     except TimeoutError as error:

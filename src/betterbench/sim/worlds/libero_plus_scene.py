@@ -16,12 +16,12 @@ from betterbench.tasks.worlds.libero_plus import read_variant
 LIBERO_PLUS = "libero_plus"
 
 ASSETS_VARIABLE = "BETTERBENCH_LIBERO_PLUS_ASSETS"
-"""Environment variable with the folder of the authors' assets, where no option names it."""
+"""Environment variable with the folder of the authors' assets, used without the option."""
 
 SENTENCES = ("clean", "published")
 
 _FOLDERS = ("scenes", "textures", "new_objects")
-"""Folders that the authors' assets have."""
+"""Required folders of the authors' assets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class VariantTask(WorldTask):
 
     @property
     def axis(self) -> str:
-        """Axis of the variant: the part of the task that it changes."""
+        """Axis of the variant: the changed part of the task."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:
@@ -54,8 +54,8 @@ class PlusSettings(WorldSettings):
     """Settings of a worker that runs trials in LIBERO-Plus.
 
     Attributes:
-        sentences: "clean", or "published" for those that end with the name of the variant.
-        left_out: Variants of each axis that are not run because the authors' assets are not there.
+        sentences: "clean", or "published" for instructions that end with the name of the variant.
+        left_out: Number of variants of each axis that are not run because the authors' assets are missing.
     """
 
     sentences: str = "clean"
@@ -67,7 +67,7 @@ class PlusSettings(WorldSettings):
         return "libero"
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which does not say where the world and the assets lie."""
+        """Return the JSON form, without the locations of the world and the assets."""
         return {**WorldSettings.to_json(self), "sentences": self.sentences, "left_out": dict(self.left_out)}
 
 
@@ -75,10 +75,10 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
     """Return the command of the world's process with the folder of the authors' assets, if there is one.
 
     Args:
-        assets: The folder; that of the environment variable, if it is set, where None.
+        assets: The folder; if None, that of the environment variable, if set.
 
     Raises:
-        InvalidInputError: If the folder does not hold the assets.
+        InvalidInputError: If the folder does not contain the assets.
         MissingDependencyError: If the world is not installed.
     """
     named = os.environ.get(ASSETS_VARIABLE)
@@ -94,5 +94,5 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
 
 
 def world_command(world: str) -> tuple[str, ...]:
-    """Return the command of a world's process, as far as it needs nothing else of the user."""
+    """Return the command of a world's process, for worlds that need no path of the user."""
     return plus_command() if world == LIBERO_PLUS else world_named(world).command()

@@ -1,4 +1,4 @@
-"""Register of the foreign worlds: the description, the environment and the installation of each."""
+"""Registry of the foreign worlds: the description, the environment and the installation of each."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.jobs.places import open_in_place
 from betterbench.sim.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
-"""Longest time of one step of an installation [s]; LIBERO's packages have 360 MB."""
+"""Time limit of one step of an installation [s]; LIBERO's packages have 360 MB."""
 
 _COMPLETE = "complete"
 _PACKAGE = Path(__file__).resolve().parent
@@ -31,7 +31,7 @@ _START = (
     "from {module} import main\n"
     "main()\n"
 )
-"""Program that runs a module of betterbench where it is not installed: stand-ins for its packages hold only paths."""
+"""Program that runs a module of betterbench without its installation: stand-ins for its packages only have paths."""
 _STAND_INS = (
     "betterbench",
     "betterbench.sim",
@@ -39,7 +39,7 @@ _STAND_INS = (
     "betterbench.tasks",
     "betterbench.tasks.worlds",
 )
-"""Packages around the modules that a simulator reads; none of their own code is run."""
+"""Packages of the modules that a simulator imports; none of their own code is run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +49,11 @@ class ForeignWorld:
     Attributes:
         name: Its name on the command line.
         lock: Name of its locked requirements.
-        module: The module that its process runs.
-        size: Size of its packages, as a text: to download and unpacked.
+        module: The module run by its process.
+        size: Size of its packages, as a text: download and unpacked.
         summary: Description in a few words.
-        beside: The world whose Python runs it, or None for one of its own. Its packages are read and not imported, so
-            nothing that they depend on is installed.
+        beside: The world whose Python runs it, or None for its own. Its packages are then read but not imported, so
+            their dependencies are not installed.
     """
 
     name: str
@@ -77,7 +77,7 @@ class ForeignWorld:
 
     @property
     def is_installed(self) -> bool:
-        """Whether its environment is complete, and that of the world beside which it lies."""
+        """Whether its environment is complete, and that of the world whose Python runs it."""
         return (self.folder / _COMPLETE).exists() and (self._host is None or self._host.is_installed)
 
     @property
@@ -87,7 +87,7 @@ class ForeignWorld:
     def command(self) -> tuple[str, ...]:
         """Return the command of its process; the number of the socket follows.
 
-        Where another world's Python runs it, its own folder is the first argument.
+        If another world's Python runs it, its own folder is the first argument.
 
         Raises:
             MissingDependencyError: If it is not installed.
@@ -100,13 +100,13 @@ class ForeignWorld:
         return (str(python), "-c", start_code(self.module), *([] if self.beside is None else [str(self.folder)]))
 
     def install(self, *, waits: Callable[[], None] = lambda: None) -> Path:
-        """Make the environment, and return its folder; a complete one is left as it is.
+        """Make the environment, and return its folder; a complete one is not changed.
 
-        It is marked as complete at its end: an interrupted installation begins anew. One that begins while another is
-        under way, of whichever process, calls ``waits`` and waits for its end.
+        It is marked as complete at the end: an interrupted installation starts over. If another installation is running
+        in any process, ``waits`` is called and its end is awaited.
 
         Raises:
-            MissingDependencyError: If a step fails; the text is what it said last.
+            MissingDependencyError: If a step fails; the message contains its last output.
         """
         if self.is_installed:
             return self.folder
@@ -119,7 +119,7 @@ class ForeignWorld:
 
     @contextlib.contextmanager
     def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the lock of the folder, and yield its descriptor; it is free when all who have that have ended."""
+        """Hold the lock of the folder, and yield its descriptor; it is released when all its holders have ended."""
         path = self.folder.with_name(f".{self.folder.name}.lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -154,7 +154,7 @@ class ForeignWorld:
         (target / _COMPLETE).touch()
 
     def _run(self, command: list[str], lock: int) -> None:
-        """Run a step, which keeps the lock: it goes on where this process is killed."""
+        """Run a step, which inherits the lock and continues if this process is killed."""
         try:
             done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
                 command,
@@ -170,7 +170,7 @@ class ForeignWorld:
         if done.returncode:
             said = last_line(done.stderr) or last_line(done.stdout) or "it said nothing"
             raise MissingDependencyError(
-                f"the world {self.name} cannot be installed: {Path(command[0]).name} says {said}. "
+                f"the world {self.name} cannot be installed: {Path(command[0]).name} failed: {said}. "
                 "Its packages come from the package index: check the connection, and run the same command again."
             )
 
