@@ -31,8 +31,7 @@ class Simulator(Protocol):
         """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of its premises, and the truth of each in each
-        state."""
+        """Settle every initial state of a task; return its premises' names and the truth of each in each state."""
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and settle; return its constant properties and its first row."""

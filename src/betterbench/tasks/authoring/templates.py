@@ -67,7 +67,7 @@ CONSTRAINED_POSITIONING = Template(
         ObjectGroup(
             "fixture", "Fixture with the marked region.", ("coffee machine", "scale", "charger"), (1, 1), role="fixture"
         ),
-        ObjectGroup("items", "What may be asked for.", ("cup", "mug", "bowl"), (1, 4), role="item"),
+        ObjectGroup("items", "Objects that may be requested.", ("cup", "mug", "bowl"), (1, 4), role="item"),
         ObjectGroup("distractors", "Objects that stay on the table.", ("kitchenware",), (0, 4), role="distractor"),
     ),
     relation="on_ring",
