@@ -1,4 +1,4 @@
-"""Plan of a run in LIBERO-Plus: its variants, and those among them that need the authors' assets."""
+"""Plan of a run in LIBERO-Plus: its variants, and which of them need the authors' assets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from betterbench.tasks.worlds.libero_plus import AXES
 from betterbench.tasks.worlds.libero_training import TrainedTask
 
 TRIALS = 1
-"""Initial states of each variant by the book: LIBERO-Plus runs each of them once, from the first."""
+"""Initial states of each variant in LIBERO-Plus's own protocol: one run of each variant, from the first state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +33,8 @@ class VariantChoice:
     """Selection of the variants of a LIBERO-Plus suite that are run.
 
     Attributes:
-        axes: Axes to run; all if none is named.
-        variants: Most variants of each task on each axis, evenly spread over them; all if None.
+        axes: Axes to run; all if empty.
+        variants: Maximum variants of each task on each axis, evenly spread over them; all if None.
         sentences: "clean" for the sentence of the base task (that of the file on the axis language), or "published"
             for LIBERO-Plus's own, which end with the name of the variant on six of the seven axes.
     """
@@ -44,7 +44,7 @@ class VariantChoice:
     sentences: str = "clean"
 
     def __post_init__(self) -> None:
-        """Refuse unknown names, and a number of variants that no task has."""
+        """Raise an error for unknown names and for a number of variants out of range."""
         for axis in self.axes:
             if axis not in AXES:
                 raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
@@ -68,7 +68,7 @@ def make_plus_plan(
     refuse_broken: bool = True,
     command: Sequence[str] | None = None,
 ) -> Plan:
-    """Return the plan of a suite of LIBERO-Plus; the world is asked for its variants and what they need.
+    """Return the plan of a suite of LIBERO-Plus, with variants and requirements from its own process.
 
     Args:
         policy: Address of the policy.
@@ -76,16 +76,16 @@ def make_plus_plan(
         choice: Selection of its variants.
         protocol: Name of the protocol, for its steps.
         tasks: Base tasks to run, by name ("libero_spatial-05") or number; all if none is named.
-        trials: Initial states of each variant, one if None. A new layout has one alone.
+        trials: Initial states of each variant, one if None. A new layout has only one.
         seed: The first initial state.
         action_space: Action space of the policy; if None, that of its address, or "ee_delta" if the address has none.
         observation: "default", or "state_only" without images.
-        refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
+        refuse_broken: Whether a scene that contradicts the premise of its instruction stops the run.
         command: Command of the world's process; that of its installed environment if None.
 
     Raises:
-        InvalidInputError: If a number is out of range, the policy cannot be run in this world, or nothing is left to
-            run without the authors' assets.
+        InvalidInputError: If a number is out of range, the policy cannot be run in this world, or no variant
+            can be run without the authors' assets.
         UnknownNameError: If a name is unknown.
         MissingDependencyError: If the world is not installed.
         WorldError: If it does not answer.
@@ -136,7 +136,7 @@ def _nothing_left(
 def _variants_there(
     command: Sequence[str], suite: str, sentences: str
 ) -> tuple[list[tuple[VariantTask, int, list[str]]], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return the variants of a suite, what its base suite teaches, and the versions of its packages."""
+    """Return the variants of a suite, the training of its base suite, and the versions of its packages."""
     with WorldProcess(command) as process:
         said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
     with as_agreed(f"describes {suite} in a way"):
@@ -156,7 +156,7 @@ def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantT
 
 
 def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:
-    """Return at most so many variants of each task on each axis, evenly spread, by task and axis."""
+    """Return at most ``most`` variants of each task on each axis, evenly spread, by task and axis."""
     groups: dict[tuple[int, str], list[tuple[VariantTask, int]]] = {}
     for task, states in ready:
         groups.setdefault((task.number, task.axis), []).append((task, states))

@@ -1,4 +1,4 @@
-"""The plan of a run in a foreign world: its tasks or chains as the world describes them, and the field's protocol."""
+"""The plan of a run in a foreign world: its own tasks or chains, and the usual protocol of evaluation."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def make_world_plan(
     refuse_broken: bool = True,
     command: Sequence[str] | None = None,
 ) -> Plan:
-    """Return the plan of a suite of LIBERO; the world is asked which tasks it has.
+    """Return the plan of a suite of LIBERO, with tasks from LIBERO's own process.
 
     Args:
         policy: Address of the policy.
@@ -96,7 +96,7 @@ def make_chain_plan(
     observation: str = "default",
     refuse_broken: bool = True,
 ) -> Plan:
-    """Return the plan of a suite of CALVIN; the world is asked for the versions of what it is made of.
+    """Return the plan of a suite of CALVIN, with versions from CALVIN's own process.
 
     Args:
         policy: Address of the policy.
@@ -108,7 +108,7 @@ def make_chain_plan(
             has none.
         observation: "default", which is CALVIN's two cameras ("calvin"), "calvin_depth" with depth images too, or
             "state_only" without images.
-        refuse_broken: Whether a scene that is not as its chain presupposes stops the run.
+        refuse_broken: Whether a scene that differs from the initial state of its chain stops the run.
 
     Raises:
         InvalidInputError: If a number is out of range, or the policy cannot be run in this world.
@@ -156,7 +156,7 @@ def require_libero_trials(policy: str, *, seed: int, count: int, observation: st
 
 
 def action_space_of(policy: str, world: str, asked: str | None) -> str:
-    """Return the action space of a run in a world: the one that is asked for, else the policy's own."""
+    """Return the action space of a run in a world: the requested one, otherwise the policy's own."""
     if asked is not None and asked not in PLAYED_IN[world]:
         raise UnknownNameError(f"action space of {world}", asked, PLAYED_IN[world])
     if asked is not None:
@@ -166,13 +166,13 @@ def action_space_of(policy: str, world: str, asked: str | None) -> str:
 
 
 def _require_known(policy: str, world: str) -> None:
-    """Check that a policy can act in a world ("LIBERO"); InvalidInputError if it knows only our own scenes."""
+    """Raise InvalidInputError if a policy cannot act in a world ("LIBERO"), only in betterbench's own scenes."""
     kind = kind_of(policy)
     kind.require_world(kind.parse(policy), world)
 
 
 def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
-    """Return the places of the named tasks in the suite, each once and in its order."""
+    """Return the indices of the named tasks in the suite, in its order and without duplicates."""
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
         if name not in ids:
@@ -181,7 +181,7 @@ def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
 
 
 def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return the tasks of a suite, what its base suite teaches, and the versions of its packages, as the world says."""
+    """Return the tasks of a suite, the training of its base suite, and its package versions, from the world."""
     chosen = suite_named(suite)
     with WorldProcess(command) as process:
         said = process.suite(suite)

@@ -1,6 +1,6 @@
 """A host: the process that serves a policy to all workers of a run over openpi.
 
-The policy itself runs in yet another process, so that a crash there costs only the trial that it was answering.
+The policy itself runs in another process, so that a crash there affects only the current trial.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from betterbench.policies.factory import PolicyFactory
 logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
-"""Most restarts of a host that died."""
+"""Maximum restarts of a host that died."""
 
 HUNG = 75
 """Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
@@ -38,20 +38,20 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""Time that a worker waits for a host [s]: a host that is started again loads its weights again."""
+"""Time that a worker waits for a host [s]: a restarted host loads its weights again."""
 
 
 class Host:
-    """Serves one policy from a process of its own. A context manager, which starts and ends it.
+    """Serves one policy from a separate process. A context manager, which starts and ends it.
 
     Attributes:
-        takes_batches: Whether one instance answers all environments.
+        takes_batches: Whether one instance serves all environments.
     """
 
     def __init__(
         self, policy: str, *, run: tuple[str, str], timeout_s: float = POLICY_TIMEOUT_S, world: str = ""
     ) -> None:
-        """Prepare; ``run`` is the action space and observation preset to compare the policy's conventions with.
+        """Prepare; ``run`` has the action space and observation preset for the comparison of conventions.
 
         ``world`` is the foreign world of the run.
         """
@@ -63,7 +63,7 @@ class Host:
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
-        """Start it, and wait until it has loaded the policy."""
+        """Start the process and wait until it has loaded the policy."""
         try:
             self._start()
             self._info, self.takes_batches, self._port = self._greeting()
@@ -77,18 +77,18 @@ class Host:
 
     @property
     def info(self) -> PolicyInfo:
-        """Description of the policy, as it declares it."""
+        """The policy's description of itself."""
         if self._info is None:
             raise AssertionError("the host was not started")
         return self._info
 
     @property
     def address(self) -> str:
-        """Address at which workers ask the policy; its server declares how chunks are played."""
+        """Address of the policy for workers; its server declares how chunks are executed."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
-        """Start the process again if it has died, at the same port; PolicyError if it died too often."""
+        """Restart the process at the same port if it has died; PolicyError if it died too often."""
         process = self._process
         if process is None or process.is_alive():
             return
@@ -128,12 +128,12 @@ class Host:
         if isinstance(message, tuple):
             return message
         raise message or PolicyError(
-            f"{self._policy}: its process ended while loading; what it wrote stands above. "
+            f"{self._policy}: its process ended while loading; see its output above. "
             "With --workers 1 it is loaded in this process."
         )
 
     def _end(self) -> None:
-        """Let the process close its policy and end; kill it if it does not."""
+        """Let the process close its policy and exit; kill it if it does not."""
         process, self._process = self._process, None
         pipe, self._pipe = self._pipe, None
         if pipe is not None:
@@ -146,9 +146,9 @@ class Host:
 
 
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
-    """Return the address at which the workers of a run ask a policy that the run itself serves.
+    """Return the address of a policy served by the run itself, with options for its workers.
 
-    An answer has a deadline of ``timeout_s`` [s], and a server that died is waited for ``patience_s`` [s].
+    An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
     """
     # The server keeps and names the deadline itself; this longer one is for a server that does not. The first answer
     # may have to wait until weights are loaded.
@@ -160,9 +160,9 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 def serve(policy: str, run: tuple[str, str, str], timeout_s: float, port: int, pipe: Connection) -> None:
     """Serve a policy until this process is ended; the main function of a host.
 
-    ``run`` is its action space, its observation preset, and its foreign world or "". The port is any free one if
-    ``port`` is 0. What the policy says about itself and the port are sent to ``pipe``, or the error that prevents it;
-    the process ends when the other end is closed.
+    ``run`` has its action space, observation preset, and foreign world or "". If ``port`` is 0, any free port is used.
+    The policy's description and the port are sent to ``pipe``, or the error; the process exits when the other end is
+    closed.
     """
     prepare_process()
     *conventions, world = run
@@ -177,7 +177,7 @@ def serve(policy: str, run: tuple[str, str, str], timeout_s: float, port: int, p
 
 
 def exit_hung() -> None:
-    """End this process, whose policy hangs, after its clients have been told; nothing else ends a call."""
+    """End this process, whose policy hangs, after notifying its clients; a hanging call cannot be ended otherwise."""
     threading.Timer(_EXIT_DELAY_S, os._exit, (HUNG,)).start()
 
 
