@@ -242,7 +242,7 @@ def test_an_error_of_the_model_ends_the_trial_and_the_next_one_goes_on():
             Scripted(action=TWIST, seen={"a": IMAGE_RGB, "b": IMAGE_RGB, "c": IMAGE_RGB}),
             "camera c: .* wants it, this side gives images/agentview, images/wrist",
         ),
-        (Scripted(params={"absolute_action": True}), "answers absolute poses"),
+        (Scripted(params={"absolute_action": True}), "absolute poses"),
     ],
 )
 def test_specs_that_differ_stop_with_both_sides_named(model, text):
