@@ -154,7 +154,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("report",), "runs: no run is named"),
         (("compare",), "Name at least two"),
         (("export",), "runs: no run is named"),
-        (("export", "--check", "set"), "the runs to compare the records set with"),
+        (("export", "--check", "set"), "the folders of the runs to compare set with"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
     ],
 )

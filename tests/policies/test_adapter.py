@@ -275,7 +275,7 @@ def test_native_is_the_whole_observation_and_the_only_one_that_names_the_trial(o
 
 
 def test_a_camera_that_is_not_rendered_is_named(observation):
-    with pytest.raises(PolicyError, match=r"wants the camera 'left_shoulder'.*renders front.*camera\.observation"):
+    with pytest.raises(PolicyError, match=r"needs the camera 'left_shoulder'.*renders front.*camera\.observation"):
         OPENPI_DROID.request(replace(observation, images={"front": observation.images["front"]}))
 
 
@@ -408,7 +408,7 @@ def test_numbers_that_are_not_finite_stay_so_and_spoil_no_other_row(rule, bad):
 
 
 def test_a_rotation_that_is_none_is_a_policy_error():
-    with pytest.raises(PolicyError, match=r"the reply holds an invalid rotation .*Send quaternion_xyzw"):
+    with pytest.raises(PolicyError, match=r"the reply contains an invalid rotation .*Send quaternion_xyzw"):
         read(AnswerRule("ee_pose", TWIST, rotation="quaternion_xyzw"), [0, 0, 0, 0, 0, 0, 0, 1])
 
 
@@ -571,7 +571,7 @@ def test_every_difference_is_named_in_one_line():
         "rotation: this side says 'rpy', the server says 'axis_angle'",
         "rate hz: this side says 20, the server says 15",
         "camera front: this side says 224 x 224, the server says 256 x 256",
-        "camera top: the server wants it, this side gives front",
+        "camera top: the server needs it, this side gives front",
     ):
         assert part in text
     assert "\n" not in text

@@ -113,7 +113,7 @@ def follow(planned, address):
 )
 def test_a_preset_that_translates_is_refused_with_its_layout(preset, layout):
     message = refusal(in_libero, f"openpi://127.0.0.1:9?preset={preset}")
-    assert f"the preset {preset} translates" in message
+    assert f"the preset {preset} converts" in message
     assert message.endswith(f"Give preset={layout}.")
     assert refusal(in_libero, f"openpi://127.0.0.1:9?preset={layout}") == ""
 
@@ -224,7 +224,7 @@ def test_every_flag_that_is_advised_exists():
 
 def test_every_verb_that_is_advised_exists():
     found = advised_in_words(r"(?:[Rr]un|[Gg]ive|as|with|:) `?better ([a-z][a-z-]*)")
-    assert {("registry.py", "worlds"), ("lerobot.py", "serve"), ("adapter.py", "doctor")} <= found
+    assert {("registry.py", "worlds"), ("lerobot.py", "serve"), ("check.py", "doctor")} <= found
     assert {(f, w) for f, w in found if w not in VERBS} == set()
 
 
