@@ -320,7 +320,9 @@ def test_a_bare_array_is_the_actions_as_vllm_omni_sends_them(observation):
     with (
         Server([msgpack.packb(array(CHUNK_VALUES))]) as server,
         client(server, "preset=being_h_libero&timeout=5") as policy,
-        pytest.raises(PolicyError, match=r"answers with an array, but adapter being_h_libero reads action\.eef_position, "),
+        pytest.raises(
+            PolicyError, match=r"answers with an array, but adapter being_h_libero reads action\.eef_position, "
+        ),
     ):
         policy.act(observation)
 
