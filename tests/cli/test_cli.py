@@ -154,7 +154,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("report",), "runs: no run is named"),
         (("compare",), "Name at least two"),
         (("export",), "runs: no run is named"),
-        (("export", "--check", "set"), "the runs with whose records set is to be compared"),
+        (("export", "--check", "set"), "the folders of the runs to compare set with"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
     ],
 )
@@ -328,7 +328,7 @@ def test_wandb_follows_no_link_out_of_its_folder(capsys, small_run, tmp_path, fa
     (out / "wandb").symlink_to(elsewhere)
     status, _, err = run(capsys, "export", str(small_run), "--to", "wandb", "--out", str(out))
     assert status == 2
-    assert "is a link" in err
+    assert "is a symbolic link" in err
     assert not list(elsewhere.iterdir())
     assert not fake_wandb.logged
 

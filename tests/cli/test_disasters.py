@@ -58,7 +58,7 @@ def test_a_verb_names_the_folder_that_is_on_a_full_disk(tmp_path, monkeypatch, c
     assert main([*(strange if word == "SET" else word for word in words), "--out", str(out)]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert str(out) in said
-    assert "make room, then run the same command again" in said
+    assert "free disk space, then run the same command again" in said
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])

@@ -181,11 +181,11 @@ def test_what_is_no_file_of_ours_is_not_written_to(made, tmp_path, capsys, name,
         assert out.is_symlink()
     elif what == "folder":
         out.mkdir()
-        assert "is no file but a folder" in said(capsys, words)
-        assert "is no file but a folder" in said(capsys, [*words, "--overwrite"])
+        assert "is a folder, not a file" in said(capsys, words)
+        assert "is a folder, not a file" in said(capsys, [*words, "--overwrite"])
     elif what == "pipe":
         os.mkfifo(out)
-        assert "is no file but a pipe" in said(capsys, [*words, "--overwrite"])
+        assert "is a pipe, not a file" in said(capsys, [*words, "--overwrite"])
         assert out.is_fifo()
     else:
         with FileLock(out):

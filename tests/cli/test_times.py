@@ -44,7 +44,7 @@ def times(**changes) -> RunTimes:
         (times(policy_s=80.0, simulation_s=3.0), "simulation", "more --workers"),
         (times(policy_s=80.0, wire_s=3.0), "wire", "size=N"),
         (times(policy_s=0.5, wire_s=3.0, idle_s=3.0), "wire", "size=N"),
-        (times(policy_s=9.0, envs=None), "policy", "computed in the workers"),
+        (times(policy_s=9.0, envs=None), "policy", "runs inside the workers"),
         (times(policy_s=0.5, simulation_s=2.0, envs=None), "simulation", "--engine ray"),
     ],
 )

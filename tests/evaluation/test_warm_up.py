@@ -101,7 +101,7 @@ def test_a_server_that_takes_few_connections_gets_no_more(tiny_plan, tmp_path, c
     assert 4.0 < numbers(run)[-1] <= 9.0, (
         "a busy server frees the place of a connection that has ended only after a while"
     )
-    assert "the policy takes no further connection" in caplog.text
+    assert "the policy accepts no further connection" in caplog.text
 
 
 def test_a_wait_is_told_apart_from_work(address, tiny_plan, tmp_path):

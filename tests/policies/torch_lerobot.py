@@ -355,7 +355,7 @@ def test_options_that_do_not_fit_are_named(act, options, text):
     ("given", "text"),
     [
         (features(state=14), "its observation.state has 14 numbers"),
-        (features(cameras=("top",)), r"the camera that observation.images.top shows is not known.*camera.observation"),
+        (features(cameras=("top",)), r"the camera for observation.images.top is not known.*camera.observation"),
         (features(cameras=("wrist", "hand")), "would all show the camera wrist"),
         (
             features(extra={"observation.environment_state": PolicyFeature(type=FeatureType.ENV, shape=(4,))}),
@@ -409,14 +409,14 @@ def claims(**fields):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda f: (f / "policy_preprocessor.json").unlink(), "the normalization of its numbers is not known"),
+        (lambda f: (f / "policy_preprocessor.json").unlink(), "its normalization is not known"),
         (lambda f: (f / "config.json").write_text("{"), "config.json cannot be read"),
         (lambda f: (f / "config.json").write_text("[]"), "names no type of policy"),
         (
             lambda f: (f / "config.json").write_text('{"type": "no_such_type"}'),
             "type 'no_such_type' is not known to LeRobot",
         ),
-        (lambda f: (f / "config.json").unlink(), "holds no config.json"),
+        (lambda f: (f / "config.json").unlink(), "contains no config.json"),
         (lambda f: (f / "model.safetensors").write_bytes(b"\x00" * 64), "LeRobot cannot load it"),
         (lambda f: (f / "model.safetensors").unlink(), "LeRobot cannot load it"),
         (planted, "step 0 of policy_postprocessor.json names the class 'os.system'"),

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of one check: the finding, and the cure if it failed."""
+    """Result of one check: the finding, and the remedy if it failed."""
 
     name: str
     works: bool
@@ -37,7 +37,7 @@ class Check:
 
 
 def run_checks() -> list[Check]:
-    """Try everything that a run needs."""
+    """Run every check of this machine."""
     return [*(_try(name, check) for name, check in CHECKS.items()), *_extras(), *_worlds()]
 
 
@@ -51,7 +51,7 @@ def _try(name: str, check: Callable[[], str]) -> Check:
 
 
 def _extras() -> list[Check]:
-    """Return which extras are installed; one that is not is no fault."""
+    """Return which extras are installed; a missing extra is not a failure."""
     return [
         Check(
             f"extra {name}",

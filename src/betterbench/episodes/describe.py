@@ -11,7 +11,7 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """Facts of a trial beside its scene; fields are None on a training condition or without images."""
+    """Facts of a trial besides its scene; fields are None on a training condition or without images."""
 
     policy: str
     variation: str | None = None

@@ -36,7 +36,7 @@ class EpisodeResult:
 
     Attributes:
         record: The privileged record, a pure function of trial and policy.
-        wall: Wall-clock figures, which the record must not hold [s].
+        wall: Wall-clock figures, which are not part of the record [s].
         states: The states of all rows of the record, for a caller that uses them at once.
     """
 
@@ -46,17 +46,17 @@ class EpisodeResult:
 
 
 _LONGEST_BLOCK = 20
-"""States that are judged at once at most, so that no control step takes long."""
+"""Maximum number of states judged at once, so that no control step takes long."""
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
-"""An episode that waits for its policy. It yields a question; where the question can wait (``wanted_in`` > 0) None is
+"""An episode that waits for its policy. It yields a question. If the question can wait (``wanted_in`` > 0), None is
 sent back at once, and the reply when the episode yields None. A :class:`~betterbench.errors.PolicyError` is thrown in
-where a reply would be sent."""
+instead of a reply."""
 
 _PLAIN = Execution()
 
 Disturbance = Callable[[np.ndarray], np.ndarray]
-"""Returns what is executed in place of an action: for demonstrations whose label is the action without noise."""
+"""Function from an action to the executed action: for demonstrations whose label is the action without noise."""
 
 
 def run_episode(
@@ -70,13 +70,13 @@ def run_episode(
 ) -> EpisodeResult:
     """Run one episode from reset to its end, with a policy that answers in this thread.
 
-    With an observer the policy is asked for ``act``, without one for ``act_on_state``. ``disturb`` is for demonstrators
-    alone: the record then keeps their action as ``action`` and what was executed as ``applied``.
+    With an observer, ``act`` of the policy is called, without one ``act_on_state``. ``disturb`` is only for
+    demonstrators: the record then contains their action as ``action`` and the executed one as ``applied``.
 
     Raises:
-        PremiseError: If the scene does not show what the instruction presupposes.
+        PremiseError: If the scene contradicts the premise of the instruction.
         PolicyUnavailableError: If the policy's server cannot be reached.
-        HandshakeError: If the policy has become another one.
+        HandshakeError: If the policy's server now serves another policy.
     """
     execution = _PLAIN if observer is None else policy.info.execution  # type: ignore[union-attr]
     steps = episode_steps(
@@ -111,7 +111,7 @@ def run_episode(
             return result
         finally:
             steps.close()
-            outcome = kept = None  # an error refers to this frame, which holds the scene
+            outcome = kept = None  # an error refers to this frame, which would keep the scene
 
 
 def episode_steps(
@@ -124,14 +124,14 @@ def episode_steps(
     on_step: Callable[[int], None] | None = None,
     privileged: PrivilegedPolicy | None = None,
 ) -> Steps:
-    """Run one episode from reset to its end, and stop wherever the policy has to answer first.
+    """Run one episode from reset to its end, and yield whenever the policy must answer first.
 
-    So one thread can interleave many episodes. The result does not depend on how long an answer takes. Without an
-    observer the policy is shown the privileged state; ``privileged`` is then asked here and nothing is yielded. Yields
-    a question, or None where the reply to the last one is needed now.
+    One thread can thus interleave many episodes. The result does not depend on the duration of an answer. Without an
+    observer the policy gets the privileged state; ``privileged`` is then called here and nothing is yielded. Yields a
+    question, or None if the reply to the last one is needed now.
 
     Raises:
-        PremiseError: If the scene does not show what the instruction presupposes.
+        PremiseError: If the scene contradicts the premise of the instruction.
         PolicyKilledError: If the process of the policy was ended from outside.
     """
     began = time.perf_counter()
@@ -229,7 +229,7 @@ def _finished(
     success: bool,
 ) -> Record:
     if error is not None:
-        error = encodable(error)  # file names may hold what a record cannot
+        error = encodable(error)  # file names may contain characters that a record cannot
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
     return builder.finish(
         termination=termination,
@@ -249,7 +249,7 @@ def append_row(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    """Append one row of an episode to its record: the state of the scene, its truth, and the action that led there."""
+    """Append one row of an episode to its record: the state of the scene, its truth, and the preceding action."""
     builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
     _append_truth(builder, truth)
 

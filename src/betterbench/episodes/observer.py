@@ -1,4 +1,4 @@
-"""Observations of a scene, as a policy gets them."""
+"""Observations of a scene for a policy."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def observation_of(
 
 
 class Observer:
-    """Makes observations, and keeps the renderers of the last models, because making one takes tens of milliseconds."""
+    """Maker of observations; keeps the renderers of the last models, because making one takes tens of milliseconds."""
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
-        """Prepare; ``renderers`` is the number of renderers that are kept, one per model."""
+        """Prepare; ``renderers`` is the maximum number of kept renderers, one per model."""
         self.spec = spec
         self._renderers = Renderers(renderers)
 

@@ -2,8 +2,8 @@
 
 The packages, from the bottom up: ``planning`` (plan and manifest of a run), ``trials`` (one trial in one process),
 ``workers`` (worker processes of this machine), ``serving`` (policies behind the openpi protocol), ``ray_engine``
-(workers on a Ray cluster), ``running`` (a whole run, your own loop, replay), ``preflight`` (a policy is asked before a
-run) and ``integrations`` (the tasks in other harnesses). ``figures`` renders images of scenes and films of records.
+(workers on a Ray cluster), ``running`` (a whole run, your own loop, replay), ``preflight`` (a policy check
+before a run) and ``integrations`` (the tasks in other harnesses). ``figures`` renders images and videos.
 
 Each public name is imported from its module when it is first used.
 """

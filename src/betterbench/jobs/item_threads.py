@@ -1,4 +1,4 @@
-"""Many items, such as the trials of a run, over threads that each keep a resource, such as a drawing process."""
+"""Processing of many items, such as the trials of a run, in threads with a resource each, such as a renderer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Stoppable(Protocol):
     """A resource of a thread."""
 
     def stop(self) -> None:
-        """Let whatever waits for the resource, in any thread, end soon with an error."""
+        """Make any thread that waits for the resource end soon with an error."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):

@@ -51,7 +51,7 @@ def exit_text(status: int | None) -> str:
 
 @contextlib.contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in this thread for a while, and permanently in processes that are started meanwhile."""
+    """Block Ctrl-C in this thread inside the context, and permanently in processes started there."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -60,10 +60,10 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
-    """Keep numerical libraries and the software renderer to one thread each, and end with the parent process.
+    """Limit numerical libraries and the software renderer to one thread each, and end with the parent process.
 
-    What is logged follows ``BETTERBENCH_LOG_LEVEL``, in which the command line hands its ``--log-level`` down. Nothing
-    is written below folders that the parent has locked (``held``), once they are gone.
+    The log level is that of ``BETTERBENCH_LOG_LEVEL``, set by ``--log-level``. Nothing is written below folders locked
+    by the parent (``held``) once they no longer exist.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -76,7 +76,7 @@ def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the run is killed, so that it cannot write into a run that is resumed."""
+    """End this process when the run is killed, so that it cannot write to a resumed run."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -257,7 +257,7 @@ def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path,
     words = ["export", str(demonstrations.run.path), "--preset", "openpi_libero", "--out", str(tmp_path / "set")]
     assert main(words) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "--preset: belongs to data sets, and submission is none. Add --to lerobot" in said
+    assert "--preset: belongs to data sets, but submission is none. Add --to lerobot" in said
     assert not (tmp_path / "set").exists()
 
 
@@ -347,7 +347,7 @@ def test_records_of_two_versions_of_a_task_are_no_data_set(demonstrations, tmp_p
 
 def test_a_link_to_nothing_is_refused_before_anything_is_drawn(demonstrations, tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
-    with pytest.raises(RunConflictError, match="is a link to nothing"):
+    with pytest.raises(RunConflictError, match="is a broken symbolic link"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "link"))
     assert [path.name for path in tmp_path.iterdir()] == ["link"]
 

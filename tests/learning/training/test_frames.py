@@ -92,7 +92,7 @@ def test_resumed_is_undisturbed(read, tmp_path, monkeypatch, workers):
 
     with monkeypatch.context() as patched:
         patched.setattr(durable.DurableFile, "finish", finish)
-        with pytest.raises(StorageError, match="make room"):
+        with pytest.raises(StorageError, match="free disk space"):
             read(frames=tmp_path / "parts")
     assert len(files_of(tmp_path / "parts")) == 1
     told = []

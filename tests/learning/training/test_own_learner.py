@@ -244,7 +244,7 @@ WRONG = {
     ),
     "sparse": ("nn.Embedding(words, width)", "nn.Embedding(words, width, sparse=True)", "of word.weight is sparse"),
     "lazy": ("self.last = ", "self.lazy = torch.nn.LazyLinear(3)\n        self.last = ", "lazy.weight is not known"),
-    "extra": (LAST, LAST + "\n    def get_extra_state(self):\n        return {}\n", "is no tensor"),
+    "extra": (LAST, LAST + "\n    def get_extra_state(self):\n        return {}\n", "not a tensor"),
     "scale": ('"position", 3', '"position", 4', r"no scale 'position' of 4 numbers .*\(\"position\", 3\)"),
     "name of scale": ('"position", 3', '"tools", 3', "no scale 'tools' of 3"),
     "in build": ("self.word = ", "self.word = 1 / 0 or ", r"mine.py, line \d+: ZeroDivisionError"),

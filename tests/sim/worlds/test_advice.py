@@ -225,7 +225,7 @@ def test_every_flag_that_is_advised_exists():
 
 def test_every_verb_that_is_advised_exists():
     found = advised_in_words(r"(?:[Rr]un|[Gg]ive|as|with|:) `?better ([a-z][a-z-]*)")
-    assert {("registry.py", "worlds"), ("lerobot.py", "serve"), ("adapter.py", "doctor")} <= found
+    assert {("registry.py", "worlds"), ("lerobot.py", "serve"), ("check.py", "doctor")} <= found
     assert {(f, w) for f, w in found if w not in VERBS} == set()
 
 

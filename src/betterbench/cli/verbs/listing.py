@@ -51,7 +51,7 @@ def list_command(
     if what == "variations":
         OUT.print("support: whether every pose that it needs was seen in training", markup=False)
     elif what == "policies":
-        OUT.print("\nzoo: faulty on purpose, with one fault that the diagnosis has to find", markup=False)
+        OUT.print("\nzoo: faulty policies, each with one known fault that the diagnosis has to find", markup=False)
 
 
 def _table(what: What) -> tuple[list[str], list[list[str]]]:

@@ -18,12 +18,12 @@ def worlds_command(
 ) -> None:
     """List the worlds with a simulator of their own, or install one into an environment of its own.
 
-    The packages are pinned by their hashes and go to the user's cache; the environment of betterbench does not change.
+    Packages are pinned by hash and installed in the user's cache; the environment of betterbench does not change.
 
     Example: better worlds install libero
 
     Args:
-        what: list, or install.
+        what: list or install.
         name: The world to install.
         json: Print one JSON document instead of a table.
     """
@@ -44,7 +44,7 @@ def worlds_command(
             OUT.print(str(folder), markup=False, soft_wrap=True)
         return
     if name is not None:
-        raise InvalidInputError("worlds list", f"{name!r} is one word too many", "Leave it out")
+        raise InvalidInputError("worlds list", f"{name!r} is not expected here", "Leave it out")
     rows = [
         [world.name, "installed" if world.is_installed else "not installed", world.summary] for world in apart.values()
     ]

@@ -1,8 +1,8 @@
 """Export of a data set: several workers make each episode once, then the whole set is put at its place.
 
-Everything is made in a hidden folder beside the place, ``.NAME.parts``. Episodes that are complete there are not made
-again, and the finished data set is moved to its place by one renaming, so that it is there whole or not at all. Bytes
-follow from the records and the options alone.
+Everything is made in a hidden folder beside the target, ``.NAME.parts``. Episodes that are complete there are not made
+again, and the finished data set is moved to its place by one renaming, so it is either complete or absent. The bytes
+depend only on the records and the options.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of what an export holds; it moves when the same records give other frames."""
+"""Version of the content of an export; it changes when the same records give other frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
 """File of a data set that describes its origin."""
@@ -60,12 +60,12 @@ class ExportPlan:
 
     Attributes:
         out: Folder of the data set, or its file for robomimic.
-        form: Storage of images; robomimic's are always without loss.
+        form: Storage of images; robomimic's are always lossless.
         quality: Render preset; that of the runs if None.
         validation: Share of the seeds whose episodes are for validation.
         language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
-        questions: Folder of a set of questions for them, or None.
-        overwrite: Whether another data set of ours, or for robomimic any other file, is replaced.
+        questions: Folder of a set of questions about the frames, or None.
+        overwrite: Whether another data set of betterbench, or for robomimic any other file, is replaced.
     """
 
     runs: Sequence[RunFolder]
@@ -83,7 +83,7 @@ class ExportPlan:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """Result of an export: the place of the data set, and its number of episodes, frames and bytes."""
+    """Result of an export: path of the data set, and its number of episodes, frames and bytes."""
 
     path: Path
     episodes: int
@@ -100,7 +100,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
     ``on_progress`` is called with the number of episodes done and planned.
 
     Raises:
-        RunConflictError: If there is something else at the place, or another process is exporting to it.
+        RunConflictError: If other files are at the place, or another process is exporting to it.
         RecordError: If a record or a stored scene is missing or damaged.
         InvalidInputError: If the options do not fit each other or the records.
         StorageError: If the disk is full.
@@ -111,9 +111,9 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
     identity = _identity(plan, quality)
     staging = out.with_name(f".{out.name}.parts")
     if out.is_symlink() and not out.exists():
-        raise RunConflictError(f"{out}: is a link to nothing. Remove it, or choose another place.")
+        raise RunConflictError(f"{out}: is a broken symbolic link. Remove it, or choose another place.")
     if staging.is_symlink():
-        raise RunConflictError(f"{staging}: is a link, and no link is written to. Remove it.")
+        raise RunConflictError(f"{staging}: is a symbolic link. Remove it.")
     with on_disk(out):
         if out.exists() and not _is_replaced(plan, out, identity):
             told = _finished(plan, out, identity, quality)
@@ -132,7 +132,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
 
 
 def _checked(plan: ExportPlan) -> ExportPlan:
-    """Return the plan with what its format leaves no choice about; raise InvalidInputError if options do not fit."""
+    """Return the plan with the settings that its format prescribes; raise InvalidInputError if options do not fit."""
     if plan.to == "robomimic":
         require_h5py()
         plan = replace(plan, form="png")
@@ -160,7 +160,7 @@ def _quality(plan: ExportPlan) -> str:
 
 
 def _identity(plan: ExportPlan, quality: str) -> str:
-    """Return a digest of everything that the bytes of a data set follow from."""
+    """Return a digest of everything that determines the bytes of a data set."""
     form = {
         "version": EXPORT_VERSION,
         "to": plan.to,
@@ -182,9 +182,9 @@ def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
 def pairs_of(
     runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
 ) -> dict[tuple[int, TrialId], list[str]]:
-    """Return the ids of the pairs of twins that each demonstration belongs to, by the number of its run and its trial.
+    """Return the ids of the twin pairs of each demonstration, by the index of its run and its trial.
 
-    There are none for runs without twins.
+    Runs without twins have none.
     """
     found: dict[tuple[int, TrialId], list[str]] = {}
     for number, run in enumerate(runs):
@@ -197,7 +197,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return the settings beside its record on which the frames of an episode depend."""
+    """Return the settings, besides its record, that determine the frames of an episode."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -208,14 +208,14 @@ def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: C
 
 
 def _remove_leftover(staging: Path) -> None:
-    """Remove what a killed process left, unless another process exports to the same place with other options."""
+    """Remove leftovers of a killed process, unless another process exports to the same place with other options."""
     if staging.is_dir():
         with contextlib.suppress(RunConflictError, OSError), RunLock(staging / LOCK_NAME):
             shutil.rmtree(staging, ignore_errors=True)
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return the finished data set at the place; raise RunConflictError if something else is there."""
+    """Return the finished data set at the place; raise RunConflictError if other files are there."""
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -225,15 +225,15 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
     if told is None or there != identity:
         if there:
             raise RunConflictError(
-                f"{out}: there is another data set already. Give --overwrite to replace it, or another name."
+                f"{out}: another data set already exists here. Give --overwrite to replace it, or another name."
             )
         if out.is_dir():
             raise RunConflictError(
-                f"{out}: there is something else already, a folder that better export did not write. "
+                f"{out}: a folder that better export did not write already exists here. "
                 "It is never replaced: give another name."
             )
         require_replaceable(out, "export", is_ours=lambda _: False)
-        raise RunConflictError(f"{out}: there is an empty file already. Remove it, or give another name.")
+        raise RunConflictError(f"{out}: an empty file already exists here. Remove it, or give another name.")
     again = "Move the data set away and run the command again"
     if plan.to == "robomimic":
         require_same_content(out, cure=again)
@@ -241,7 +241,7 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
         logger.warning("%s: an earlier version wrote it without digests, so a change in it would not be seen", out)
     lost = next((name for name, digest in digests.items() if _digest(out / name) != digest), None)
     if lost is not None:
-        raise RunConflictError(f"{out / lost}: is missing, or has other bytes than when it was written. {again}.")
+        raise RunConflictError(f"{out / lost}: is missing or has changed since it was written. {again}.")
     return told
 
 
@@ -251,7 +251,7 @@ def _digest(file: Path) -> str | None:
 
 
 def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
-    """Tell whether what is at the place is to be replaced: with ``overwrite``, but no folder that is not ours."""
+    """Tell whether the content of the place is to be replaced: only with ``overwrite``, and only our own folders."""
     if not plan.overwrite or out.is_symlink():
         return False
     there = None
@@ -306,7 +306,7 @@ def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
 def _check_rate(record: Record) -> None:
     rate = record.metadata.control_rate_hz
     if abs(rate - round(rate)) > 1e-9:
-        raise InvalidInputError("control rate", f"{rate:g} Hz is no whole number", "Record at 20 Hz")
+        raise InvalidInputError("control rate", f"{rate:g} Hz is not an integer", "Record at 20 Hz")
     if record.n_steps < 2:
         m = record.metadata
         raise RecordError(f"{m.task}/{m.condition}/{m.seed}: has {record.n_steps} steps, too few for an episode.")
@@ -332,14 +332,14 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         whole / SOURCE_FILE,
         json_bytes(sealed_form({**dataset.source, "version": 2, "files": files, "sha256": digests})),
     )
-    if out.exists():  # another one that is to be replaced; it goes with the hidden folder
+    if out.exists():  # an older data set to replace; it is deleted with the hidden folder
         shutil.rmtree(replaced, ignore_errors=True)
         out.rename(replaced)
     whole.replace(out)
 
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
-    """Return the data set of the parts: training episodes first, and everything that is told about the origin."""
+    """Return the data set of the parts: training episodes first, with the description of its origin."""
     shown = plan.selection.demonstrations
     asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
     pairs = _pairs(plan)
@@ -348,7 +348,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         folder = _part_folder(staging, plan, quality, d)
         index = read_index(folder)
         if index is None:
-            raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
+            raise RecordError(f"{folder}: this part was damaged during the export. Run the command again.")
         rates.add(round(index.about["control_rate_hz"]))
         about = {**index.about, "pairs": pairs.get((d.run, d.trial), [])} if pairs else index.about
         episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
@@ -364,9 +364,9 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Return the seeds whose episodes are for validation: whole seeds, because conditions share their layouts.
+    """Return the seeds of the validation episodes: whole seeds, because conditions share their layouts.
 
-    One seed at least is left for training.
+    At least one seed is left for training.
     """
     by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
     return set(by_hash[: min(round(share * len(seeds)), len(seeds) - 1)])
@@ -400,9 +400,10 @@ def origin_of(
 
 
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
-    """Return whether the first ``train`` of some trials are for training and the others for validation in an export.
+    """Return whether some trials may be split in an export with the first ``train`` for training.
 
-    That is so for some share of validation, which is not stored: its seeds are held out whole and come last.
+    That is the case if some validation share, which is not stored, gives this split: seeds are held out whole and come
+    last.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -412,9 +413,9 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 
 
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
-    """Return the command that evaluates a policy that was trained on a layout, with its address left open.
+    """Return the command that evaluates a policy trained on a layout, without the policy's address.
 
-    It plays the whole suite where all tasks of the suite are demonstrated, and a few trials of the tasks otherwise.
+    It evaluates the whole suite if all its tasks are demonstrated, and otherwise a few trials of the tasks.
     """
     name = layout.adapter.name
     words = ["better eval --policy"]

@@ -1,8 +1,8 @@
 """Whole instructions as categories: information about an outcome beyond that of single words and pairs of words.
 
-Three or more words may fix an outcome together, or two words in so few demonstrations that no pair can be tested. A
-test of the whole instruction shows both. Where words or pairs already tell an outcome, demonstrations are compared
-only with those that agree in these words, so that no rule is found twice.
+Three or more words may determine an outcome together, or two words in too few demonstrations to test the pair. A test
+of the whole instruction covers both. If words or pairs already determine an outcome, demonstrations are compared only
+with those that agree in these words, so that no rule is found twice.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from betterbench.demonstrations.shortcuts.association import Association, PermutationTest, codes_of, permutation_test
 
 FEWEST_SAID = 2
-"""Fewest demonstrations with one instruction for it to be compared: an instruction that is given once tells nothing."""
+"""Minimum number of demonstrations with one instruction: an instruction that occurs once has no information."""
 
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
@@ -28,11 +28,11 @@ class WholeTest:
     """The test of whole instructions against an outcome.
 
     Attributes:
-        test: The association without any condition, which planted rules are compared with.
-        beyond: The association among demonstrations that agree in the words that already tell the outcome.
+        test: The unconditional association, with which planted rules are compared.
+        beyond: The association among demonstrations that agree in the words already found.
         share_told: Share of the errors of the best guess from these words that the instruction avoids.
-        rows: Numbers of the demonstrations that were compared.
-        instructions: Number of different instructions that they have.
+        rows: Indices of the demonstrations that were compared.
+        instructions: Number of different instructions among them.
     """
 
     test: PermutationTest
@@ -50,7 +50,7 @@ def whole_test(
     Args:
         instructions: Instruction of each demonstration.
         outcomes: Outcome of each demonstration.
-        known: For each demonstration, which of the words that already tell the outcome it has, as a text.
+        known: For each demonstration, the words already found that it contains, as a text.
         draw: Random generator of the permutations.
     """
     times = Counter(instructions)
@@ -69,7 +69,7 @@ def whole_test(
 def share_told(joint: _Ints) -> _Floats:
     """Return the share of the errors of always guessing the most frequent outcome that knowing the category avoids.
 
-    Each demonstration is guessed from the others of its category (leave one out); ties are half right.
+    Each demonstration is guessed from the others of its category (leave-one-out); ties count as half right.
 
     Args:
         joint: (..., categories, outcomes) how often each category goes with each outcome, in one table or in many.

@@ -1,4 +1,4 @@
-"""Films: images of recorded states, rendered after the run from the records alone."""
+"""Images and videos of recorded states, rendered after the run from its records."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from betterbench.sim.worlds import Photo, world_named
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One image to render: of a trial at a simulated time [s]."""
+    """One image to render: a trial at a simulated time [s]."""
 
     task: str
     condition: str
@@ -130,7 +130,7 @@ def film_record(
     every: int = 1,
     on_progress: OnCount | None = None,
 ) -> None:
-    """Write the video of a record (H.264 in MP4) whose scene a view has open, with one frame per ``every`` rows.
+    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows; a view has its scene open.
 
     ``on_progress`` is called with the number of frames done and planned.
     """
@@ -151,7 +151,7 @@ def film_record(
 
 
 def probe_encoder() -> str:
-    """Encode a small video in memory and return its format; an encoder that is missing raises."""
+    """Encode a small video in memory and return its format; raises an error if the encoder is missing."""
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=20)

@@ -1,4 +1,4 @@
-"""The plan of a run: its trials and the conventions they run under. It is written before the first trial starts."""
+"""The plan of a run: its trials and conventions. It is written before the first trial starts."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from betterbench.version import __version__
 PLAN_VERSION = 1
 
 MAX_TRIALS = 10_000
-"""Most trials per variation: 1.2 million trials of the whole suite, which take weeks."""
+"""Maximum trials per variation; 1.2 million trials in the whole suite, which take weeks."""
 
 MAX_SEED = 2**31 - 1
-"""Largest first seed: clients and servers of other protocols hold it in 32 bits."""
+"""Largest first seed: clients and servers of other protocols store it in 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Plan:
     """Policy, trials and settings of a run. A run is resumed with the same plan; another plan is refused.
 
     Attributes:
-        trials: Trials to run; with ``until_decided``, the trials that are run at most.
+        trials: Trials to run; with ``until_decided``, the maximum set of trials.
         until_decided: Rule after which a variation gets no more trials, or None to run all.
         world: The world in which the trials are run.
     """
@@ -50,7 +50,7 @@ class Plan:
     world: World = OWN_WORLD
 
     def __post_init__(self) -> None:
-        """Refuse to run until decided without every pair: each variation and its twin with all seeds."""
+        """Check that a plan until decided has every pair: each variation and its twin with all seeds."""
         if self.until_decided is None:
             return
         planned = {t.id for t in self.trials}
@@ -61,7 +61,7 @@ class Plan:
         if not varied or not wanted <= planned:
             what = "a variation" if not varied else str(min(wanted - planned, key=str))
             raise InvalidInputError(
-                "trials", f"{what} is missing, and a run until decided needs every pair", "Plan the run again"
+                "trials", f"{what} is missing, but a run until decided needs every pair", "Plan the run again"
             )
 
     def to_json(self) -> dict[str, Any]:
@@ -103,15 +103,15 @@ def make_plan(
     """Return the plan of a run of the named tasks, or of those of better60.
 
     Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as
-    many trials in all as its variations, evenly shared. The first of them are the twins of the variations. Every trial
-    of a plan of some variations ("L1", "fast_food/T1") is also in the plan of all variations, so one certificate covers
-    both. With ``looks`` "unseen", objects and rooms have looks that no demonstration shows.
+    many trials in total as its variations, evenly distributed. The first of them are the twins of the variations. Each
+    trial of a plan with some variations ("L1", "fast_food/T1") is also in the plan of all variations, so they share a
+    certificate. With ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
 
-    With ``until_decided``, ``trials`` is the most that a variation gets, and of the training conditions only the twins
+    With ``until_decided``, ``trials`` is the maximum per variation, and only the twins among the training conditions
     are run.
 
     Raises:
-        InvalidInputError: If a number is out of range or nothing is left to run.
+        InvalidInputError: If a number is out of range or no trial is left to run.
         UnknownNameError: If a name is unknown.
     """
     require_between("--trials", trials, 1, MAX_TRIALS)
@@ -131,7 +131,7 @@ def make_plan(
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
-    """Return the id of a trial that exists; its condition is the first training condition if None."""
+    """Return the id of an existing trial; its condition is the first training condition if None."""
     require_between("--seed", seed, 0, MAX_SEED)
     trial = TrialId(task, condition or get_task(task).training[0].name, seed)
     resolve_condition(trial.task, trial.condition)
@@ -139,7 +139,7 @@ def named_trial(task: str, condition: str | None = None, seed: int = 0) -> Trial
 
 
 def plan_extent(plan: Plan) -> tuple[int, int]:
-    """Return the first seed of a plan and its trials per variation, as ``better eval`` takes them."""
+    """Return the first seed of a plan and its trials per variation, as options of ``better eval``."""
     seeds = [t.seed for t in plan.trials]
     counts = Counter((t.task, t.condition) for t in plan.trials if t.variation is not None)
     return min(seeds), max(counts.values(), default=len(set(seeds)))

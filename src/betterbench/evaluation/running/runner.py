@@ -1,4 +1,4 @@
-"""Running a plan: workers run its trials, one journal holds what has ended, and the same command resumes the run."""
+"""Running a plan: workers run its trials, a journal lists finished ones, and the same command resumes the run."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ Engine = Literal["local", "ray"]
 MAX_WORKERS = 256
 
 MAX_PASSES = 3
-"""Most passes of a run through its trials while their records disappear."""
+"""Maximum passes of a run through its trials if records disappear."""
 
 _TURN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Progress of a run; ``started_with`` trials were done before this process, which has run for ``elapsed_s`` [s].
+    """Progress of a run; ``started_with`` trials were done before this process, which has run ``elapsed_s`` [s].
 
     Attributes:
-        planned: Number of trials of the plan; of a run until decided, the most that may be run.
+        planned: Number of trials of the plan; for a run until decided, the maximum.
         decisions: Decisions after the last round of a run until decided, or None.
     """
 
@@ -85,31 +85,31 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run every trial of a plan that is not in the journal yet; with ``until_decided``, as many as its verdicts need.
+    """Run every trial of a plan that is not in the journal yet; with ``until_decided``, only those that are needed.
 
-    Trials whose record is missing or damaged are run again. The policy is asked for its conventions before anything is
-    written. Results do not depend on the number of workers and environments, nor on the engine.
+    Trials whose record is missing or damaged are run again. The conventions of the policy are compared before anything
+    is written. Results do not depend on the number of workers and environments, nor on the engine.
 
     Args:
         plan: The same plan resumes an unfinished run.
         out: Folder of the run.
-        workers: Worker processes; with 1 the trials run in this process, but for a policy that is not ours, which is
-            always asked in a process of its own. None for one per processor of this machine or of the cluster, or for a
+        workers: Worker processes; with 1 the trials run in this process, except for a user's policy, which
+            always runs in a separate process. None for one per processor of this machine or of the cluster, or for a
             single one if each would load the weights of a policy again.
-        envs: Environments of each worker; None for 1 where the policy answers at once. Where it does not, a warm-up
-            chooses the number from what the policy and the simulation take, within the memory that is free.
+        envs: Environments of each worker; None for 1 if the policy answers immediately. Otherwise a warm-up
+            chooses the number from the times of the policy and the simulation, within the free memory.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
         cluster: Cluster on which the actors are placed.
         policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
-        allow_changed_policy: True to resume with a policy that declares something else than when the run began.
-        repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
-        policies: Factory of a policy that has no address, for one worker; None for the address of the plan.
+        allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
+        repeats: Run that must have the same policy, unless changed ones are allowed; None for no comparison.
+        policies: Factory of a policy without an address, for one worker; None for the address of the plan.
         on_progress: Called once at the start and after every trial.
         on_steps: Called about twice a second with the control steps of this session.
 
     Raises:
-        RunConflictError: If the folder holds another run or another process writes to it, or the policy has changed.
-        PremiseError: If a scene does not show what its instruction presupposes.
+        RunConflictError: If the folder contains another run, another process writes to it, or the policy has changed.
+        PremiseError: If a scene contradicts the premise of its instruction.
         InvalidInputError: If a number is out of range, or the policy answers in another action space.
         UnknownNameError: If there is no such policy.
         PolicyUnavailableError: If the policy's server cannot be reached.
@@ -153,9 +153,9 @@ def evaluate(
 
 
 def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
-    """Say what was assumed about a policy, and check that this machine can draw what it is to see.
+    """Log assumptions about a policy, and check that this machine can render its images.
 
-    Otherwise every trial would break for the same reason.
+    Otherwise every trial would fail for the same reason.
     """
     if "assumed" in info.metadata:
         logger.warning("%s", info.metadata["assumed"])
@@ -180,7 +180,7 @@ def _record(
     began: float,
     on_progress: Callable[[Progress], None] | None,
 ) -> None:
-    """Append entries to the journal as they come, and report each."""
+    """Append entries to the journal as they arrive, and report each."""
     plan = schedule.plan
     planned = len(plan.trials)
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
@@ -217,7 +217,7 @@ class _Asked:
 def _ask_policy(
     plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
 ) -> _Asked:
-    """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
+    """Create the policy, or connect to it, and compare its conventions; the stack closes the resources."""
     if given is not None:
         return _Asked(given.check(plan.action_space, plan.observation, rate_hz=plan.world.control_rate_hz), 1, given)
     address, world, rate_hz = plan.policy, plan.world.dialect, plan.world.control_rate_hz
@@ -258,7 +258,7 @@ def _with_policy(
 
 
 def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
-    """Return how the run is carried out, as ``run.json`` says it."""
+    """Return the description of the engine for ``run.json``."""
     form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
     if settings.most_envs > settings.envs:
         form["most_envs"] = settings.most_envs  # a warm-up chooses; the journal says how many there were

@@ -1,6 +1,6 @@
 """A host: the process that serves a policy to all workers of a run over openpi.
 
-The policy itself runs in yet another process, so that a crash there costs only the trial that it was answering.
+The policy itself runs in another process, so that a crash there affects only the current trial.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from betterbench.sim.scenes import CONTROL_RATE_HZ
 logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
-"""Most restarts of a host that died."""
+"""Maximum restarts of a host that died."""
 
 HUNG = 75
 """Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
@@ -37,14 +37,14 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""Time that a worker waits for a host [s]: a host that is started again loads its weights again."""
+"""Time that a worker waits for a host [s]: a restarted host loads its weights again."""
 
 
 class Host:
-    """Serves one policy from a process of its own. A context manager, which starts and ends it.
+    """Serves one policy from a separate process. A context manager, which starts and ends it.
 
     Attributes:
-        takes_batches: Whether one instance answers all environments.
+        takes_batches: Whether one instance serves all environments.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Host:
         world: str = "",
         rate_hz: float = CONTROL_RATE_HZ,
     ) -> None:
-        """Prepare; ``run`` is the action space and observation preset to compare the policy's conventions with.
+        """Prepare; ``run`` has the action space and observation preset for the comparison of conventions.
 
         ``world`` is the world in whose conventions a server is spoken to, and ``rate_hz`` the control rate of the run
         [Hz].
@@ -68,7 +68,7 @@ class Host:
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
-        """Start it, and wait until it has loaded the policy."""
+        """Start the process and wait until it has loaded the policy."""
         try:
             self._start()
             self._info, self.takes_batches, self._port = self._greeting()
@@ -82,14 +82,14 @@ class Host:
 
     @property
     def info(self) -> PolicyInfo:
-        """Description of the policy, as it declares it."""
+        """The policy's description of itself."""
         if self._info is None:
             raise AssertionError("the host was not started")
         return self._info
 
     @property
     def address(self) -> str:
-        """Address at which workers ask the policy; its server declares how chunks are played."""
+        """Address of the policy for workers; its server declares how chunks are executed."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
@@ -129,7 +129,7 @@ class Host:
         if isinstance(message, tuple):
             return message
         raise message or PolicyError(
-            f"{self._policy}: its process ended while loading; what it wrote stands above. "
+            f"{self._policy}: its process ended while loading; see its output above. "
             "With --workers 1 it is loaded in this process."
         )
 
@@ -141,9 +141,9 @@ class Host:
 
 
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
-    """Return the address at which the workers of a run ask a policy that the run itself serves.
+    """Return the address of a policy served by the run itself, with options for its workers.
 
-    An answer has a deadline of ``timeout_s`` [s], and a server that died is waited for ``patience_s`` [s].
+    An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
     """
     # The server keeps and names the deadline itself; this longer one is for a server that does not. The first answer
     # may have to wait until weights are loaded.
@@ -172,7 +172,7 @@ def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port:
 
 
 def exit_hung() -> None:
-    """End this process, whose policy hangs, after its clients have been told; nothing else ends a call."""
+    """End this process, whose policy hangs, after notifying its clients; a hanging call cannot be ended otherwise."""
     threading.Timer(_EXIT_DELAY_S, os._exit, (HUNG,)).start()
 
 

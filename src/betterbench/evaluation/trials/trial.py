@@ -1,4 +1,4 @@
-"""One trial in one worker: the scene is built, the episode is run and the record is written."""
+"""One trial in one worker: it builds the scene, runs the episode and writes the record."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 logger = logging.getLogger(__name__)
 
 POLICY_TIMEOUT_S = 300.0
-"""Deadline of one answer of a policy in this process [s], unless another one is asked for."""
+"""Default deadline of one answer of a policy in this process [s]."""
 
 _SPARE_RENDERERS = 3
 
@@ -50,19 +50,19 @@ class RunSettings:
 
     Attributes:
         run: Folder of the run.
-        policy: Address of the policy, as the records name it.
+        policy: Address of the policy, as in the records.
         envs: Environments that a worker keeps open at once, or begins with.
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
-        served_at: Address of the process that holds the policy for all workers, or None.
+        served_at: Address of the process that runs the policy for all workers, or None.
         task_files: The user's files that workers load before anything else.
-        held: Folders around the run that the process which started it has locked.
+        held: Folders around the run that are locked by the process that started it.
         looks: Looks of objects and rooms.
         known: Description that an outside policy server gave at the start of the run; None without such a server.
         world: The world in which the trials are run.
         most_envs: Environments that a warm-up may choose at most; no more than ``envs`` where their number is settled.
         workers: Workers of the run, which share the memory of their machine.
-        trials: Trials that are left when the run begins, at most; 0 where that is not known.
-        turn: Number of the worker among those of the run, which decides the EGL device that it draws with.
+        trials: Maximum number of trials left at the start of the run; 0 if unknown.
+        turn: Index of the worker, which determines its EGL device.
     """
 
     run: str
@@ -86,7 +86,7 @@ class RunSettings:
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
-        """Return the settings of a plan that is run into a folder."""
+        """Return the settings for a plan and the folder of its run."""
         return cls(
             str(run.absolute()),
             plan.policy,
@@ -102,7 +102,7 @@ class RunSettings:
 
     @property
     def asked(self) -> str:
-        """Address at which a worker asks the policy."""
+        """Address of the policy for workers."""
         return self.served_at or self.policy
 
     @property
@@ -112,7 +112,7 @@ class RunSettings:
 
 
 class TrialRunner:
-    """Runner of one worker's trials, with the objects that they share: policies, observer and world processes."""
+    """Runs the trials of one worker, with shared objects: policies, observer and world processes."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Ask the policy what it needs; raises a BetterError if that fails."""
+        """Get the needs of the policy; raises a BetterError if that fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -140,14 +140,14 @@ class TrialRunner:
         self._processes = WorldProcesses(settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:
-        """Run one trial and write its record and, once, its scene; stop wherever its policy has to answer first.
+        """Run one trial and write its record and, once, its scene; pause whenever the policy must answer.
 
-        Yields as :func:`betterbench.episodes.episode_steps`, and nothing where the policy needs no thread. Returns the
+        Yields as :func:`betterbench.episodes.episode_steps`, and nothing if the policy needs no thread. Returns the
         journal entry; the caller writes it, so that only one process appends.
 
         Raises:
-            PremiseError: If the scene does not show what the instruction presupposes; the run has to stop.
-            StorageError: If the disk is full; the run has to stop.
+            PremiseError: If the scene contradicts the premise of the instruction; the run must stop.
+            StorageError: If the disk is full; the run must stop.
         """
         began = time.perf_counter()
         status: TrialStatus = "done"
@@ -194,7 +194,7 @@ class TrialRunner:
         )
 
     def close(self) -> None:
-        """Free the renderers, and close what was made of the policy and not taken."""
+        """Free the renderers, and close unused instances of the policy."""
         self._observer.close()
         self.policies.close()
         self._processes.close()

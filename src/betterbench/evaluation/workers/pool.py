@@ -1,4 +1,4 @@
-"""A pool of worker processes on this machine, each fed over a pipe with as many trials as it has environments."""
+"""A pool of worker processes on this machine; each gets as many trials as it has environments, over a pipe."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 MAX_FAILED_STARTS = 3
-"""Number of processes that may die in a row while they start, before the run goes on with those it has."""
+"""Maximum consecutive processes that die during start; then the run continues with the existing ones."""
 
 _CURE = "Run the same command again with fewer --workers, or with 1 to see why."
 _TURN_S = 0.02
@@ -47,13 +47,13 @@ class WorkerProcess(SpawnedProcess):
 
 @dataclass(frozen=True, slots=True)
 class OpenEnvironments:
-    """A message of a worker process: how many trials it can run at once from now on."""
+    """A message of a worker process: the number of trials that it can run at once from now on."""
 
     envs: int
 
 
 class WorkerPool:
-    """Runs trials in worker processes, and the trials of a process that died again. A context manager."""
+    """Runs trials in worker processes, and repeats those of a process that died. A context manager."""
 
     def __init__(
         self,
@@ -80,11 +80,11 @@ class WorkerPool:
         self.close()
 
     def entries(self, rounds: Iterable[Iterable[Trial]]) -> Iterator[JournalEntry]:
-        """Yield the journal entry of every trial, as they end; a round is asked for when the one before has ended.
+        """Yield the journal entry of every trial as it ends; a round is requested when the previous one has ended.
 
         Raises:
             WorkerError: If workers keep dying.
-            BetterError: An error by which a worker stops the run.
+            BetterError: An error of a worker that stops the run.
         """
         for trials in rounds:
             self._ledger.put_back(trials)
@@ -124,7 +124,7 @@ class WorkerPool:
         return dict.fromkeys(found)
 
     def _start_workers(self) -> None:
-        """Start processes as long as there is work for them."""
+        """Start processes while there is work for them."""
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
             taken = {worker.turn for worker in self._processes}
             turn = next(number for number in itertools.count() if number not in taken)
@@ -132,7 +132,7 @@ class WorkerPool:
                 self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
-        """Give every process an even share of the trials, in turns; a suspect gets a process for itself."""
+        """Distribute the trials evenly over the processes; a suspect trial gets its own process."""
         for worker in self._processes:
             if self._ledger.suspects and not worker.trials and not worker.lost:
                 worker.alone = True
@@ -188,7 +188,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Go on without a process that died before it was ready; its trials are not suspects."""
+        """Continue without a process that died before it was ready; its trials are not suspects."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:
@@ -196,7 +196,7 @@ class WorkerPool:
             return
         if not any(other.ready for other in self._processes):
             raise WorkerError(
-                f"{self._failed_starts} worker processes died while they started ({how}). What they wrote stands "
+                f"{self._failed_starts} worker processes died while they started ({how}). See their output "
                 f"above. {_CURE}"
             )
         self._workers = len(self._processes)
@@ -206,7 +206,8 @@ class WorkerPool:
 def work(settings: RunSettings, connection: Connection) -> None:
     """Take trials from a pipe and send back journal entries; the main function of a worker process.
 
-    None received means that there is no more work, None sent that the worker is ready. An error sent stops the run.
+    Receiving None means that there is no more work; sending None means that the worker is ready. Sending an error stops
+    the run.
     """
     prepare_process(settings.held)
     take_device(settings.turn)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
-    """Enter the privileged policies of one form of addresses into the register."""
+    """Add the privileged policies of one form of addresses to the registry."""
 
     def named() -> dict[str, str]:
         from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names
@@ -48,7 +48,7 @@ def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
 
 
 def describe_privileged(address: PolicyAddress) -> PolicyInfo:
-    """Return what a policy says about itself that sees the state and answers in ``ee_delta``."""
+    """Return the declarations of a policy that sees the state and answers in ``ee_delta``."""
     return PolicyInfo(address.text, action_space="ee_delta", needs_images=False)
 
 
@@ -57,7 +57,7 @@ def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
     from betterbench.sim.scenes import Scene
 
     if not isinstance(scene, Scene):
-        raise needs_own_scenes(address, "plans with the privileged state", "this world")
+        raise needs_own_scenes(address, "uses the privileged state", "this world")
     return scene
 
 
@@ -66,14 +66,14 @@ def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tupl
 
     Args:
         address: Address of the policy.
-        needs: Its use of our own scenes, for the message ("plans with the privileged state").
+        needs: What it uses of betterbench's scenes, for the message ("uses the privileged state").
         world: Name of the world in messages.
-        known: Policies that know this world's state.
+        known: Policies that support this world's state.
     """
     return InvalidInputError(
         "--policy",
         f"{address} {needs} of our own scenes, which {world} does not have",
-        "Name a policy that sees observations" + (f", or one that knows it: {', '.join(known)}" if known else ""),
+        "Name a policy that uses observations" + (f", or one that supports it: {', '.join(known)}" if known else ""),
     )
 
 
@@ -92,4 +92,4 @@ def _require_world(address: PolicyAddress, world: str) -> None:
 
     known = POLICIES_IN.get(world, ())
     if address.name not in known:
-        raise needs_own_scenes(address, "plans with the privileged state", world, known)
+        raise needs_own_scenes(address, "uses the privileged state", world, known)

@@ -1,6 +1,6 @@
-"""Main function of a user policy's process: it loads the policy and answers the questions of a run over a socket.
+"""Main function of a user policy's process: it loads the policy and answers the requests of a run over a socket.
 
-Nothing here imports a simulator, so that the process starts fast and the memory is the policy's.
+Nothing here imports a simulator, so that the process starts fast and its memory is available to the policy.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from betterbench.policies.kinds import find_kind, make_policy, read_address
 from betterbench.policies.process.process_link import Declared, ProcessAnswer, content_of, text_of
 
 MAX_TEXT = 2000
-"""Characters of an error that are passed on."""
+"""Maximum number of characters of an error text."""
 
 ERRORS = (
     "PolicyError",
@@ -35,20 +35,20 @@ ERRORS = (
     "RecordError",
     "MissingDependencyError",
 )
-"""Errors of betterbench that keep their class on the way to the run; others of a policy become PolicyError."""
+"""Errors of betterbench that keep their class on the way to the run; all others become PolicyError."""
 
-# Bound here, before a policy can put something else into their places.
+# Bound at import, before a policy can replace them.
 _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
 
 
 def main(address: str, link: int, life: int, world: str = "") -> None:
     """Load the policy of an address, in the conventions of a world if one is named; answer until the socket is closed.
 
-    ``link`` is the file descriptor of the socket, and ``life`` one that reads an end when the run has ended.
+    ``link`` is the file descriptor of the socket. ``life`` is one that reaches its end when the run has ended.
     """
     threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
     with contextlib.suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, it is this process that ends
+        Path("/proc/self/oom_score_adj").write_text("500")  # if memory runs out, the system ends this process
     sys.excepthook = lambda *_: _exit(1)
     run = socket.socket(fileno=link)
     kind = find_kind(address)
@@ -58,7 +58,7 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
         source = "" if source_of is None else source_of(read_address(address))
         send_frame(run, *content_of(ProcessAnswer(declared=_declared(policy, source))))
     except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
-        if not (isinstance(problem, BetterError) or source_of):  # an error of the user's file names its line
+        if not (isinstance(problem, BetterError) or source_of):  # errors in the user's file get a line number
             traceback.print_exc()
         send_frame(run, *content_of(_told(problem)))
         _exit(1)
@@ -68,14 +68,14 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
     except (FrameError, OSError):
         _exit(1)  # the run has ended
     except BaseException as problem:  # noqa: BLE001 - the policy has broken what this process needs
-        _say("the process of the policy is broken", problem)
+        _say("the process of the policy failed", problem)
         _exit(1)
     finally:
-        _exit(0)  # threads that the policy has left do not keep the process
+        _exit(0)  # do not wait for threads of the policy
 
 
 def _end_with_run(life: int) -> None:
-    """End this process and what it has started as soon as the run has ended."""
+    """End this process and its child processes as soon as the run has ended."""
     try:
         os.read(life, 1)
     finally:
@@ -85,7 +85,7 @@ def _end_with_run(life: int) -> None:
 
 
 def _declared(policy: Policy, source: str) -> Declared:
-    """Return what a policy declares as plain values, whatever class the policy made of it."""
+    """Return a policy's declarations as plain values, whatever class the policy used."""
     info, e = policy.info, policy.info.execution
     return Declared(
         name=text_of(info.name),
@@ -128,7 +128,7 @@ def _told(problem: BaseException) -> ProcessAnswer:
         lambda p: f"{kind}: {p}",
         lambda _: f"{kind}: it cannot be shown as text",
     ):
-        with contextlib.suppress(BaseException):  # an error that cannot be shown is an error all the same
+        with contextlib.suppress(BaseException):  # an error without a readable text is still reported
             text = text_of(shown(problem))
             break
     if len(text) > MAX_TEXT:
@@ -150,6 +150,6 @@ def _close(policy: Policy) -> None:
 
 
 def _say(what: str, problem: BaseException) -> None:
-    """Write one line to standard error, if that is still possible."""
+    """Write one line to standard error, if possible."""
     with contextlib.suppress(BaseException):
         _write(2, f"{what}: {described(problem)}\n".encode("utf-8", "backslashreplace"))

@@ -1,4 +1,4 @@
-"""User policies in processes of their own, so that a crash costs at most the trial of that policy."""
+"""User policies in separate processes, so that a crash costs at most the trial of that policy."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ LOAD_S = 3000.0
 """Default time limit for loading a policy [s]."""
 
 CLOSE_S = 5.0
-"""Time limit for closing a policy [s], after which its process is ended."""
+"""Time limit for closing a policy [s]; then its process is killed."""
 
 MAX_KILLS = 3
-"""Number of times that a batch is tried when the process is killed during it."""
+"""Number of attempts for a batch if the process is killed during it."""
 
 _LEAVE_S = 0.5
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
@@ -57,21 +57,21 @@ _START = (
 )
 
 MARK = "BETTERBENCH_POLICY_PROCESS"
-"""Environment variable by which what a process has started is found when it has ended."""
+"""Environment variable that marks child processes, so that they are found when the process has ended."""
 
 
 class PolicyProcess:
-    """Client side of a policy in a process of its own.
+    """Client side of a policy in a separate process.
 
-    If it is asked after its process has ended, another process is started with a new policy. The same is done for the
-    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes.
-    The process leads a session of its own, so that signals to its group do not reach the run, and the other way round.
+    After its process has ended, the next request starts another process with a new policy. The same is done for the
+    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes. The
+    process leads its own session, so that signals to its group do not reach the run, and vice versa.
 
     Attributes:
-        info: Description that the policy gives of itself.
+        info: Declarations of the policy.
         source: Name and fingerprint of the file that it was loaded from, or empty.
         takes_batches: Whether it answers several observations at once.
-        ready_at: Since when it can be asked, by ``time.perf_counter`` [s]; infinite while a process loads the policy.
+        ready_at: Time since which it accepts requests, by ``time.perf_counter`` [s]; infinite during loading.
     """
 
     def __init__(
@@ -82,13 +82,14 @@ class PolicyProcess:
         load_s: float = LOAD_S,
         started: tuple[_Started, Declared] | None = None,
     ) -> None:
-        """Start the process and wait until it has loaded the policy, unless it was started already.
+        """Start the process and wait until it has loaded the policy, unless it is already started.
 
         ``world`` is the world in whose conventions a server is spoken to.
 
         Raises:
-            BetterError: What the policy's loading raised, if it is an error of betterbench.
-            PolicyProcessError: If it raised something else, took longer than ``load_s`` [s], or the process ended.
+            BetterError: If loading the policy raised this error of betterbench.
+            PolicyProcessError: If loading raised another exception, took longer than ``load_s`` [s], or the process
+                ended.
         """
         self._address, self._world, self._load_s = address, world, load_s
         self._asking, self._closing = threading.Lock(), threading.Lock()
@@ -99,9 +100,9 @@ class PolicyProcess:
         self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
-        """Tell the policy that an episode begins; raises what :meth:`act` raises.
+        """Notify the policy that an episode begins; raises the errors of :meth:`act`.
 
-        If it fails in a process that has seen other episodes, it is told again in another one.
+        If this fails in a process that has run other episodes, it is repeated in a new process.
         """
         try:
             self._ask("reset", start)
@@ -118,33 +119,33 @@ class PolicyProcess:
         """Return the policy's answer to an observation.
 
         Raises:
-            PolicyError: If the policy failed, whatever it raised, or its process ended by its own fault.
+            PolicyError: If the policy raised any exception, or its process ended by its own fault.
             PolicyKilledError: If the process was ended from outside.
             PolicyUnavailableError: If the policy raised it, because its server cannot be reached.
-            HandshakeError: If the policy raised it, because it has become another one.
+            HandshakeError: If the policy raised it, because its server serves another policy.
         """
         return self._ask("act", observation, answers=1)[0]
 
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
-        """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
+        """Let a checkpoint compare its conventions with those of the run; other policies declare none."""
         if kind_of(self._address).compares:
             self._ask("check", options=conventions)
 
     def distrust(self) -> None:
-        """Have the next episode begin in another process, unless the policy holds weights: its trial has failed."""
+        """Use another process for the next episode, unless the policy holds weights, because its trial has failed."""
         self._failed = not self.info.heavy
 
     def close(self) -> None:
-        """Let the policy close, and end its process; at once where the policy is just being asked.
+        """Let the policy close, and end its process; immediately if a request is running.
 
-        Whoever comes second does not wait for the first one, nor ends what the policy does to close.
+        A second caller neither waits for the first one nor interrupts the policy's own close.
         """
         with self._closing:
             first, self._closed = not self._closed, True
         if not self._asking.acquire(blocking=False):
             running = self._running
             if first and running is not None:
-                running.kill()  # whoever is asking sees that it has ended
+                running.kill()  # a running request then sees the end
             return
         try:
             if self._running is not None:
@@ -162,7 +163,7 @@ class PolicyProcess:
             self._prepare(begins=method == "reset")
             running = self._running
             if running is None:
-                raise AssertionError("it was just prepared")
+                raise AssertionError("prepare() has made a process")
             try:
                 answer, arrays = running.call(method, args, options or {})
                 if answer.error is None and len(arrays) != answers:
@@ -170,16 +171,16 @@ class PolicyProcess:
             except Exception as error:
                 status, self._running = running.finish(), None
                 if isinstance(error, PolicyError):
-                    raise PolicyError(f"the process of the policy sent what is no answer: {error}") from error
+                    raise PolicyError(f"the process of the policy sent an invalid answer: {error}") from error
                 kind = PolicyKilledError if status.startswith(_FROM_OUTSIDE) else PolicyError
-                raise kind(f"the process of the policy ended while it was asked ({status})") from error
+                raise kind(f"the process of the policy ended during a request ({status})") from error
             if answer.error is None:
                 return arrays
             self.distrust()
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """See to it that there is a process: for an episode that begins one in which nothing has gone wrong."""
+        """Make sure that there is a process: at the beginning of an episode, one without earlier failures."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
@@ -190,7 +191,7 @@ class PolicyProcess:
             self.ready_at = time.perf_counter()
 
     def _start_another(self, running: _Started | None) -> None:
-        """Start a process in the place of one; if it cannot load the policy, that one goes on if it can."""
+        """Replace a process by another one; if that cannot load the policy, the old process continues if possible."""
         if running is not None and not running.waits:
             running.finish()
             running = None
@@ -207,7 +208,7 @@ class PolicyProcess:
                 self._running = None
                 running.finish()
                 raise
-            logger.warning("%s It goes on in the process in which it failed.", problem)
+            logger.warning("%s The policy continues in the process in which it failed.", problem)
         else:
             if running is not None:
                 running.close()
@@ -218,12 +219,12 @@ class PolicyProcess:
 
 
 class BatchPolicyProcess(PolicyProcess):
-    """A policy that answers several observations at once, in a process of its own."""
+    """A policy that answers several observations at once, in a separate process."""
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
-        """Return one answer per observation; raises what :meth:`act` raises.
+        """Return one answer per observation; raises the errors of :meth:`act`.
 
-        Each answer depends on its observation alone, so a batch whose process was killed is asked for again.
+        Each answer depends on its observation only, so a batch whose process was killed is repeated.
         """
         for left in reversed(range(MAX_KILLS)):
             try:
@@ -236,18 +237,18 @@ class BatchPolicyProcess(PolicyProcess):
 
 
 def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
-    """Return the policy of an address, loaded in a process of its own; raises what :class:`PolicyProcess` raises."""
+    """Return the policy of an address, loaded in a separate process; raises the errors of :class:`PolicyProcess`."""
     started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
     return kind(address, world=world, load_s=load_s, started=started)
 
 
 def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared]:
-    """Return a process that has loaded its policy, and what that declares."""
+    """Return a process that has loaded its policy, and the policy's declarations."""
     started = _Started(address, world)
     try:
         return started, started.loaded(load_s)
-    except PolicyKilledError as error:  # no trial has begun that could be run again
+    except PolicyKilledError as error:  # no trial has begun, so none can be repeated
         raise PolicyProcessError(str(error)) from error
     except BaseException:
         started.finish()
@@ -279,35 +280,35 @@ class _Started(AskedProcess):
             self._output.begin()
 
     def loaded(self, timeout_s: float) -> Declared:
-        """Wait until the policy is loaded, and return what it declares.
+        """Wait until the policy is loaded, and return its declarations.
 
-        Raises what :class:`PolicyProcess` raises, and PolicyKilledError if the process was ended from outside.
+        Raises the errors of :class:`PolicyProcess`, and PolicyKilledError if the process was ended from outside.
         """
         try:
             answer, _ = read_answer(self.greeting(limit_s=timeout_s))
         except FrameTimeoutError as error:
             raise PolicyProcessError(
-                f"{self._address}: it is not loaded after {timeout_s:g} s. Raise --policy-timeout: loading may take "
+                f"{self._address}: it is not loaded after {timeout_s:g} s. Increase --policy-timeout: loading may take "
                 "ten times as long as an answer."
             ) from error
         except (FrameError, PolicyError) as error:
             how = self.finish()
             kind = PolicyKilledError if how.startswith(_FROM_OUTSIDE) else PolicyProcessError
             raise kind(
-                f"{self._address}: its process ended while loading ({how}); what it wrote stands above. Load it in a "
+                f"{self._address}: its process ended while loading ({how}); see its output above. Load it in a "
                 "Python shell to see why"
             ) from error
         if answer.error is None and answer.declared is not None:
             return answer.declared
         raised = _error(answer.error or "", answer.texts or ("it declares nothing",))
         if type(raised) is not PolicyError:
-            raise raised  # errors of betterbench say enough
+            raise raised  # errors of betterbench need no prefix
         raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")
 
     def call(
         self, method: str, args: Sequence[object], options: dict[str, object]
     ) -> tuple[ProcessAnswer, list[np.ndarray]]:
-        """Return the answer to a question.
+        """Return the answer to a request.
 
         Raises:
             FrameEndError: If the process has ended.
@@ -341,11 +342,11 @@ class _Started(AskedProcess):
 
 
 def _error(kind: str, texts: Sequence[str]) -> BetterError:
-    """Return the error that a process has told."""
+    """Return the error that a process has sent."""
     if kind == "UnknownNameError" and len(texts) > 1:
         return UnknownNameError(texts[0], texts[1], texts[2:])
     if kind == "InvalidInputError" and len(texts) == 3:
         return InvalidInputError(*texts)
     made = getattr(errors, kind) if kind in ERRORS else PolicyError
-    error: BetterError = made(texts[0] if texts else "it does not say what failed")
+    error: BetterError = made(texts[0] if texts else "no message")
     return error

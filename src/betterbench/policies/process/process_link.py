@@ -17,12 +17,12 @@ from betterbench.interface import Execution, PolicyInfo
 from betterbench.jobs.frames import MAX_ARRAY_BYTES, FrameContent
 
 MAX_ANSWER_BYTES = 64 << 20
-"""Largest answer that is passed on [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
+"""Largest answer [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
 
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """Description that a policy gives of itself when it is loaded.
+    """Declarations that a policy sends when it is loaded.
 
     Attributes:
         batches: Whether it answers several observations at once.
@@ -43,7 +43,7 @@ class Declared:
 
     @property
     def info(self) -> PolicyInfo:
-        """The same as the run knows it; raises what PolicyInfo raises."""
+        """The declarations as a PolicyInfo; raises the errors of PolicyInfo."""
         return PolicyInfo(
             self.name,
             self.action_space,
@@ -62,7 +62,7 @@ class ProcessAnswer:
     Attributes:
         error: Class of the error of betterbench that was raised, empty for another one, or None.
         texts: Texts of the error.
-        declared: Description of the policy, in the first message only.
+        declared: Declarations of the policy, in the first message only.
     """
 
     error: str | None = None
@@ -75,7 +75,7 @@ _array = np.asarray
 
 
 def text_of(value: object) -> str:
-    """Return a text that can be written, of whatever a policy calls one."""
+    """Return a printable text from any value that a policy uses as a text."""
     return str.encode(str(value), "utf-8", "backslashreplace").decode()
 
 

@@ -1,4 +1,4 @@
-"""What the processes of this machine draw with: the OpenGL back end, its devices, and the variables that choose them.
+"""Rendering set-up of this machine's processes: the OpenGL back end, its devices, and their environment variables.
 
 ``back_ends`` chooses the back end, ``devices`` finds the EGL devices and spreads processes over them, ``probe`` is the
 program that looks at each device, and ``checks`` names what is wrong in the environment. No simulator is imported here,

@@ -43,8 +43,8 @@ class Wanted:
     """Settings of a modality folder, the same for all its trials: views, modalities and renderer.
 
     Attributes:
-        quality: Render preset of the colors, or None for the one that each record's policy saw.
-        renderer: Fingerprint of OpenGL; None until the first image is drawn. Pixels of two renderers differ.
+        quality: Render preset of the colors, or None for that of each record's policy.
+        renderer: Fingerprint of OpenGL; None until the first image is rendered. Pixels of two renderers differ.
     """
 
     views: tuple[ViewSpec, ...]
@@ -54,7 +54,7 @@ class Wanted:
     format_version: Annotated[Literal[1, 2], NO_TRUTH] = SETTINGS_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
+        """Refuse settings that cannot be rendered."""
         require_views(self.views)
         require_cameras(v.camera for v in self.views if v.placed is None)
         if self.quality is not None:
@@ -65,10 +65,10 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A modality folder. The same settings resume it; other settings are refused once it holds a file.
+    """A modality folder. The same settings resume it; other settings are refused if it contains a file.
 
     Raises:
-        RunConflictError: If it holds other modalities, or other files.
+        RunConflictError: If it contains other modalities, or other files.
         RecordError: If its settings are damaged.
     """
 
@@ -80,7 +80,7 @@ class ModalityFolder:
             if _is_begun(self.path):
                 require_same_settings(self.path, stored, wanted)
                 self.wanted = stored
-            elif stored != wanted:  # settings alone bind nothing: a command may have ended before it drew anything
+            elif stored != wanted:  # settings without files may change: a command may have ended before its first image
                 write_durably(settings, _text(wanted))
         else:
             require_free_place(self.path)
@@ -95,7 +95,7 @@ class ModalityFolder:
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
-        """Store the fingerprint of the OpenGL that draws; RunConflictError if another one drew earlier images."""
+        """Store the fingerprint of the current OpenGL; RunConflictError if another one rendered earlier images."""
         if self.wanted.renderer is None:
             self.wanted = replace(self.wanted, renderer=dict(renderer))
             write_durably(self.path / SETTINGS_FILE, _text(self.wanted))
@@ -103,7 +103,7 @@ class ModalityFolder:
         if difference is not None:
             where, there, here = difference
             raise RunConflictError(
-                f"{self.path}: was drawn by another OpenGL: {where} is {there} there and {here} here, so pixels may "
+                f"{self.path}: was drawn with another OpenGL: {where} is {there} there and {here} here, so pixels may "
                 "differ. Continue on the same kind of machine, or choose another --out."
             )
 
@@ -114,7 +114,7 @@ def require_free_place(path: Path) -> None:
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return the folder of a trial's files in one of modalities; InvalidInputError if a name could leave that."""
+    """Return the folder of a trial's files in a modality folder; InvalidInputError if a name could leave it."""
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 
@@ -125,7 +125,7 @@ def files_in(path: Path) -> list[Path]:
 
 
 def _is_begun(path: Path) -> bool:
-    """Tell whether a folder of modalities holds a file, or one that is still being written."""
+    """Tell whether a modality folder contains a file, finished or not."""
     return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
 
 
@@ -136,7 +136,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 def read_settings(path: Path) -> Wanted:
     """Return the settings of a modality folder; RecordError if it has none, or they are damaged."""
-    cure = "Name a folder that better materialize wrote"
+    cure = "Name a folder written by better materialize"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)
     form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("format_version", 2))

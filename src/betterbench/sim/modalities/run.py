@@ -1,4 +1,4 @@
-"""Materializing a run: the records of its trials become files of modalities, from a folder that can be resumed."""
+"""Materialization of a run: the records of its trials become modality files, in a folder that can be resumed."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class Materialized:
 
     Attributes:
         trials: Trials whose files are complete now.
-        files: Files written by this command.
-        kept: Files that were there and intact before.
-        rows: Rows of the files written.
-        bytes: Their size.
-        seconds: Time that it took [s].
+        files: Number of files written by this command.
+        kept: Number of files that were already intact.
+        rows: Number of rows written.
+        bytes: Their size [byte].
+        seconds: Duration [s].
     """
 
     trials: int
@@ -63,7 +63,7 @@ class _Tally:
 
 
 def default_views(run: RunFolder) -> tuple[ViewSpec, ...]:
-    """Return the views that the policy of a run was shown; those of the default preset if it saw no image."""
+    """Return the views of a run's policy; those of the default preset if it uses no image."""
     told = run.plan.get("observation")
     name = told.get("name") if isinstance(told, dict) else told
     preset = observation_spec(name if isinstance(name, str) else "default")
@@ -81,14 +81,14 @@ def materialize_run(
     follow: bool = False,
     on_progress: OnCount | None = None,
 ) -> Materialized:
-    """Write the files of the recorded trials of a run that are missing or damaged; intact ones are kept.
+    """Write the missing or damaged files of a run's recorded trials; intact files are kept.
 
-    The bytes depend neither on the number of workers nor on interruptions. With ``follow``, trials that are recorded
-    meanwhile are waited for until the run ends. ``on_progress`` is called with the number of trials done and known.
+    The bytes depend neither on the number of workers nor on interruptions. With ``follow``, it waits for further
+    recorded trials until the run ends. ``on_progress`` is called with the number of finished and known trials.
 
     Raises:
-        RunConflictError: If the folder holds something else, was drawn by another OpenGL, or is being written to.
-        RecordError: If records or scenes are missing or damaged; the other trials are done before.
+        RunConflictError: If the folder contains other files, was rendered with another OpenGL, or is in use.
+        RecordError: If records or scenes are missing or damaged; the other trials are finished first.
         StorageError: If the disk is full, or the folder was removed or moved meanwhile.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
@@ -120,9 +120,9 @@ def materialize_run(
 
 
 def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
-    """Yield the trials that are recorded, in the order of the journal.
+    """Yield the recorded trials, in the order of the journal.
 
-    Raises RecordError if one that is asked for is not.
+    Raises RecordError if a requested trial is not recorded.
     """
     done = [entry.key for entry in run.entries() if entry.status == "done"]
     missing = [trial for trial in trials if trial not in done]
@@ -148,7 +148,7 @@ class _Views:
             view.close()
 
     def stop(self) -> None:
-        """End the processes from another thread: the one that draws gets a RecordError."""
+        """End the processes from another thread; a rendering thread then gets a RecordError."""
         for view in list(self._views.values()):
             view.stop()
 
@@ -192,9 +192,9 @@ class _Writer:
             self._tally.bytes += sum(path.stat().st_size for path in paths)
 
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
-        """Tell whether the file of a view of a trial is there already, drawn of this record, and intact.
+        """Tell whether the file of a trial's view exists, belongs to this record, and is intact.
 
-        All of it is read, since a header says nothing about what follows; that takes some 2 % of drawing it.
+        The whole file is read, because its header does not cover the rest; this takes about 2 % of rendering it.
         """
         path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted
         if not path.exists():
@@ -208,13 +208,13 @@ class _Writer:
                     return True
         except RecordError as problem:
             fault = fault_text(path, problem)
-        logger.warning("%s %s. It is drawn again.", path, fault)
+        logger.warning("%s %s. It is rendered again.", path, fault)
         return False
 
     def _draw(
         self, limited: LimitedView, record: Record, told: tuple[str, str], place: Path, views: Sequence[ViewSpec]
     ) -> list[Path]:
-        """Draw views of a record with a digest, by a render preset, and return the files."""
+        """Render views of a record with a digest, with a render preset, and return the files."""
         meta, modalities = record.metadata, self._folder.wanted.modalities
         facts, renderer = limited.prepare(views, modalities)
         with self._lock:
@@ -228,13 +228,13 @@ class _Writer:
                     for sights, time_s in zip(taken, times, strict=True):
                         files.add(sights, time_s)
             except BaseException:
-                limited.close()  # it is in the middle of an answer
+                limited.close()  # it is still sending an answer
                 raise
             return files.finish(origin)
 
 
 def seen_quality(run: RunFolder, record: Record) -> str:
-    """Return the render preset that a record's policy saw, or the run's if it saw no image."""
+    """Return the render preset of a record's policy, or that of the run if it uses no image."""
     planned = run.plan.get("quality")
     name = planned.get("name") if isinstance(planned, dict) else None
     return record.metadata.render_quality or (name if isinstance(name, str) else "standard")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from betterbench.lazy_names import lazy_names
 from betterbench.sim.graphics import require_engine
 
-require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
+require_engine()  # MuJoCo reads these variables at its import, and its error would not name a remedy
 
 from betterbench.sim.robots.panda import PANDA  # noqa: E402
 from betterbench.sim.robots.spec import Progress, RobotSpec, build_robot_spec, register_robot, robot, robot_names  # noqa: E402

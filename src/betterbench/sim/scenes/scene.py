@@ -58,10 +58,10 @@ CONTROL_RATE_HZ = PHYSICS.control_rate_hz
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneSnapshot:
-    """The whole state of a scene at one moment, from which it goes on bit for bit as it did the first time.
+    """The complete state of a scene at one moment, from which it continues bit for bit as the first time.
 
-    Beside positions and velocities the engine goes on from its warm start and from who is asleep, so all of its data
-    are kept.
+    Besides positions and velocities, the engine needs its warm start and its sleeping bodies, so all of its data are
+    kept.
     """
 
     data: mujoco.MjData
@@ -72,7 +72,7 @@ class SceneSnapshot:
 
 
 class Scene:
-    """One trial's world; everything else in the project is a frozen value.
+    """World of one trial; all other objects of the project are frozen values.
 
     The initial state is computed, never simulated: every object is put into the pose in which its asset rests alone, so
     that no object's start depends on another one. It is a :class:`betterbench.sim.worlds.TrialScene`.
@@ -95,7 +95,7 @@ class Scene:
         control_rate_hz: float = CONTROL_RATE_HZ,
         looks: Looks = "seen",
     ) -> None:
-        """Build and compile the scene, then reset it; a control step is a whole number of physics steps of 2 ms."""
+        """Build and compile the scene, then reset it; a control step is an integer number of physics steps of 2 ms."""
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
         self.placements = place_objects(task, condition, seed, shown=looks)
@@ -128,7 +128,7 @@ class Scene:
         self._find_memory()
 
     def _find_memory(self) -> None:
-        """Prepare the readers of a state; the engine keeps its arrays in place."""
+        """Prepare the readers of a state; the engine keeps its arrays at fixed addresses."""
         data, bodies = self._data, self.compiled.bodies.tolist()
         self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
@@ -187,15 +187,15 @@ class Scene:
 
     @property
     def data(self) -> mujoco.MjData:
-        """The engine's data with the poses of bodies, cameras and lights up to date; ask anew after each step."""
-        self._tool = None  # whoever has the data may move the arm
-        if not self._views_are_placed:  # a step without images does not pay for it
+        """The engine's data with updated poses of bodies, cameras and lights; get it again after each step."""
+        self._tool = None  # the caller may move the arm in the data
+        if not self._views_are_placed:  # skipped for steps without images
             self._views.apply(self._data)
             self._views_are_placed = True
         return self._data
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return views of what the physics goes on from: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
+        """Return views of the state of the physics: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
         return self._simulator_state
 
     def body_poses(self) -> tuple[np.ndarray, np.ndarray]:
@@ -214,7 +214,7 @@ class Scene:
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names that contacts use: objects first, then the parts of the robot and the stage."""
+        """Names in contacts: objects first, then the parts of the robot and the stage."""
         return self._labels
 
     def files(self) -> dict[str, bytes]:
@@ -264,9 +264,9 @@ class Scene:
         """Do nothing: the scene holds no process."""
 
     def reset(self, *, check_premise: bool = True) -> WorldState:
-        """Put everything back to the start of the trial and return the state.
+        """Reset the scene to the start of the trial and return the state.
 
-        With ``check_premise``, raises a PremiseError if the scene does not show what its instruction presupposes.
+        With ``check_premise``, raises a PremiseError if the scene contradicts the premise of its instruction.
         """
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos
@@ -282,7 +282,7 @@ class Scene:
             if problems:
                 text = "; ".join(problems)
                 msg = (
-                    f"{self.condition.id} seed {self.seed}: the scene does not show what the instruction presupposes "
+                    f"{self.condition.id} seed {self.seed}: the scene contradicts the premise of the instruction "
                     f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this; "
                     "the run stops instead of lowering a score."
                 )
@@ -290,7 +290,7 @@ class Scene:
         return state
 
     def snapshot(self) -> SceneSnapshot:
-        """Return the whole state as it is now, to come back to."""
+        """Return the complete current state, for :meth:`restore`."""
         return SceneSnapshot(
             copy.copy(self._data),
             self.controller.state(),
@@ -300,7 +300,7 @@ class Scene:
         )
 
     def restore(self, snapshot: SceneSnapshot) -> WorldState:
-        """Come back to a moment of this scene, which may be done again and again, and return the state."""
+        """Restore a moment of this scene, any number of times, and return the state."""
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self.controller.restore(snapshot.controller)
         self._contacts.restore(snapshot.contacts)
@@ -309,7 +309,7 @@ class Scene:
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute one action for one control step and return it as it was applied, after clipping.
+        """Execute one action for one control step and return the applied action, after clipping.
 
         Raises InvalidActionError if the action is not finite or has the wrong shape.
         """
@@ -325,14 +325,14 @@ class Scene:
         return applied
 
     def _step_and_watch(self) -> None:
-        """Take one physics step after the other: where something may not be touched, no graze is missed."""
+        """Take the physics steps one by one: where a contact is forbidden, no graze is missed."""
         self._contacts.start_step()
         for _ in range(self.physics_steps):
             mujoco.mj_step(self.model, self._data)
             self._contacts.see_step(self._data)
 
     def state(self) -> WorldState:
-        """Return everything that is true now."""
+        """Return the complete current state, with derived values."""
         data = self._data
         linear_speeds, angular_speeds = self._speeds()
         positions = self._positions()
@@ -356,7 +356,7 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool center point; positions are up to date after a reset and a step."""
+        """Return the measured pose of the tool center point; positions are updated after a reset and a step."""
         if self._tool is None:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
             self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))

@@ -6,7 +6,7 @@
   environments of their own and answer over a local socket; ``scene``: a trial in one of them.
 - ``authoring``: imports for a file that adds a world.
 
-Each public name is imported from its module when it is first used: a run in our own scenes reads nothing of CALVIN.
+Each public name is imported from its module at first use: a run in our own scenes does not import CALVIN.
 """
 
 from typing import TYPE_CHECKING

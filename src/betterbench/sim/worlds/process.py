@@ -25,13 +25,13 @@ PREMISES_LIMIT_S = 1800.0
 """Longest wait for all initial states of a task to settle [s]; LIBERO's 50 take half a minute."""
 
 STEP_LIMIT_S = 120.0
-"""Longest wait for one control step [s]; LIBERO's takes 0.15 to 0.5 s without a graphics card."""
+"""Longest wait for one control step [s]; LIBERO takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
 _LONGEST_TEXT = 10_000
-"""Most characters of a name, a sentence or a version."""
+"""Maximum characters of a name, an instruction or a version."""
 _SAID_BYTES = 4000
-"""Length of the end of a simulator's output that is searched for its last line [byte]."""
+"""Length of the end of a simulator's output in which its last line is searched [byte]."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
@@ -41,7 +41,7 @@ class WorldError(BetterError):
 
 @contextlib.contextmanager
 def as_agreed(what: str) -> Iterator[None]:
-    """Let an answer that is made of something else than agreed end in a WorldError: "the simulator WHAT ..."."""
+    """Turn errors from reading an answer into a WorldError: "the simulator WHAT ..."."""
     try:
         yield
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as problem:
@@ -50,16 +50,16 @@ def as_agreed(what: str) -> Iterator[None]:
 
 
 def sent_text(value: object) -> str:
-    """Return a text that a simulator sent; TypeError if it is none, ValueError if it is too long."""
+    """Return a text sent by a simulator; TypeError for other types, ValueError if it is too long."""
     if not isinstance(value, str):
-        raise TypeError(f"it is a {type(value).__name__} and no text")
+        raise TypeError(f"expected a text, got a {type(value).__name__}")
     if len(value) > _LONGEST_TEXT:
         raise ValueError(f"a text of {len(value)} characters")
     return value
 
 
 def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
-    """Return texts by name, such as versions, that a simulator sent, as :func:`sent_text` does."""
+    """Return texts by name, such as versions, sent by a simulator, as :func:`sent_text` does."""
     return {sent_text(name): sent_text(found) for name, found in value.items()}
 
 
@@ -107,7 +107,7 @@ class WorldProcess(AskedProcess):
         images = self._ask({"do": "draw", **request}, {"qpos": qpos}, self._start_limit_s)[1].get("images")
         size = int(request["size"])
         if images is None or images.shape != (len(qpos), size, size, 3) or images.dtype != np.uint8:
-            raise WorldError("the simulator did not draw the images that it was asked for")
+            raise WorldError("the simulator did not send the requested images")
         return images
 
     def close(self, within_s: float = _END_S) -> None:
@@ -121,7 +121,7 @@ class WorldProcess(AskedProcess):
             document, answer = self.ask(request, arrays, limit_s=limit_s)
         except FrameError as error:
             raise WorldError(
-                self._with_cure(f"the simulator gave no answer to {request['do']!r}: {error}{self._last_words()}")
+                self._with_cure(f"the simulator did not answer {request['do']!r}: {error}{self._last_words()}")
             ) from None
         if "problem" in document:
             raise WorldError(self._with_cure(f"the simulator failed: {one_line(document['problem'], most=400)}"))
@@ -149,10 +149,10 @@ class WorldProcess(AskedProcess):
 
 
 class WorldProcesses:
-    """The processes of one worker: one for every trial under way, kept for the next trial of the same task.
+    """The processes of one worker: one for every running trial, kept for the next trial of the same task.
 
-    Under the key None a process runs one trial and ends. The next one is started at the same time, so that it has
-    loaded when its trial begins.
+    With the key None a process runs one trial and ends. Its successor is started at the same time, so that it has
+    loaded when the next trial begins.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
@@ -188,7 +188,7 @@ class WorldProcesses:
         self._drop_next()
 
     def _take_fresh(self) -> WorldProcess:
-        """Return a process that has run no trial, and start the next one."""
+        """Return an unused process, and start the next one."""
         if self._next is not None and self._next.has_ended:
             self._drop_next()
         process = WorldProcess(self._command) if self._next is None else self._next

@@ -34,7 +34,7 @@ PROCESSES = 2
 """Environments with which a worker begins: every one is a process with a simulator that takes far longer than ours."""
 
 PANDA_OPENING_M = 0.08
-"""Largest distance of the finger pads of robosuite's Panda gripper [m]."""
+"""Largest opening width of robosuite's Panda gripper [m]."""
 
 _STORED = ("objects", "places", "relations", "goal", "premises", "arena", "base")
 _NUMBERS: Mapping[str, int | None] = {
@@ -50,11 +50,11 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""Arrays of a row with the number of values of each; None where it depends on the task."""
+"""Arrays of a row with their number of values; None if it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """Arrays of a row that have one entry per object, with the number of values of an entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
-"""Arrays, (n,) each, that are sent at each step beside the images, with the NumPy kinds that each may have."""
+"""Arrays, (n,) each, sent at each step beside the images, with their possible NumPy kinds."""
 _ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES
@@ -104,14 +104,14 @@ _EPISODE_START = TypeAdapter(_EpisodeStart)
 
 @dataclass(frozen=True, slots=True)
 class WorldTask:
-    """One task of a suite, as its world describes it.
+    """One task of a suite, as described by its world.
 
     Attributes:
         suite: Name of the suite ("libero_spatial_swap").
-        number: Its number in the suite.
+        number: Its index in the suite.
         name: Its name in the world.
         instruction: Instruction to the policy.
-        bddl_sha256: Fingerprint of the file that defines it.
+        bddl_sha256: Fingerprint of its file.
     """
 
     suite: str
@@ -127,7 +127,7 @@ class WorldTask:
 
     @property
     def condition(self) -> str:
-        """Name of the condition: what the suite changes, or "base"."""
+        """Name of the condition: the change of the suite, or "base"."""
         return suite_named(self.suite).change or "base"
 
     def asked(self) -> dict[str, Any]:
@@ -149,7 +149,7 @@ class ProcessWorld(World):
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
         versions: Versions of the packages of its environment.
         regime: Training distribution of the base suite.
-        refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
+        refuse_broken: Whether a scene that contradicts the premise of its instruction stops the run.
     """
 
     drawn_by: ClassVar[str] = "the process of the foreign simulator"
@@ -167,7 +167,7 @@ class ProcessWorld(World):
         return self.name
 
     def step_limit(self, task: WorldTask) -> int:
-        """Return the most control steps of an episode of a task."""
+        """Return the maximum control steps of an episode of a task."""
         return self.protocol.steps[suite_named(task.suite).base]
 
     def open_scene(
@@ -213,7 +213,7 @@ class ProcessWorld(World):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which does not say where the world is installed."""
+        """Return the JSON form, without the location of the world."""
         return {
             "name": self.name,
             "protocol": self.protocol.to_json(),
@@ -241,7 +241,7 @@ class ProcessScene:
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the initial state.
+        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
 
         ``instructed_anew`` is set by a step after which the policy gets another instruction.
         """
@@ -271,7 +271,7 @@ class ProcessScene:
 
     @property
     def info(self) -> SceneInfo:
-        """Properties of the scene that stay the same in the episode; known after the reset."""
+        """Constant properties of the scene in the episode; known after the reset."""
         return self._info
 
     @property
@@ -281,12 +281,12 @@ class ProcessScene:
 
     @property
     def over(self) -> bool:
-        """Whether the episode cannot succeed any more and ends before its step limit."""
+        """Whether the episode can no longer succeed and ends before its step limit."""
         return False
 
     @property
     def _process_key(self) -> object:
-        """Key under which a process is kept for the next trial of the same scene; None if it runs one trial alone."""
+        """Key under which a process is kept for the next trial of the same scene; None if it runs only one trial."""
         return tuple(self.task.asked().values())
 
     @property
@@ -301,7 +301,7 @@ class ProcessScene:
 
     @property
     def engine(self) -> dict[str, str]:
-        """Fingerprint of everything that can change the numbers."""
+        """Fingerprint of everything that can change the results."""
         return {"simulator": self.settings.simulator, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
 
     @property
@@ -310,9 +310,9 @@ class ProcessScene:
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files of a scene: the task's file, and the places of its objects after settling.
+        """Return the stored files of a scene: the task's file, and the poses of its objects after settling.
 
-        The models themselves belong to the world's packages and are not passed on.
+        The models themselves belong to the world's packages and are not redistributed.
         """
         known = {name: self._fixed[name] for name in _STORED}
         form = {**known, "suite": self.task.suite, "task": self.task.name, "engine": self.engine}
@@ -322,7 +322,7 @@ class ProcessScene:
         }
 
     def reset(self) -> WorldState:
-        """Go to the initial state, settle, and check that the scene shows what the sentence presupposes.
+        """Go to the initial state, settle, and check that the scene fulfills the premise of the instruction.
 
         Raises:
             PremiseError: If it does not, and broken scenes are refused.
@@ -344,8 +344,8 @@ class ProcessScene:
             self._begin(answer)
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
-                f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} does not hold "
-                f"after settling, and the sentence is {self.task.instruction!r}. An update of the engine breaks "
+                f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} is false after "
+                f"settling, but the instruction is {self.task.instruction!r}. An update of the engine can break "
                 f"scenes: this is MuJoCo {self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds "
                 f"install {self.settings.name}` for the one that is pinned, or give --broken-premises run to go on by "
                 "the book."
@@ -353,11 +353,11 @@ class ProcessScene:
         return self.state()
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Say whether the policy is shown images after the next step: LIBERO draws them in the middle of it."""
+        """Set whether the policy needs images after the next step: LIBERO renders them in the middle of it."""
         self._draws_next = self._images and wanted
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Apply an action for one control step, and return it as it was applied.
+        """Apply an action for one control step, and return the applied action.
 
         Raises:
             InvalidActionError: If it is malformed.
@@ -379,7 +379,7 @@ class ProcessScene:
 
     def _state(self) -> WorldState:
         arrays, pairs = self._arrays, self._pairs
-        # A number below 0 would count from the end.
+        # A negative number would count from the end.
         touching = [pairs[number] for number in arrays["touching"].tolist() if number >= 0]
         forces = arrays["forces"].tolist()
         if not math.isfinite(sum(forces)):
@@ -414,7 +414,7 @@ class ProcessScene:
         return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
     def truth(self) -> Truth:
-        """Return the relations and subgoals that hold now; success is decided by the world itself."""
+        """Return the relations and subgoals that are true now; the world itself decides on success."""
         holds = self._arrays["holds"].tolist()
         subgoals = tuple([holds[i] for i in self._goal])
         return Truth(
@@ -452,15 +452,15 @@ class ProcessScene:
         return {name: Images(image, depth.get(name), None) for name, image in self.images().items()}
 
     def images(self) -> dict[str, np.ndarray]:
-        """Return the images of this step as LIBERO's clients show them, turned by 180 degrees, by camera."""
+        """Return the images of this step as in LIBERO's clients, rotated by 180 degrees, by camera."""
         return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
 
     def depth(self) -> dict[str, np.ndarray]:
-        """Return the depth images of this step by camera, (height, width) float32 [m]; empty unless they are drawn."""
+        """Return the depth images of this step by camera, (height, width) float32 [m]; empty if not rendered."""
         return {name.removeprefix("depth_"): a for name, a in self._arrays.items() if name.startswith("depth_")}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return the numbers that LIBERO's own clients make of an observation, by the names of our state parts."""
+        """Return the values that LIBERO's own clients compute from an observation, by our names of state parts."""
         row, places = self._arrays["row"], self._row.places
         quaternion = row[places["native_quaternion"]]
         turned = row[places["controller_rotation"]].reshape(3, 3)
@@ -476,13 +476,13 @@ class ProcessScene:
         }
 
     def _take_process(self) -> WorldProcess:
-        """Return the process for a new episode; that of an episode which its policy's end cut off is given back."""
+        """Return the process for a new episode; that of an episode ended by its policy is given back."""
         self.close(well=True)
         self._process = self._processes.take(self._process_key)
         return self._process
 
     def close(self, *, well: bool) -> None:
-        """Give the process back if the trial ended ``well``, or end it."""
+        """Give the process back if the trial ended ``well``, else end it."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -492,32 +492,32 @@ class ProcessScene:
             process.close(0.0)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep an answer; WorldError if an array has a number that is not finite or another size than expected."""
+        """Store an answer; WorldError if an array has a non-finite number or another size than expected."""
         document, arrays = answer
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
             raise WorldError(f"the simulator did not send {', '.join(sorted(due - arrays.keys()))}")
         if not isinstance(document.get("done"), bool):
-            raise WorldError(f"the simulator sent {str(document.get('done'))[:40]!r} for whether the task is done")
+            raise WorldError(f"the simulator sent {str(document.get('done'))[:40]!r} as the success of the task")
         for name, kinds in _KINDS.items():
             if arrays[name].ndim != 1 or (arrays[name].dtype.kind not in kinds and arrays[name].size):
                 found = f"{arrays[name].dtype} {arrays[name].shape}"
                 raise WorldError(f"the simulator sent {name} that cannot be read: {found}")
         row = arrays["row"]
         if row.shape != (self._row.size,) or row.dtype.char != "d":
-            raise WorldError(f"the simulator sent a row of {row.size} numbers, and {self._row.size} are due")
+            raise WorldError(f"the simulator sent a row of {row.size} numbers, expected {self._row.size}")
         if arrays["holds"].shape != (len(self._fixed["relations"]),):
-            raise WorldError(f"the simulator sent {arrays['holds'].size} truths of {len(self._fixed['relations'])}")
+            raise WorldError(f"the simulator sent {arrays['holds'].size} of {len(self._fixed['relations'])} relations")
         for name in _IMAGES if self._draws_next else ():
             require_image(name, arrays[name], (IMAGE_SIDE, IMAGE_SIDE, 3))
         numbers = row.tolist()
-        # A sum is finite only if all its terms are, and takes a third of the time of asking each.
+        # A sum is finite only if all its terms are, and takes a third of the time of testing each.
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
             raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep the reply to the start of an episode; WorldError if a row lacks a required array.
+        """Store the reply to the start of an episode; WorldError if a row lacks a required array.
 
         Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
         WorldError.
@@ -531,7 +531,7 @@ class ProcessScene:
         for name, count in due.items():
             shape = self._row.shapes.get(name)
             if shape is None or (count is not None and math.prod(shape) != count):
-                raise WorldError(f"the simulator's rows hold {name} of the shape {shape}")
+                raise WorldError(f"the simulator's rows contain {name} with the shape {shape}")
         self._fixed = answer[0]
         self._take(answer)
         self._goal = [self.relation_names.index(name) for name in self.subgoal_names]
@@ -588,19 +588,19 @@ class ProcessTracker:
 
     @property
     def undecided_states(self) -> int:
-        """0: relations are evaluated by the world itself at every state, so that none is left undecided."""
+        """0: the world itself evaluates relations in every state, so that no state is undecided."""
         return 0
 
     def update(self, state: WorldState) -> Truth:
-        """Return the relations and subgoals that hold in the current state of the world."""
+        """Return the relations and subgoals that are true in the current state of the world."""
         del state
         return self._scene.truth()
 
 
 def quat2axisangle(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter way round.
+    """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter one.
 
-    It is the function of that name of robosuite and openpi's ``examples/libero/main.py``, to the bit: for w < 0 the
+    It equals the function of that name in robosuite and openpi's ``examples/libero/main.py`` bit by bit: for w < 0 the
     vector is longer than half a turn, as it was in training.
     """
     w = min(max(float(quaternion[3]), -1.0), 1.0)
@@ -620,7 +620,7 @@ def _role(thing: Mapping[str, Any], goal: str) -> str:
 
 
 def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
-    """Return the object that both fingers touch and that nothing else supports."""
+    """Return the object that both fingers and no other body touch."""
     left = _touching(contacts, "left_finger")
     between = left & _touching(contacts, "right_finger") if left else left
     if between:
@@ -636,7 +636,7 @@ def _touching(contacts: tuple[Contact, ...], name: str) -> set[str]:
 
 
 def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise WorldError if an array that a simulator sent holds a number that is not finite."""
+    """Raise WorldError if an array sent by a simulator has a non-finite number."""
     floats = [array.ravel() for array in arrays.values() if array.dtype.kind == "f"]
     if floats and not np.isfinite(np.concatenate(floats)).all():
         wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]
@@ -644,11 +644,11 @@ def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:
-    """Raise WorldError if an image or a depth image that a simulator sent has another shape or type than agreed."""
+    """Raise WorldError if an image or a depth image sent by a simulator has another shape or type than agreed."""
     agreed = np.float32 if name.startswith("depth_") else np.uint8
     if image.shape != shape or image.dtype != agreed:
         raise WorldError(
-            f"the simulator sent {name} as {image.dtype} {image.shape}; {np.dtype(agreed)} {shape} is agreed"
+            f"the simulator sent {name} as {image.dtype} {image.shape}, expected {np.dtype(agreed)} {shape}"
         )
 
 

@@ -28,7 +28,7 @@ class Simulator(Protocol):
         """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of its premises, and which hold in which state."""
+        """Settle every initial state of a task; return its premises' names and the truth of each in each state."""
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and settle; return its constant properties and its first row."""
@@ -43,7 +43,7 @@ class Simulator(Protocol):
 def answer_requests(simulator: Simulator, descriptor: int) -> None:
     """Answer the requests that come over a socket, until it is closed.
 
-    What the simulator prints goes to standard error: only frames go over the socket.
+    Output of the simulator goes to standard error: only frames are sent over the socket.
     """
     sys.stdout.flush()
     os.dup2(2, 1)
@@ -61,7 +61,7 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
 
 
 def _told(problem: BaseException) -> str:
-    """Return an error in one line: its first cause, and how it showed where libraries wrap it."""
+    """Return an error in one line: its first cause, and its last form if libraries wrap it."""
     first = problem
     while first.__cause__ is not None:
         first = first.__cause__

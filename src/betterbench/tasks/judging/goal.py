@@ -15,10 +15,10 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class GoalTracker:
-    """Tracker of the goal in an episode, live or offline alike. Feed it every state from reset on, in order."""
+    """Tracker of the goal in an episode, live or offline. Pass it every state from reset on, in order."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
-        """Prepare for an episode; the dwell is counted by the control rate."""
+        """Prepare for an episode; the dwell time is counted at the control rate."""
         self._condition, self._info = condition, info
         self._goals = condition.instruction.subgoals
         asked = asked_by(condition)
@@ -66,12 +66,12 @@ class GoalTracker:
 
     @property
     def harm(self) -> tuple[Harm, ...]:
-        """The harm that was done up to the last state, which keeps a goal from being reached."""
+        """The harm up to the last state, which prevents success."""
         return () if self._last is None else self._harm.found(*self._last)
 
     @property
     def undecided_states(self) -> int:
-        """Number of next states at which the episode cannot succeed yet, whatever happens."""
+        """Number of following states in which the episode cannot succeed yet, whatever happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
@@ -105,7 +105,7 @@ class GoalTracker:
         return Truth(self._memory.relations, done, self._in_order, goal, self._forbidden, success)
 
     def _there(self, at: Places) -> list[bool]:
-        """Return per object whether it is at some place of a target to which things are carried."""
+        """Return for each object whether it is in some region of a target to which objects are carried."""
         there = [False] * len(self._info.objects)
         for watch, places in zip(self._targets.watches, at, strict=True):
             for name, place in zip(watch.subjects, places, strict=True):
@@ -114,7 +114,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Tell which subgoals are done: their objects are there, at rest and let go."""
+        """Return which subgoals are done: their objects are at the target, at rest and released."""
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []

@@ -33,16 +33,16 @@ SPOUT = threshold(
 )
 
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
-"""Length and rise of the straight way in below the overhanging head of a fixture [m]."""
+"""Length and rise of the straight approach below the overhanging head of a fixture [m]."""
 TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)))
-"""Turns away from the heading that keeps the handle farthest from the spout [rad], the smallest first."""
+"""Rotations from the heading with the handle farthest from the spout [rad], the smallest first."""
 
 
 def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     """Tell whether an object stands on the ring of a fixture.
 
-    Its base is centered within 15 mm of the ring's middle, at the height of the ring's plane; it stands upright; and
-    its handle, if it has one, is nowhere under the spout.
+    Its base is centered within 15 mm of the ring's center, at the height of the ring's plane; it is upright; and its
+    handle, if it has one, is not under the spout.
     """
     info = state.info
     region, offset = info.object(fixture).region("ring").position, foot_offset(info.object(name))
@@ -59,9 +59,9 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
-    """Return "" if an object is on the ring in any posture: beside its middle, on its side, upside down, or held there.
+    """Return "" if an object is on the ring in any posture: off center, on its side, upside down, or held there.
 
-    Its middle or its foot is over the disc of the ring, and below the spout.
+    Its center or its foot is over the disc of the ring, and below the spout.
     """
     target, frame = state.info.object(fixture), state.pose(fixture)
     ring, spout = target.region("ring"), target.region("spout")

@@ -1,7 +1,7 @@
 """LIBERO, LIBERO-PRO and LIBERO-Plus as data: the suites, and the evaluation protocols of existing work.
 
-Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, whose
-other settings are not documented and are those of openpi here.
+Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, with
+openpi's values for its undocumented settings.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ _STEPS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libe
 CHANGES: Mapping[str, str] = {
     "swap": "objects stand at each other's places",
     "object": "objects are replaced by others of their kind",
-    "lan": "the sentence is said in other words",
-    "task": "the sentence asks for another task",
+    "lan": "the instruction is paraphrased",
+    "task": "the instruction is for another task",
 }
 """Descriptions of LIBERO-PRO's changes to a suite, by name."""
 
 
 _BASES = (
-    Suite("libero_spatial", "libero_spatial", None, 10, "the same bowl at ten places"),
+    Suite("libero_spatial", "libero_spatial", None, 10, "the same bowl at ten positions"),
     Suite("libero_object", "libero_object", None, 10, "ten objects into one basket"),
     Suite("libero_goal", "libero_goal", None, 10, "ten goals in one scene"),
     Suite("libero_10", "libero_10", None, 10, "ten long tasks"),
@@ -100,7 +100,7 @@ class FieldProtocol:
         trials: Initial states of each task, from the first one on.
         settling_steps: Steps with an open gripper before the first observation.
         seed: Seed of LIBERO's random numbers.
-        differences: Differences from openpi's protocol in words; empty for openpi.
+        differences: Differences from openpi's protocol; empty for openpi.
     """
 
     name: str
@@ -133,11 +133,11 @@ PROTOCOLS: Mapping[str, FieldProtocol] = {
         ),
     )
 }
-"""The protocols of the field by name. Numbers of different protocols are not comparable."""
+"""The existing protocols by name. Results of different protocols are not comparable."""
 
 OURS = (
-    "the random numbers of LIBERO are seeded before each reset, not once a task, so that a trial does not depend on "
-    "those before it"
+    "the random numbers of LIBERO are seeded before each reset, not once per task, so that a trial does not depend on "
+    "earlier trials"
 )
 """Difference of every run here from all of these protocols."""
 

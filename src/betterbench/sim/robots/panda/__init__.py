@@ -1,4 +1,4 @@
-"""The Franka Emika Panda with its two-finger hand, authored here from Franka's public description.
+"""The Franka Emika Panda with its two-finger hand, modeled from Franka's public description.
 
 Kinematics (joint origins, limits of position and speed, the hand on the flange turned by -45 degrees, the fingers 58.4
 mm and the tool center point 103.4 mm below the hand frame): the URDF of Franka's own ``franka_description``
@@ -9,11 +9,11 @@ Identification of the Franka Emika Panda Robot With Retrieval of Feasible Parame
 IEEE RA-L 4(4), 2019; hand and fingers: ``franka_description``, ``inertial.yaml``.
 
 Reflected rotor inertias: 0.6057 (joints 1-2), 0.4625 (3-4) and 0.2055 kg m2 (5-7), given by Franka for the successor
-FR3 and published in Drake's ``franka_description`` README. Joint friction is left out, because the Panda's joint
-torque controllers compensate it, as they compensate gravity (``gravcomp``).
+FR3 and published in Drake's ``franka_description`` README. Joint friction is omitted, because the Panda's joint torque
+controllers compensate it, as they compensate gravity (``gravcomp``).
 
-Collision shapes are capsules, cylinders and boxes fitted here to the visual meshes; ``tests/sim/robots`` measures how
-far they differ.
+Collision shapes are capsules, cylinders and boxes fitted to the visual meshes; ``tests/sim/robots`` measures their
+deviation.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from betterbench.sim.robots.spec import Progress, RobotSpec, register_robot
 VISUAL_GROUP = 2
 COLLISION_GROUP = 3
 FACE_BUDGET = 7600
-"""Triangles of arm and hand together, two fingers counted once; a budget of 8,000 for the whole robot (design, section
+"""Triangles of arm and hand together, two fingers counted once; the budget of the whole robot is 8,000 (design, section
 3).
 """
 
@@ -57,9 +57,8 @@ PAD_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 """Impedance of pad contacts; see :data:`PAD_SOLREF`."""
 
 PAD_SOLMIX = 50.0
-"""Weight of the pad's contact parameters against the object's; unlike a higher priority it leaves the larger friction
-in force.
-"""
+"""Weight of the pad's contact parameters against the object's; unlike a higher priority it keeps the larger
+friction."""
 
 _HALF_PI = 0.5 * math.pi
 
@@ -69,7 +68,7 @@ class _Shape:
     """A collision primitive in the frame of its link [m].
 
     A "capsule" or "cylinder" goes from ``start`` to ``end``; a "box" has its center at ``start`` and ``end`` as its
-    half extents, and is turned about the link's x axis by ``turn_x`` [rad].
+    half extents, and is rotated about the link's x axis by ``turn_x`` [rad].
     """
 
     kind: str
@@ -81,7 +80,7 @@ class _Shape:
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """One link: where it hangs on its parent, its inertia and its collision shapes.
+    """One link: its pose in its parent, its inertia and its collision shapes.
 
     Attributes:
         name: Body name; also the stem of its mesh file.
@@ -248,7 +247,7 @@ _FINGER = _Link(
         _Shape("box", (0.0, 0.0159, 0.0284), (0.00875, 0.0035, 0.0118), turn_x=math.pi / 6.0),
         _Shape("box", (0.0, 0.0115, 0.0450), (0.00875, 0.0035, 0.0090)),
     ),
-    # The Franka Hand's spindle drive is not back-drivable; 0.1 kg per finger stands for its reflected inertia.
+    # The Franka Hand's spindle drive is not back-drivable; 0.1 kg per finger represents its reflected inertia.
     armature=0.1,
 )
 
@@ -266,7 +265,7 @@ _GRIPPER_STIFFNESS = 5000.0
 """Stiffness of the gripper servo [N/m]: the force limit is reached when the command is 8 mm inside the object."""
 
 _GRIPPER_DAMPING = 60.0
-"""Damping of the gripper servo [N s/m]: critical for 0.115 kg per finger would be 34; more keeps the closing quiet."""
+"""Damping of the gripper servo [N s/m]: 34 would be critical for 0.115 kg per finger; more avoids oscillation."""
 
 _GRIPPER_FORCE_N = 40.0
 """Force of each pad [N]: the Franka Hand holds 70 N continuously (data sheet), and 35 N already held round and flat
@@ -291,15 +290,15 @@ PANDA = RobotSpec(
     joint_low=(-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973),
     joint_high=(2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973),
     joint_velocity=(2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61),
-    # Franka's limits are 87 N m (joints 1-4) and 12 N m (5-7). The large joints are held to 50: enough for their
-    # accelerations, while a blocked arm pushes like a careful one (Franka's examples stop the real arm at contact
-    # torques of 20-40 N m).
+    # Franka's limits are 87 N m (joints 1-4) and 12 N m (5-7). The large joints are limited to 50: enough for their
+    # accelerations, while a blocked arm pushes cautiously (Franka's examples stop the real arm at contact torques of
+    # 20-40 N m).
     joint_effort=(50.0, 50.0, 50.0, 50.0, 12.0, 12.0, 12.0),
     gripper_opening_m=0.08,
     pad_size_m=(2.0 * PAD_HALF_SIZE[0], 2.0 * PAD_HALF_SIZE[2]),
-    # The fingers hang 58.4 mm below the hand frame and are 54 mm long.
+    # The fingers are 58.4 mm below the hand frame and 54 mm long.
     tip_below_tcp_m=0.0584 + 0.054 - 0.1034,
-    # Each finger travels at 50 mm/s (data sheet of the Franka Hand), so their distance changes twice as fast.
+    # Each finger moves at 50 mm/s (data sheet of the Franka Hand), so the opening width changes twice as fast.
     gripper_speed_m_s=0.1,
     gripper_force_n=_GRIPPER_FORCE_N,
     gripper_lead_m=0.012,
@@ -324,9 +323,9 @@ _SHARES = {
 
 
 def _paint(link: str, rank: int) -> str:
-    """Return the paint of a connected part of a link's mesh, counted from the largest.
+    """Return the paint of a connected part of a link's mesh, by its rank from the largest.
 
-    The numbers were found by looking at the parts: which of them are covers, connectors, buttons and rubber tips.
+    The numbers were found by inspection of the parts: covers, connectors, buttons and rubber tips.
     """
     if rank == 0:
         return "trim" if link == "finger" else "shell"
@@ -340,12 +339,13 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a fresh MuJoCo description of the Panda, without visual meshes if asked; physics is the same.
+    """Return a new MuJoCo description of the Panda, optionally without visual meshes; physics is the same.
 
-    The base is at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those of group 3 collide.
+    The base is at the origin, with the mounting flange at ``z = 0``; geoms of group 2 are visual, those of group 3
+    collide.
 
     Raises:
-        MissingDependencyError: If the package that holds the meshes is not installed.
+        MissingDependencyError: If the package with the meshes is not installed.
     """
     spec = mujoco.MjSpec()
     spec.modelname = PANDA.name
@@ -365,7 +365,7 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
                 axis=(0.0, 0.0, 1.0),
                 range=(PANDA.joint_low[index - 1], PANDA.joint_high[index - 1]),
                 armature=link.armature,
-                # The limit of what the servos of this joint exert together; gravity compensation is not counted.
+                # Limit of the total torque of the servos of this joint; gravity compensation is not included.
                 actfrcrange=(-PANDA.joint_effort[index - 1], PANDA.joint_effort[index - 1]),
             )
     hand = _add_link(body, _HAND, PANDA.hand_body)
@@ -380,7 +380,7 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
 
 
 def _add_link(parent: mujoco.MjsBody, link: _Link, name: str, *, mirrored: bool = False) -> mujoco.MjsBody:
-    """Add a link's body with inertia and collision shapes; ``mirrored`` turns it by half a turn about its z axis."""
+    """Add a link's body with inertia and collision shapes; ``mirrored`` rotates it by half a turn about its z axis."""
     axis, angle = link.turn
     if mirrored:
         axis, angle = "z", math.pi
@@ -422,7 +422,7 @@ _COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": PHYSICS.condim, "r
 
 
 def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
-    """Add both fingers with their pads, coupled so that the object stays in the middle of the gripper."""
+    """Add both fingers with their pads, coupled so that the object stays in the center of the gripper."""
     for index, name in enumerate(PANDA.finger_bodies):
         finger = _add_link(hand, _FINGER, name, mirrored=index == 1)
         finger.add_joint(
@@ -459,13 +459,13 @@ def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
 def _add_servos(spec: mujoco.MjSpec) -> None:
     """Add the joint servos and the gripper's.
 
-    Each arm joint has two servos that take the same control, the joint's reference velocity [rad/s]. The first
-    integrates it to a reference position (its activation) and pulls with the stiffness; the second damps toward the
-    reference velocity itself. The reference so moves evenly within a control step, and a moving arm does not lag by
-    damping over stiffness, as it does under a position servo.
+    Each arm joint has two servos with the same control, the joint's reference velocity [rad/s]. The first integrates it
+    to a reference position (its activation) and pulls with the stiffness; the second damps toward the reference
+    velocity itself. The reference therefore moves evenly within a control step, and a moving arm does not lag by
+    damping over stiffness, as it does with a position servo.
 
-    The gripper's servo takes the distance of the pads [m] and acts on both fingers alike through a tendon whose length
-    is that distance.
+    The gripper's servo takes the opening width [m] and acts on both fingers equally through a tendon whose length is
+    that width.
     """
     for joint, position, velocity, stiffness, damping, low, high in zip(
         PANDA.arm_joints,
@@ -498,7 +498,7 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
 def _add_servo(
     spec: mujoco.MjSpec, name: str, target: str, *, gain: float, bias: tuple[float, float, float]
 ) -> mujoco.MjsActuator:
-    """Add a servo on a joint whose force is ``gain`` times the control, plus ``bias`` times (1, length, velocity)."""
+    """Add a servo to a joint with a force of ``gain`` times the control, plus ``bias`` times (1, length, velocity)."""
     servo = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
     servo.gainprm[0] = gain
@@ -507,7 +507,7 @@ def _add_servo(
 
 
 def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
-    """Exclude the pairs that overlap by construction: neighbors, and the short wrist with what is two links away."""
+    """Exclude pairs that overlap by construction: neighbors, and the short wrist with links two joints away."""
     chain = [link.name for link in _LINKS] + [PANDA.hand_body]
     pairs = list(itertools.pairwise(chain))
     pairs += [("link5", "link7"), ("link6", PANDA.hand_body)]

@@ -1,7 +1,7 @@
-"""CALVIN's simulator behind a socket, run by the Python of CALVIN's own environment, from the user's checkout.
+"""CALVIN's simulator behind a socket, run with the Python of CALVIN's environment, from the user's checkout.
 
-It imports the standard library, NumPy and, when it is asked, what that environment and the checkout of ``calvin_env``
-hold. Success is not judged here: the process sends what ``get_info`` says, and the run applies the rules.
+It imports only the standard library and NumPy and, on request, the packages of that environment and the checkout of
+``calvin_env``. Success is not judged here: the process sends the result of ``get_info``, and the run applies the rules.
 
 Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
 ``scene/play_table_scene.py``; mees/calvin@fa03f01 ``evaluation/evaluate_policy.py`` for the order of calls and
@@ -25,7 +25,7 @@ from betterbench.jobs.frames import FrameContent
 from betterbench.sim.worlds.simulator_loop import answer_requests
 
 CAMERAS = {"front": ("static", 200), "wrist": ("gripper", 84)}
-"""CALVIN's two cameras by the names that our observations use, with the side of their images [pixel]."""
+"""CALVIN's two cameras by their names in our observations, with the side of their images [pixel]."""
 
 BLOCKS = {"block_red": "middle", "block_blue": "small", "block_pink": "big"}
 """The blocks of scene D with their sizes, in the order of its ``scene_obs``."""
@@ -52,7 +52,7 @@ _OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda
 class CalvinSimulator:
     """One environment of CALVIN, for one chain.
 
-    After a chain PyBullet keeps something that neither ``restoreState`` nor calvin_env's ``reset`` and ``load`` clear:
+    After a chain PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load`` clear:
     in the same process, the next chain differs by up to 0.5 rad.
     """
 
@@ -69,7 +69,7 @@ class CalvinSimulator:
     def suite(self, name: str) -> dict[str, Any]:
         """Return task, versions and objects of the chains, after making the environment to check the installation.
 
-        The process is used up by it.
+        The process cannot run a chain afterward.
         """
         self.prepare()
         if self._egl:
@@ -78,7 +78,7 @@ class CalvinSimulator:
         return {"tasks": [task], "versions": self.versions(), "objects": self._measure()}
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of all that can change the numbers."""
+        """Return the versions of everything that can change the results."""
         own = {package: version(package) for package in _PACKAGES}
         config = OWN_CONFIG if self._config is None else f"sha256 {_digest(self._config)}"
         renderer = "EGL" if self._egl else "TinyRenderer"
@@ -89,11 +89,11 @@ class CalvinSimulator:
         raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Refuse: chains get no labels, and so no films."""
+        """Refuse: chains have no labels, and therefore no films."""
         raise ValueError(f"chains are not drawn again: {request.get('suite')}, {len(qpos)} states")
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin a chain: set robot and scene. With "next", begin its next instruction where things stand now."""
+        """Begin a chain: set robot and scene. With "next", begin its next instruction from the current state."""
         self.prepare()
         env = self._env
         env.cameras = self._cameras if request["images"] else []
@@ -107,12 +107,13 @@ class CalvinSimulator:
         blocks = dict(zip(BLOCKS, np.split(np.array(request["scene"][_SCENE_HEAD:], float), len(BLOCKS)), strict=True))
         # calvin_env takes the blocks in the order of its own configuration.
         scene = np.concatenate([request["scene"][:_SCENE_HEAD], *(blocks[name] for name in names)])
-        # calvin_env's reset leaves both as they are. This is what the first chain of CALVIN's own evaluation has.
+        # calvin_env's reset does not change these two. The values are those of the first chain of CALVIN's own
+        # evaluation.
         env.robot.gripper_action = 1
         for button in env.scene.buttons:
             button.prev_is_pressed = False
         env.reset(robot_obs=np.array(request["robot"], float), scene_obs=scene)
-        # As CALVIN's `rollout` does: with EGL, the first image of a process is another one than those that follow.
+        # Like CALVIN's `rollout`: with EGL, the first image of a process differs from the following ones.
         document, arrays = self._row(env.get_obs(), env.get_info())
         fixed = {
             "fingers": [int(i) for i in env.robot.gripper_joint_ids],
@@ -123,9 +124,9 @@ class CalvinSimulator:
         return {**fixed, **document}, arrays
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step with CALVIN's own action; calvin_env wants the gripper to be 1 or -1.
+        """Take one control step with CALVIN's own action; calvin_env requires the gripper to be 1 or -1.
 
-        An absolute action goes to it in three parts: position, rotation, gripper.
+        An absolute action is passed in three parts: position, rotation, gripper.
         """
         self._env.cameras = self._cameras if look else []
         move = np.array(action, float)
@@ -134,14 +135,14 @@ class CalvinSimulator:
         return self._row(seen, info)
 
     def make_environment(self) -> Any:  # noqa: ANN401 - of another environment
-        """Return calvin_env's ``PlayTableSimEnv``, as its ``get_env`` makes it, but for the two cameras alone."""
+        """Return calvin_env's ``PlayTableSimEnv``, made like in its ``get_env``, but with only two cameras."""
         if not (self._checkout / "calvin_env" / "envs" / "play_table_env.py").is_file():
             raise FileNotFoundError(
-                f"{self._checkout} is no checkout of calvin_env: it has no calvin_env/envs/play_table_env.py"
+                f"{self._checkout} is not a checkout of calvin_env: it has no calvin_env/envs/play_table_env.py"
             )
         if not any((folder / ".git").exists() for folder in (self._checkout, *self._checkout.parents)):
             raise FileNotFoundError(
-                f"{self._checkout} is in no git repository, and calvin_env asks git for its commit: clone it with git"
+                f"{self._checkout} is not in a git repository, but calvin_env needs its commit: clone it with git"
             )
         sys.path.insert(0, str(self._checkout))
         hydra = importlib.import_module("hydra")
@@ -159,7 +160,7 @@ class CalvinSimulator:
         return hydra.utils.instantiate(config.env, show_gui=False, use_vr=False, use_scene_info=True, use_egl=self._egl)
 
     def prepare(self) -> None:
-        """Make the environment once; where that failed, fail in the same way again."""
+        """Make the environment once; after a failure, raise the same error again."""
         if self._problem is not None:
             raise self._problem
         if self._env is not None:
@@ -184,10 +185,10 @@ class CalvinSimulator:
         self._env = env
 
     def _require_images(self) -> None:
-        """Draw once; ValueError if an image is of one color, as it is where EGL starts and draws nothing."""
+        """Render once; ValueError if an image has only one color, as when EGL starts but does not render."""
         for name, image in self._env.get_obs()["rgb_obs"].items():
             if np.ptp(image) == 0:
-                raise ValueError(f"EGL starts, but its image {name} is of one color")
+                raise ValueError(f"EGL starts, but its image {name} has only one color")
 
     def _block_names(self) -> list[str]:
         return [str(block.name) for block in self._env.scene.movable_objects]
@@ -195,7 +196,7 @@ class CalvinSimulator:
     def _measure(self) -> list[dict[str, Any]]:
         """Return the objects, blocks first, with their extents along their own axes [m] and their mass [kg].
 
-        It turns the objects. That leaves a trace in the solver even where all is put back, so that no chain may follow.
+        It moves the objects. This leaves a trace in the solver even after they are put back, so no chain may follow.
         """
         self._used = True
         p, cid = self._env.p, self._env.cid
@@ -210,7 +211,7 @@ class CalvinSimulator:
         return [{"name": name, "fixed": name not in BLOCKS, **found[name]} for name in names]
 
     def _row(self, seen: Mapping[str, Any], info: Mapping[str, Any]) -> FrameContent:
-        """Return the state now: what ``get_info`` says, as JSON, and robot, scene and images as arrays."""
+        """Return the current state: ``get_info`` as JSON, and robot, scene and images as arrays."""
         names = self._block_names()
         scene = np.array(seen["scene_obs"], float)
         blocks = dict(zip(names, np.split(scene[_SCENE_HEAD:], len(names)), strict=True))
@@ -234,7 +235,7 @@ class CalvinSimulator:
         return str(git.Repo(self._checkout, search_parent_directories=True).head.object.hexsha)
 
     def _fingerprint(self) -> str:
-        """Return one digest of the files of the checkout that decide about physics: code, configuration, models."""
+        """Return one digest of the checkout's files that determine the physics: code, configuration, models."""
         patterns = ("calvin_env/**/*.py", "conf/**/*.yaml", "data/**/*.urdf")
         files = sorted(file for pattern in patterns for file in self._checkout.glob(pattern))
         parts = [f"{file.relative_to(self._checkout).as_posix()} {_digest(file)}" for file in files]
@@ -280,7 +281,7 @@ def _plain_info(info: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _contacts(points: Sequence[Sequence[Any]]) -> list[list[float]]:
-    """Return PyBullet's contact points in its own order of fields, as far as they are used: the last is a force [N]."""
+    """Return PyBullet's contact points in its own order of fields, up to the last used one, a force [N]."""
     return [[0, int(c[1]), int(c[2]), int(c[3]), int(c[4]), float(c[9])] for c in points or ()]
 
 
@@ -300,6 +301,6 @@ def main() -> None:
     """Answer over a socket. Arguments: checkout, configuration or "", "egl" or "", and the number of the socket."""
     checkout, config, egl, descriptor = sys.argv[1:]
     simulator = CalvinSimulator(Path(checkout), Path(config) if config else None, egl=egl == "egl")
-    with contextlib.suppress(Exception):  # the first request meets it again, and answers with it
+    with contextlib.suppress(Exception):  # the first request raises it again, and reports it
         simulator.prepare()
     answer_requests(simulator, int(descriptor))

@@ -1,8 +1,8 @@
 """CALVIN ABC→D as a world: chains of five instructions in the user's checkout of ``calvin_env``.
 
-A trial is a chain, and its seed is the number of the chain. It succeeds when all five subtasks are done; how many were
-done in a row stands in its record. ``calvin`` starts chains where CALVIN does, ``calvin_resampled`` with the blocks
-anywhere in the range of the training data.
+A trial is a chain, and its seed is the index of the chain. It succeeds when all five subtasks are done; the record
+contains the number done in a row. ``calvin`` starts chains like CALVIN, ``calvin_resampled`` with the blocks anywhere
+in the range of the training data.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ INSTALLATION = Installation(
 )
 
 OURS = (
-    "every chain is played in a process of its own, as the first one of CALVIN's evaluation is, so that it does not "
-    "depend on the chains before it"
+    "every chain runs in a separate process, like the first one of CALVIN's evaluation, so that it does not "
+    "depend on earlier chains"
 )
 """Difference of every run here from CALVIN's own evaluation."""
 
@@ -84,7 +84,7 @@ PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK},
 """CALVIN's own protocol (mees/calvin@fa03f01, ``evaluate_policy.py``)."""
 
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
-"""Relations of the table in a record: doors opened beyond half of their opening in the start states, and lights."""
+"""Relations of the table in a record: doors open beyond half of their range in the start states, and lights."""
 
 _SPLITS = {
     CALVIN_ABSOLUTE.name: [3, 6],
@@ -94,10 +94,10 @@ _SPLITS = {
 """Indices at which an action is split into position, rotation and gripper for calvin_env, by action space."""
 
 _HALF_CLOSED = 0.5
-"""Gripper command below which X-VLA's client takes the gripper for closed."""
+"""Gripper command below which X-VLA's client considers the gripper closed."""
 _MODULE = "envs/play_table_env.py"
 _RENDERER_WORDS = {True: "egl", False: "", None: "auto"}
-"""Last word of the simulator's command, which chooses the renderer: with EGL, without, or by itself."""
+"""Last word of the simulator's command, which chooses the renderer: with EGL, without, or automatically."""
 
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
@@ -113,7 +113,7 @@ _IMAGES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class _ChainStart:
-    """Reply of the simulator to the start of a chain, without the part that :func:`read_play_table` reads."""
+    """Reply of the simulator to the start of a chain, without the part for :func:`read_play_table`."""
 
     engine: dict[str, str]
     code: str
@@ -135,7 +135,7 @@ class ChainTask(WorldTask):
 
     @property
     def condition(self) -> str:
-        """Name of the condition: "base" where chains start as CALVIN's do, else "resampled"."""
+        """Name of the condition: "base" for CALVIN's own starts, else "resampled"."""
         return CHAIN_SUITES[self.suite].change or "base"
 
 
@@ -183,7 +183,7 @@ class CalvinWorld(ProcessWorld):
     objects: tuple[ObjectInfo, ...] = ()
 
     def step_limit(self, task: WorldTask) -> int:
-        """Return the most control steps of a chain."""
+        """Return the maximum control steps of a chain."""
         del task
         return self.protocol.steps[OFFICIAL]
 
@@ -242,7 +242,7 @@ class CalvinWorld(ProcessWorld):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which does not say where the checkout lies."""
+        """Return the JSON form, without the location of the checkout."""
         return {
             "name": self.name,
             "protocol": self.protocol.to_json(),
@@ -271,7 +271,7 @@ class ChainScene(ProcessScene):
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the chain."""
+        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the index of the chain."""
         super().__init__(
             settings, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
@@ -286,12 +286,12 @@ class ChainScene(ProcessScene):
 
     @property
     def whole_instruction(self) -> str:
-        """The five sentences, one after the other."""
+        """The five instructions, one after the other."""
         return "; ".join(subtask.instruction for subtask in self.chain.subtasks)
 
     @property
     def _process_key(self) -> object:
-        """None: PyBullet keeps something of a chain that neither restoreState nor a reset clears."""
+        """None: PyBullet keeps some state of a chain that neither restoreState nor a reset clears."""
         return None
 
     @property
@@ -324,15 +324,15 @@ class ChainScene(ProcessScene):
         return {"scene.json": json.dumps(form, indent=1, sort_keys=True).encode()}
 
     def start(self) -> ChainStart:
-        """Return the start state to which robot and scene are set."""
+        """Return the start state of robot and scene."""
         return start_of(self.chain.start) if self.condition.name == "base" else resampled_start_of(self.chain)
 
     def reset(self) -> WorldState:
-        """Set robot and scene, and check that they are where the chain presupposes them.
+        """Set robot and scene, and check that they are at the start of the chain.
 
         Raises:
-            PremiseError: If a block, a door or a light is elsewhere, and that is refused.
-            WorldError: If the simulator fails, or is made of something else than when the run began.
+            PremiseError: If a block, a door or a light is elsewhere, and this is refused.
+            WorldError: If the simulator fails, or its versions have changed since the run began.
         """
         start = self.start()
         asked = {"robot": start.robot.tolist(), "scene": start.scene.tolist(), **self._shown}
@@ -361,9 +361,9 @@ class ChainScene(ProcessScene):
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Apply an action for one control step, and return it as it was applied: as it is, since CALVIN clips none.
+        """Apply an action for one control step, and return the applied action: unchanged, since CALVIN does not clip.
 
-        Where a subtask is done by it, the next one begins, and ``instructed_anew`` is set.
+        If it completes a subtask, the next one begins, and ``instructed_anew`` is set.
         """
         applied = self.action_space.clip(action)
         if self._process is None or self._begun is None:
@@ -420,13 +420,13 @@ class ChainScene(ProcessScene):
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return ``qpos``, which is what ``env.reset`` takes: robot (15), then scene (24); and ``ctrl``, the target."""
+        """Return ``qpos``, the arguments of ``env.reset``: robot (15), then scene (24); and ``ctrl``, the target."""
         none = np.zeros(0)
         both = np.concatenate([self._arrays["robot"], self._arrays["scene"]])
         return {"qpos": both, "qvel": none, "act": none, "ctrl": self._arrays["target"]}
 
     def truth(self) -> Truth:
-        """Return the relations of the table that hold now, and the subtasks that have been done in a row."""
+        """Return the current relations of the table, and the number of subtasks done in a row."""
         if self._now is None:
             raise WorldError("the episode has not begun")
         doors, lights = self._now.doors, self._now.lights
@@ -476,7 +476,7 @@ class ChainScene(ProcessScene):
         return measured
 
     def _played(self, action: np.ndarray) -> np.ndarray:
-        """Return an action as the simulator plays it; deltas of ``calvin_delta`` are added up to an absolute pose."""
+        """Return the action for the simulator; deltas of ``calvin_delta`` are added up to an absolute pose."""
         if self.action_space.name != CALVIN_DELTA.name:
             return action
         pose = self._commanded + action[:6]
@@ -491,13 +491,13 @@ class ChainScene(ProcessScene):
         self.condition = Instructed.of(self._name, self.task.condition, sentence)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep an answer; WorldError if an array is missing, of another shape, or holds a number that is not finite."""
+        """Store an answer; WorldError if an array is missing, of another shape, or has a non-finite number."""
         document, arrays = answer
         for name, shape in _ROW.items():
             found = arrays.get(name)
             if found is None or found.shape != shape or found.dtype != np.float64:
                 shown = "nothing" if found is None else f"{found.dtype} {found.shape}"
-                raise WorldError(f"the simulator sent {shown} as {name}; float64 {shape} is agreed")
+                raise WorldError(f"the simulator sent {shown} as {name}, expected float64 {shape}")
         for name, size in _IMAGES.items():
             if name in arrays:
                 require_image(name, arrays[name], size)
@@ -505,7 +505,7 @@ class ChainScene(ProcessScene):
         self._document, self._arrays = document, dict(arrays)
 
     def _require_same_versions(self) -> None:
-        """Raise WorldError if the process is made of something else than the plan says."""
+        """Raise WorldError if the versions of the process differ from those in the plan."""
         found = {**self._fixed["engine"], "code": self._fixed.get("code")}
         for name, planned in {**self.settings.versions, "code": self.task.bddl_sha256}.items():
             if str(found.get(name)) != planned:
@@ -525,7 +525,7 @@ class ChainScene(ProcessScene):
         return tuple(thing.name for thing in self._info.objects if not thing.fixed)
 
     def _bottom(self, name: str, center: Vector) -> Vector:
-        """Return the center of the bottom of a block in the world frame [m]; its body's origin is its middle."""
+        """Return the center of the bottom of a block in the world frame [m]; the origin of its body is its center."""
         down = (0.0, 0.0, -0.5 * self._info.object(name).size_m[2])
         turned = rotate(self._now.blocks[name].rotation, down) if self._now is not None else down
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
@@ -536,7 +536,7 @@ class ChainScene(ProcessScene):
         there = self._arrays["scene"]
         for name, i in (("slider", 0), ("drawer", 1)):
             if abs(there[i] - scene[i]) > _DOOR_OFF_M:
-                found.append(f"the {name} is at {there[i]:.3f} m and not at {scene[i]:.3f} m")
+                found.append(f"the {name} is at {there[i]:.3f} m instead of {scene[i]:.3f} m")
         for name, i in (("light bulb", 4), ("LED", 5)):
             if int(there[i]) != int(scene[i]):
                 found.append(f"the {name} is {'on' if there[i] else 'off'}")
@@ -548,7 +548,7 @@ class ChainScene(ProcessScene):
         return tuple(found)
 
     def _contacts(self) -> tuple[Contact, ...]:
-        """Return the touching pairs that involve the gripper or a block, with the sums of their normal forces."""
+        """Return the contacts of the gripper or a block, with the sums of their normal forces."""
         info = self._document["info"]
         scene, robot = info["scene_info"], info["robot_info"]
         blocks = {int(b["uid"]): str(name) for name, b in scene["movable_objects"].items()}
@@ -562,7 +562,7 @@ class ChainScene(ProcessScene):
 
         sums: dict[tuple[str, str], float] = {}
         points = [c for b in scene["movable_objects"].values() for c in b["contacts"]]
-        # A pair with a block stands in the block's list, of two blocks in both: it is counted in one.
+        # A pair with a block is in the block's list, a pair of two blocks in both lists: it is counted in one.
         points = [c for c in points if int(c[2]) not in blocks or c[1] < c[2]]
         points += [c for c in robot["contacts"] if int(c[2]) not in blocks]
         for c in points:
@@ -582,7 +582,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
             (:func:`describe_chains` decides).
 
     Raises:
-        InvalidInputError: If no checkout of calvin_env is named, or what is named is none.
+        InvalidInputError: If no checkout of calvin_env is given, or the path is not a checkout.
         MissingDependencyError: If the world is not installed.
     """
     if checkout is None:
@@ -594,14 +594,14 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     root = checkout_root(checkout)
     if config is not None and not config.is_file():
         raise InvalidInputError(
-            "--calvin-config", f"{config} is no file", "Give validation/.hydra/merged_config.yaml of the data set"
+            "--calvin-config", f"{config} is not a file", "Give validation/.hydra/merged_config.yaml of the data set"
         )
     chosen = "" if config is None else str(config.resolve())
     return (*INSTALLATION.command(), str(root.resolve()), chosen, _RENDERER_WORDS[egl])
 
 
 def checkout_root(named: Path) -> Path:
-    """Return the root of the checkout of calvin_env that a path names: itself, or a part of mees/calvin.
+    """Return the root of the checkout of calvin_env at a path: itself, or a part of mees/calvin.
 
     Raises:
         InvalidInputError: If there is none, as in a clone without its submodules.
@@ -628,12 +628,12 @@ def checkout_root(named: Path) -> Path:
 
 
 def describe_chains(command: Sequence[str], suite: str) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Return the command with its renderer decided, and what the process says of a suite.
+    """Return the command with a fixed renderer, and the process's description of a suite.
 
-    Where the command leaves the renderer open, EGL is tried in a process of its own, which a broken driver may end.
+    If the command leaves the renderer open, EGL is tried in a separate process, because a broken driver may crash it.
 
     Raises:
-        WorldError: If the process fails, with TinyRenderer too where the renderer is open.
+        WorldError: If the process fails, also with TinyRenderer if the renderer is open.
     """
     if command[-1] != _RENDERER_WORDS[None]:
         with WorldProcess(command) as process:
@@ -651,7 +651,7 @@ def describe_chains(command: Sequence[str], suite: str) -> tuple[tuple[str, ...]
 
 
 def chain_objects(described: Sequence[Mapping[str, Any]]) -> tuple[ObjectInfo, ...]:
-    """Return the objects that the process describes, the blocks before what is fixed.
+    """Return the objects described by the process, with the blocks before fixed ones.
 
     Raises:
         WorldError: If a description is malformed.

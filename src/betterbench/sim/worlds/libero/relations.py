@@ -1,8 +1,8 @@
-"""Contacts and relations in LIBERO's simulator, read by the numbers of geoms, sites and bodies.
+"""Contacts and relations in LIBERO's simulator, read by the indices of geoms, sites and bodies.
 
-LIBERO's own check of a contact looks up four names for each contact of the scene, and its relation to a place costs a
-dozen calls of NumPy. Here the same is read by numbers. Read in an environment without betterbench: NumPy alone is
-imported.
+LIBERO's own check of a contact looks up four names for each contact of the scene, and its relation to a place takes a
+dozen calls of NumPy. Here the same data are read by index. This module is imported in an environment without
+betterbench, with NumPy only.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _BELOW_M = 0.01
 """Depth below a box at which an object still counts as in it [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
-"""Margin below which LIBERO's own check decides [m]: it sums the products of matrices in another order."""
+"""Margin below which LIBERO's own check decides [m], because it sums matrix products in another order."""
 
 
 class Touching:
@@ -37,19 +37,19 @@ class Touching:
         rank = {name: i for i, name in enumerate(names)}
         ranks = [rank[labels[body]] for body in self._model.geom_bodyid.tolist()]
         self.pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
-        """All pairs that may touch and involve the gripper or an object."""
-        # Number of a pair by the ranks of both, in either order; -1 for what is not kept.
+        """All possible contact pairs with the gripper or an object."""
+        # Index of a pair by the ranks of both, in either order; -1 for irrelevant pairs.
         codes = [[-1] * len(names) for _ in names]
         for code, (a, b) in enumerate(self.pairs):
             codes[rank[a]][rank[b]] = codes[rank[b]][rank[a]] = code
-        # By the numbers of two geoms; geoms of one thing share a row.
+        # By the indices of two geoms; geoms of one object share a row.
         rows = [[row[other] for other in ranks] for row in codes]
         self._codes = [rows[own] for own in ranks]
         self._elliptic = self._model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
         self._masks: dict[Any, np.ndarray] = {}
 
     def now(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the numbers of the pairs that touch, in rising order, and their normal forces [N].
+        """Return the indices of the touching pairs, in rising order, and their normal forces [N].
 
         Plain numbers: there are a few dozen contacts, and each operation on a cold array costs as much as ten of them.
         """
@@ -66,7 +66,7 @@ class Touching:
         """Return the normal forces of all contacts [N]."""
         address = contacts.efc_address.tolist()
         if self._elliptic and self._data.nefc:
-            # As mj_contactForce reads it; a contact without a row is too far away to push.
+            # Like mj_contactForce; a contact without a row is too far away to exert a force.
             forces = self._data.efc_force.tolist()
             return [forces[row] if row >= 0 else 0.0 for row in address]
         rows = np.zeros((len(address), 6))
@@ -75,7 +75,7 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Tell whether two models touch: robosuite's ``check_contact`` by numbers."""
+        """Tell whether two models touch: robosuite's ``check_contact`` by indices."""
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
@@ -93,9 +93,9 @@ class Touching:
 
 
 class Relations:
-    """The relations of a task's file.
+    """The relations in a task's file.
 
-    Those of an object to a box on the table or on a fixture, of which each object has one, are computed here.
+    Those of an object to a box on the table or on a fixture, one for each object, are computed here.
     """
 
     def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401
@@ -113,12 +113,12 @@ class Relations:
         halves = [[float(x) for x in box.size] for box in boxes]
         holders = [env.get_object(env.object_states_dict[relation[2]].parent_name) for relation in placed]
         things = [env.get_object(relation[1]) for relation in placed]
-        # LIBERO wants something that is "in" a place to touch nothing.
+        # LIBERO requires that an object "in" a place touches nothing.
         needed = [h if relation[0] == "on" else None for h, relation in zip(holders, placed, strict=True)]
         self._known = list(zip(self._placed, slacks, halves, needed, things, strict=True))
 
     def hold(self) -> np.ndarray:
-        """Return a mask of the relations that hold now, (n,)."""
+        """Return a mask of the relations that are true now, (n,)."""
         found, unsure = np.zeros(len(self._relations), bool), self._asked
         if self._known:
             data, sites = self._data, self._sites
@@ -131,7 +131,7 @@ class Relations:
                 elif slack > 0.0:
                     found[i] = holder is None or self._touching.between(holder, thing)
         if unsure:
-            # LIBERO's own predicates, which ask us what touches.
+            # LIBERO's own predicates, which use our contacts.
             self._env.check_contact = self._touching.between
             try:
                 for i in unsure:
@@ -141,11 +141,11 @@ class Relations:
         return found
 
     def hold_by_libero(self) -> np.ndarray:
-        """Return a mask of the relations that hold now by LIBERO's own predicates alone, (n,)."""
+        """Return a mask of the relations that are true now by LIBERO's own predicates only, (n,)."""
         return np.array([bool(self._env._eval_predicate(relation)) for relation in self._relations], bool)
 
     def _is_placed(self, relation: list[str]) -> bool:
-        """Tell whether a relation says that an object is on or in a box of the table or of a fixture."""
+        """Tell whether a relation is that of an object on or in a box of the table or of a fixture."""
         if len(relation) != 3 or relation[0] not in ("on", "in") or relation[1] not in self._env.obj_body_id:
             return False
         place = self._env.object_states_dict[relation[2]]

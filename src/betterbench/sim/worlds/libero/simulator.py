@@ -1,6 +1,6 @@
-"""LIBERO's simulator behind a socket, run by the Python of LIBERO's own environment.
+"""LIBERO's simulator behind a socket, run with the Python of LIBERO's environment.
 
-It imports the standard library, NumPy and, when it is asked, what that environment holds.
+It imports only the standard library and NumPy and, on request, the packages of that environment.
 
 Sources: openpi ``examples/libero/main.py`` for the order of seed, reset, initial state and settling steps; robosuite
 1.4.0 ``environments/base.py`` and LIBERO ``envs/bddl_base_domain.py`` for what is read.
@@ -28,10 +28,10 @@ from betterbench.sim.worlds.rows import form_of, row_of
 from betterbench.sim.worlds.simulator_loop import answer_requests
 
 CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
-"""LIBERO's two cameras by the names that our observations use."""
+"""LIBERO's two cameras by their names in our observations."""
 
 SETTLING_ACTION = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
-"""Stand still with an open gripper (openpi: ``LIBERO_DUMMY_ACTION``)."""
+"""Action that stands still with an open gripper (openpi: ``LIBERO_DUMMY_ACTION``)."""
 
 CONTROL_RATE_HZ = 20
 
@@ -41,7 +41,7 @@ _FINGERS = {
     "gripper0_rightfinger": "right_finger",
     "gripper0_finger_joint2_tip": "right_finger",
 }
-"""Bodies of the gripper's fingers; the pads that touch what is held belong to the tips."""
+"""Bodies of the gripper's fingers; the pads that touch a held object belong to the tips."""
 _PARTS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 _SIGNS = np.array([[1.0, -1.0, -1.0, -1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]])
 """Product of two quaternions: component k is the sum over i of p[i] * q[PARTS[k, i]] * SIGNS[k, i], i in order."""
@@ -54,7 +54,7 @@ class TaskFiles:
     """Files and options from which the scene of a task is built.
 
     Attributes:
-        key: Key under which an environment is kept for the next episode of the same scene.
+        key: Key under which an environment is cached for the next episode of the same scene.
         path: The task's file.
         states: Its initial states, (n, m).
         options: Further arguments of LIBERO's environment.
@@ -67,7 +67,7 @@ class TaskFiles:
 
 
 class LiberoSimulator:
-    """One environment of LIBERO, which is kept while the same task is requested."""
+    """One environment of LIBERO, cached while the same task is requested."""
 
     def __init__(self) -> None:
         self._benchmark: Any = importlib.import_module("libero.libero.benchmark")
@@ -103,8 +103,8 @@ class LiberoSimulator:
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Reset to an initial state and settle.
 
-        The random numbers are seeded before every reset, so that an episode does not depend on those before it: LIBERO
-        draws the places of its fixtures at reset, and they are no part of an initial state.
+        The random numbers are seeded before every reset, so that an episode does not depend on earlier ones: LIBERO
+        draws the positions of its fixtures at reset, and they are not part of an initial state.
         """
         files = self._files(request)
         images, settle = bool(request["images"]), int(request["settle"])
@@ -122,7 +122,7 @@ class LiberoSimulator:
         controller = self._env.robots[0].controller
         controller.use_delta = True
         for i in range(settle):
-            self.look = images and i == settle - 1  # nobody sees the images before
+            self.look = images and i == settle - 1  # earlier images are not used
             seen, _ = self._advance(list(SETTLING_ACTION))
         controller.use_delta = not request.get("absolute")
         self._reader.check()
@@ -136,11 +136,11 @@ class LiberoSimulator:
         return {**fixed, **document, "row": form}, arrays
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of its premises, and which hold in which state.
+        """Settle every initial state of a task; return the names of its premises, and the truth of each per state.
 
-        One reset serves all states: LIBERO's random numbers are the same before every reset of a run, so that the
-        fixtures stand alike.
-        How far each object moves sideways while settling is returned too [m]: many are let fall a few centimeters.
+        One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so that
+        the fixtures have the same poses. The sideways motion of each object while settling is returned too [m]: many
+        objects are dropped from a few centimeters.
         """
         files = self._files(request)
         self._make(files, None)
@@ -169,9 +169,9 @@ class LiberoSimulator:
         return document, {"holds": np.array(holds, bool).reshape(len(moved), -1), "moved": np.array(moved)}
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Return "images" of the front camera at states of a task, turned by 180 degrees as its clients show them.
+        """Return "images" of the front camera at states of a task, rotated by 180 degrees as by its clients.
 
-        The fixtures stand where they stood in every trial, because the random numbers are the same.
+        The fixtures have the same poses as in every trial, because the random numbers are the same.
         """
         size = int(request["size"])
         self._make(self._files(request), size)
@@ -198,7 +198,7 @@ class LiberoSimulator:
         return TaskFiles((suite, task), found.get_task_bddl_file_path(task), found.get_task_init_states(task))
 
     def _make(self, files: TaskFiles, size: int | None) -> None:
-        """Make the environment of a task, with cameras of so many pixels; without any, nothing can be drawn."""
+        """Make the environment of a task, with cameras of ``size`` pixels; without a size, nothing can be rendered."""
         environments = importlib.import_module("libero.libero.envs.env_wrapper")
         if self._wrapper is not None:
             self._wrapper.close()
@@ -220,10 +220,10 @@ class LiberoSimulator:
         return seen, bool(done)
 
     def _watch_cameras(self) -> None:
-        """Let the cameras draw only if the policy gets their images.
+        """Let the cameras render only if the policy gets their images.
 
-        robosuite samples every camera in the middle of a control step. The moment stays the same: only the drawing is
-        left out, and the image before it stays.
+        robosuite samples every camera in the middle of a control step. That moment stays the same: only the rendering
+        is skipped, and the last image is kept.
         """
         for camera in CAMERAS.values():
             sensed = self._env._observables[f"{camera}_image"]
@@ -236,17 +236,17 @@ class LiberoSimulator:
         arrays = self._reader.row(seen)
         if self.look:
             for name, camera in CAMERAS.items():
-                # Turned by 180 degrees, as LIBERO's clients do.
+                # Rotated by 180 degrees, as by LIBERO's clients.
                 arrays[f"image_{name}"] = seen[f"{camera}_image"][::-1, ::-1]
         return {"done": done}, arrays
 
 
 class _Camera:
-    """A camera that draws only where its image is wanted, and shows the last one otherwise."""
+    """A camera that renders only if its image is needed, and returns the last image otherwise."""
 
     def __init__(self, draw: Any, simulator: LiberoSimulator) -> None:  # noqa: ANN401 - a sensor of robosuite
         self._draw, self._simulator = draw, simulator
-        self.__dict__.update(draw.__dict__)  # what robosuite notes on its sensors
+        self.__dict__.update(draw.__dict__)  # attributes that robosuite sets on its sensors
         self.__modality__ = draw.__modality__
         self._image = np.zeros((1, 1, 3), np.uint8)
 
@@ -258,7 +258,7 @@ class _Camera:
 
 
 class _Reader:
-    """Reads the privileged state of one episode."""
+    """Reader of the privileged state of one episode."""
 
     def __init__(self, mujoco: Any, env: Any) -> None:  # noqa: ANN401 - modules of another environment
         self._mujoco, self._env = mujoco, env
@@ -291,7 +291,7 @@ class _Reader:
         self._holds = Relations(mujoco, env, self._relations, self._touching)
 
     def fixed(self) -> dict[str, Any]:
-        """Return the properties of the scene that stay the same in an episode."""
+        """Return the properties of the scene that are constant in an episode."""
         env, model = self._env, self._model
         interest = list(env.parsed_problem["obj_of_interest"])
         objects = []
@@ -329,7 +329,7 @@ class _Reader:
 
     @property
     def premises(self) -> list[list[str]]:
-        """Relations of the initial state that the instruction presupposes."""
+        """Relations of the initial state that are premises of the instruction."""
         problem = self._env.parsed_problem
         return [p for p in problem["initial_state"] if self._is_premise(p, list(problem["obj_of_interest"]))]
 
@@ -338,14 +338,14 @@ class _Reader:
         return np.array(self._data.xpos[self._roots], float)
 
     def check(self) -> None:
-        """Raise a RuntimeError where our reading of a relation is not LIBERO's own."""
+        """Raise a RuntimeError if our reading of a relation differs from LIBERO's own."""
         ours, theirs = self._holds.hold(), self._holds.hold_by_libero()
         if (ours != theirs).any():
             named = ", ".join(_named(self._relations[i]) for i in np.flatnonzero(ours != theirs))
-            raise RuntimeError(f"our reading of {named} is not LIBERO's")
+            raise RuntimeError(f"our reading of {named} differs from LIBERO's")
 
     def row(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return the state now: "row" for all that is numbers, what touches, and which relations hold."""
+        """Return the current state: "row" for all numbers, the contacts, and the true relations."""
         touching, forces = self._touching.now()
         return {
             "row": row_of(self.numbers(seen)),
@@ -355,7 +355,7 @@ class _Reader:
         }
 
     def numbers(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return all that is numbers now, float64; ``seen`` is robosuite's observation."""
+        """Return all current numbers, float64; ``seen`` is robosuite's observation."""
         data, roots, controller = self._seen, self._root_numbers, self._env.robots[0].controller
         rotations = data.xmat.take(roots, 0).reshape(-1, 3, 3)
         return {
@@ -381,16 +381,16 @@ class _Reader:
         }
 
     def _quaternions(self) -> np.ndarray:
-        """Return the rotations of the objects, (n, 4), bit for bit as ``mju_mulQuat`` computes them."""
+        """Return the rotations of the objects, (n, 4), bit by bit like ``mju_mulQuat``."""
         parts = self._seen.xquat.take(self._root_numbers, 0)[:, None, :] * self._factors
         return np.asarray(parts[:, :, 0] + parts[:, :, 1] + parts[:, :, 2] + parts[:, :, 3])
 
     def _velocities(self) -> np.ndarray:
-        """Return turning and moving velocities in the world frame, (n, 6) [rad/s, m/s], as ``mj_objectVelocity``."""
+        """Return angular and linear velocities in the world frame, (n, 6) [rad/s, m/s], like ``mj_objectVelocity``."""
         data, roots = self._seen, self._root_numbers
         found = data.cvel.take(roots, 0)
         away = data.xipos.take(roots, 0) - data.subtree_com.take(self._trees, 0)
-        # Numbers one by one: there are ten things or so, and this takes half the time of ten operations on arrays.
+        # Single numbers: for about ten objects, this takes half the time of ten array operations.
         rows = []
         for (a, b, c, x, y, z), (u, v, w), static in zip(found.tolist(), away.tolist(), self._static, strict=True):
             if static:
@@ -430,7 +430,7 @@ class _Reader:
         return "floor"
 
     def _arena_places(self) -> dict[str, list[float]]:
-        """Return the places on the table or the floor that the task's file names, by where they are [m]."""
+        """Return the places on the table or the floor in the task's file, by their coordinates [m]."""
         env, height = self._env, _surface(self._env)
         offset = env.workspace_offset
         places = {}
@@ -441,7 +441,7 @@ class _Reader:
         return places
 
     def _place_of(self, relation: list[str]) -> str | None:
-        """Return the name of the place where something starts; one on another thing becomes a place by that."""
+        """Return the name of an object's start place; its start on another object becomes a place."""
         name = _place_named(self._env.parsed_problem, relation)
         if name not in self._places:
             x, y, _ = self._data.xpos[int(self._env.obj_body_id[relation[1]])].tolist()
@@ -449,7 +449,7 @@ class _Reader:
         return name
 
     def _regions(self, i: int, name: str) -> list[dict[str, Any]]:
-        """Return the boxes of an object that relations refer to, in its frame [m]."""
+        """Return the boxes of an object in relations, in its frame [m]."""
         found = []
         frame = self._data.xmat[self._roots[i]].reshape(3, 3) @ self._turns[i]
         origin = self._data.xpos[self._roots[i]] + self._data.xmat[self._roots[i]].reshape(3, 3) @ self._shifts[i]
@@ -485,7 +485,7 @@ class _Reader:
             corners.append((there - origin) @ rotation)
         if not corners:
             return np.zeros(3), np.zeros(3)
-        every = np.ascontiguousarray(np.concatenate(corners).T)  # three times as fast, by coordinate
+        every = np.ascontiguousarray(np.concatenate(corners).T)  # coordinate-wise layout is three times as fast
         low, high = every.min(axis=1), every.max(axis=1)
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
 
@@ -502,7 +502,7 @@ class _Reader:
 
 
 class _Views:
-    """Arrays of a simulation, which stay where they are: to ask the engine for one takes as long as to copy it."""
+    """Arrays of a simulation, which keep their addresses: getting one from the engine takes as long as copying it."""
 
     def __init__(self, data: Any, site: int) -> None:  # noqa: ANN401 - MuJoCo's own
         self.qpos, self.qvel, self.act, self.ctrl = data.qpos, data.qvel, data.act, data.ctrl
@@ -514,7 +514,7 @@ class _Views:
 def _upright(rotation: np.ndarray) -> np.ndarray:
     """Return the axes of an object's frame in its body's frame: z is the body's axis that points up, (3, 3).
 
-    LIBERO's bottles and cans stand along another axis of their bodies than z.
+    The upright axis of LIBERO's bottles and cans is not the z axis of their bodies.
     """
     up = rotation[2]
     k = int(np.argmax(np.abs(up)))
@@ -555,7 +555,7 @@ def _middle(region: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
-    """Return the name of the place that a relation of the start gives to an object."""
+    """Return the name of the place in a start relation of an object."""
     region = problem["regions"].get(relation[2])
     if region is not None and _is_on_surface(region):
         return _place_name(*_middle(region))
@@ -563,9 +563,9 @@ def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
 
 
 def _place_name(x: float, y: float) -> str:
-    """Return the name of a place by its coordinates [m] as the task's file gives them: "x -12 y -24" in cm.
+    """Return the name of a place by its coordinates [m] in the task's file: "x -12 y -24" in cm.
 
-    LIBERO's own names say what stands there ("target_object_region"), and differ from task to task.
+    LIBERO's own names describe the object there ("target_object_region"), and differ from task to task.
     """
     return f"x {round(100.0 * x):d} y {round(100.0 * y):d}"
 
@@ -575,10 +575,10 @@ def _named(relation: list[str]) -> str:
 
 
 def set_robosuite_macros() -> None:
-    """Turn off the log file of robosuite, and its cache of compiled functions where that cannot be written.
+    """Turn off the log file of robosuite, and its cache of compiled functions if that cannot be written.
 
-    robosuite 1.4.0 opens ``/tmp/robosuite.log`` when it is imported (``utils/log_utils.py``), which belongs to the
-    first user of a machine. Its macros decide that, so they are loaded before the package that reads them.
+    robosuite 1.4.0 opens ``/tmp/robosuite.log`` at its import (``utils/log_utils.py``), which belongs to the first user
+    of a machine. Its macros control this, so they are loaded before the package reads them.
     """
     spec = importlib.util.find_spec("robosuite")
     if spec is None or not spec.submodule_search_locations:
@@ -595,9 +595,9 @@ def set_robosuite_macros() -> None:
 
 
 def _can_cache(folder: Path) -> bool:
-    """Tell whether numba can keep compiled functions: beside the code in a folder, or in the user's cache.
+    """Tell whether numba can cache compiled functions: beside the code in a folder, or in the user's cache.
 
-    Where it can do neither, it raises an error instead of going on without (``numba/core/caching.py``).
+    If it can do neither, it raises an error instead of continuing without (``numba/core/caching.py``).
     """
     kept = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     cache = Path(kept).expanduser() / "numba"
@@ -608,9 +608,9 @@ def _can_cache(folder: Path) -> bool:
 
 
 def prepare() -> None:
-    """Set the environment variables that LIBERO and robosuite read when they are imported."""
+    """Set the environment variables that LIBERO and robosuite read at their import."""
     os.environ.setdefault("MUJOCO_GL", "egl")
-    # A configuration of the user's for another LIBERO would lead to its files.
+    # A user's configuration for another LIBERO would lead to its files.
     os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
     set_robosuite_macros()
 

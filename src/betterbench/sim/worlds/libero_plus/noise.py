@@ -1,9 +1,9 @@
 """The sensor noise of LIBERO-Plus: five kinds in ten strengths, over the image of the front camera.
 
 The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with the strengths of LIBERO-Plus; its numbers are
-reproduced to the bit (tests/sim/worlds/test_libero_plus.py). It draws from NumPy's global generator at every step, so
-:meth:`Noise.draw` is called for images that nobody sees, too. Read in LIBERO's environment: NumPy and SciPy alone are
-imported.
+reproduced bit by bit (tests/sim/worlds/test_libero_plus.py). It draws from NumPy's global generator at every step, so
+:meth:`Noise.draw` is also called for images that are not used. This module is imported in LIBERO's environment, with
+NumPy and SciPy only.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``; for the motion blur, ImageMagick 6 ``MotionBlurImage``
 (sixteen bits a channel), which LIBERO-Plus calls; for the Gaussian filter, scikit-image ``filters.gaussian``.
@@ -35,14 +35,14 @@ _FOGS = (
     (0.5, 3.0), (1.0, 2.8), (1.5, 2.5), (2.0, 2.2), (2.5, 2.0), (3.0, 1.8), (3.5, 1.6), (4.0, 1.5), (4.5, 1.4),
     (5.0, 1.3),
 )  # fmt: skip
-"""Density, and by how much each finer pattern is weaker."""
+"""Density, and the factor by which each finer pattern is weaker."""
 _FOG_SIDE = 256
 _FOG_ROUGHNESS = 100.0
 _GLASS = (
     (0.5, 1, 3), (0.7, 1, 3), (0.9, 2, 3), (1.0, 2, 2), (1.1, 3, 2), (1.3, 3, 2), (1.5, 4, 2), (1.8, 4, 2), (2.2, 5, 1),
     (2.5, 5, 1),
 )  # fmt: skip
-"""Standard deviation [pixel], farthest shift [pixel], rounds."""
+"""Standard deviation [pixel], largest shift [pixel], number of rounds."""
 
 
 class Noise:
@@ -65,7 +65,7 @@ class Noise:
         return None
 
     def apply(self, image: np.ndarray, drawn: Any) -> np.ndarray:  # noqa: ANN401
-        """Return an image (h, w, 3) of uint8 with the noise; ``drawn`` is what :meth:`draw` returned for it."""
+        """Return an image (h, w, 3) of uint8 with the noise; ``drawn`` is the result of :meth:`draw` for it."""
         s = self._strength
         if self._kind == 0:
             return _motion(image, *_MOTION[s], drawn)
@@ -79,7 +79,7 @@ class Noise:
 
 
 def _bytes(share: np.ndarray) -> np.ndarray:
-    """Return shares of full brightness as uint8, cut off."""
+    """Return fractions of full brightness as uint8, clipped."""
     return np.asarray(np.clip(share, 0, 1) * 255).astype(np.uint8)
 
 
@@ -168,9 +168,9 @@ def _fog(image: np.ndarray, density: float, pattern: np.ndarray) -> np.ndarray:
 
 
 def _glass(image: np.ndarray, setting: tuple[float, int, int], drawn: list[np.ndarray]) -> np.ndarray:
-    """Return an image in which each pixel shows one nearby, between two Gaussian blurs.
+    """Return an image in which each pixel shows a nearby one, between two Gaussian blurs.
 
-    LIBERO-Plus means to exchange two pixels. NumPy's views make a copy of it: the second keeps its color.
+    LIBERO-Plus intends to exchange two pixels. Because of NumPy's views, one is copied: the second keeps its color.
     """
     sigma, reach, _ = setting
     height, width = image.shape[:2]

@@ -1,8 +1,8 @@
 """LIBERO-Plus in LIBERO's simulator: scene files and initial states of the wheel, assets of LIBERO or of the authors.
 
-The wheel is read and never imported: its package wants libraries that LIBERO's environment lacks. What its code adds to
-a scene (camera, rest pose, textures, light, new objects, noise) is named in its files; here it is given to LIBERO's own
-classes. Run by the Python of LIBERO's environment.
+The wheel is read but never imported: its package needs libraries that LIBERO's environment lacks. The additions of its
+code to a scene (camera, rest pose, textures, light, new objects, noise) are named in its files; here they are passed to
+LIBERO's own classes. Run with the Python of LIBERO's environment.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``, ``envs/problems``, ``envs/robots``, ``envs/objects`` and
 ``benchmark``.
@@ -37,7 +37,7 @@ from betterbench.tasks.worlds.libero_plus import CameraView, Variant, read_varia
 PREFIX = "libero_plus_"
 
 PIVOT_M = (0.0, 0.0, 0.8)
-"""The point about which the front camera is turned and from which its distance is scaled, in every kind of scene."""
+"""Point about which the front camera is rotated and from which its distance is scaled, in every kind of scene [m]."""
 
 _CAMERA = "agentview"
 _DECIMALS = 4
@@ -55,7 +55,7 @@ _ARRAY_NAMES = {
     "numpy dtype",
     "_codecs encode",
 }
-"""All that a file of initial states names."""
+"""All names in the pickle of a file of initial states."""
 _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 
@@ -130,7 +130,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         text = path.read_text(encoding="utf-8")
         missing = sorted(self._missing(text))
         if missing:
-            raise FileNotFoundError(f"{variant.name} needs {', '.join(missing)}, and LIBERO has no such assets")
+            raise FileNotFoundError(f"{variant.name} needs {', '.join(missing)}, which are not assets of LIBERO")
         self._noise = Noise(variant.noise) if variant.noise else None
         self._add_objects(text)
         self._add_problem(_first(_PROBLEM, text), variant.view)
@@ -148,7 +148,7 @@ class LiberoPlusSimulator(LiberoSimulator):
     def _corrupt(self, seen: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
         """Return robosuite's observation with noise over the image of the front camera.
 
-        The random numbers of an image are drawn whether or not somebody sees it, as LIBERO-Plus draws them.
+        The random numbers of an image are drawn even if it is not used, as in LIBERO-Plus.
         """
         name = f"{_CAMERA}_image"
         if self._noise is None or name not in seen:
@@ -178,7 +178,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return states.reshape(1, -1) if variant.own else states
 
     def _missing(self, text: str) -> Iterator[str]:
-        """Yield the files that a scene needs and the assets at hand lack, relative to their folder."""
+        """Yield the missing files of a scene, relative to their folder."""
         problem = self._problems(_first(_PROBLEM, text).lower())
         needed = [] if problem.scene is None else [problem.scene]
         for kind, style in (("floor", problem.floor), ("wall", problem.wall)):
@@ -227,7 +227,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return _assigned(self._package / "envs" / file, names)
 
     def _add_problem(self, name: str, view: CameraView) -> None:
-        """Let LIBERO make the scenes of a problem with its textures, its light and the front camera at a view."""
+        """Register a problem in LIBERO with its textures, its light and the front camera at a view."""
         domain = importlib.import_module("libero.libero.envs.bddl_base_domain")
         regions = importlib.import_module("libero.libero.envs.regions").REGION_SAMPLERS
         problem = self._problems(name.lower())
@@ -252,7 +252,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         regions.setdefault(name.lower(), regions[problem.base.lower()])
 
     def _add_robot(self, number: int) -> str:
-        """Let robosuite know the robot with a rest pose, standing on a mount and on the ground; return its name."""
+        """Register the robot with a rest pose in robosuite, on a mount and on the ground; return its name."""
         if not number:
             return "Panda"
         robots = importlib.import_module("libero.libero.envs.robots")
@@ -261,13 +261,13 @@ class LiberoPlusSimulator(LiberoSimulator):
             if name not in robots.ROBOT_CLASS_MAPPING:
                 pose = np.array(self._rest_pose(file, name))
                 kind: Any = getattr(robots, base)
-                # robosuite notes every class of a robot by its name.
+                # robosuite registers every class of a robot by its name.
                 type(kind)(name, (kind,), {"init_qpos": property(functools.partial(_copied, pose))})
                 robots.ROBOT_CLASS_MAPPING[name] = robots.SingleArm
         return f"Panda{number}"
 
     def _rest_pose(self, file: str, name: str) -> list[float]:
-        """Return the joint angles (7,) [rad] that a class of the wheel's robots rests in."""
+        """Return the rest pose, joint angles (7,) [rad], of a robot class in the wheel."""
         for node in _tree(self._package / "envs" / "robots" / file).body:
             if isinstance(node, ast.ClassDef) and node.name == name:
                 listed = next(part for part in ast.walk(node) if isinstance(part, ast.List))
@@ -275,7 +275,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         raise ValueError(f"LIBERO-Plus has no robot {name}")
 
     def _add_objects(self, text: str) -> None:
-        """Let LIBERO know the new objects of a scene."""
+        """Register the new objects of a scene in LIBERO."""
         known = importlib.import_module("libero.libero.envs.base_object").OBJECTS_DICT
         models = self._models()
         for kind in _kinds(text):
@@ -284,7 +284,7 @@ class LiberoPlusSimulator(LiberoSimulator):
 
 
 def seen_from(position: np.ndarray, quaternion: np.ndarray, view: CameraView) -> tuple[list[float], list[float]]:
-    """Return position (3,) [m] and quaternion (4,) (w, x, y, z) of a camera at a view, rounded as LIBERO-Plus does."""
+    """Return position (3,) [m] and quaternion (4,) (w, x, y, z) of a camera at a view, rounded like in LIBERO-Plus."""
     rotation: Any = importlib.import_module("scipy.spatial.transform").Rotation
     pivot = np.array(PIVOT_M)
 
@@ -312,15 +312,15 @@ def seen_from(position: np.ndarray, quaternion: np.ndarray, view: CameraView) ->
 
 
 def initial_states_in(path: Path) -> np.ndarray:
-    """Return the array of float64 of a file of initial states, which torch wrote as a pickle in an archive.
+    """Return the float64 array in a file of initial states, which torch wrote as a pickle in an archive.
 
-    Nothing is unpickled: its shape and its bytes are picked out of the operations.
+    Nothing is unpickled: its shape and its bytes are extracted from the operations.
 
     Raises:
-        ValueError: If the file holds anything else.
+        ValueError: If the file contains anything else.
     """
-    if not path.is_file():  # a pipe would be waited for
-        raise ValueError("it is no ordinary file")
+    if not path.is_file():  # opening a named pipe would wait
+        raise ValueError("it is not an ordinary file")
     with zipfile.ZipFile(path) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/data.pkl"))
         steps = [(op.name, argument) for op, argument, _ in pickletools.genops(archive.read(name))]
@@ -338,11 +338,11 @@ def initial_states_in(path: Path) -> np.ndarray:
         data = texts[-1].encode("latin-1")
         if len(data) == 8 * math.prod(shape):
             return np.frombuffer(data, "<f8").reshape(shape)
-    raise ValueError(f"{path.name} holds no array of float64")
+    raise ValueError(f"{path.name} contains no array of float64")
 
 
 def _new_object(kind: str, path: Path) -> type:
-    """Return the class of a new object, as LIBERO has one for each of its own."""
+    """Return the class of a new object, like those of LIBERO's own objects."""
     models: Any = importlib.import_module("robosuite.models.objects")
     element_tree: Any = importlib.import_module("xml.etree.ElementTree")
 
@@ -357,7 +357,7 @@ def _new_object(kind: str, path: Path) -> type:
             self.object_properties: dict[str, Any] = {"vis_site_names": {}}
 
         def _get_object_subtree(self) -> Any:  # noqa: ANN401
-            # robosuite wants the object's body inside another one.
+            # robosuite requires the object's body inside another one.
             body = self.worldbody.find("./body[@name='object']")
             if body is not None and self.worldbody.find("./body/body[@name='object']") is None:
                 self.worldbody.remove(body)
@@ -380,7 +380,7 @@ def _base_of(suite: str) -> str:
 
 
 def _kind_of(name: str) -> str:
-    """Return the kind that LIBERO gives to a class of objects ("BoxOfYogurt_1" is "box_of_yogurt__1")."""
+    """Return LIBERO's kind for a class of objects ("BoxOfYogurt_1" is "box_of_yogurt__1")."""
     return "_".join(re.sub(r"([A-Z0-9])", r" \1", name).split()).lower()
 
 
@@ -390,14 +390,14 @@ def _kinds(text: str) -> list[str]:
 
 
 def _sentence(name: str) -> str:
-    """Return the sentence that LIBERO-Plus makes of a variant's name: it ends with what is changed."""
+    """Return LIBERO-Plus's instruction for a variant's name: it ends with the change."""
     return re.sub(r"^.*?SCENE\d+_", "", name).replace("_", " ")
 
 
 def _first(pattern: re.Pattern[str], text: str) -> str:
     found = pattern.search(text)
     if found is None:
-        raise ValueError(f"a scene file has nothing of the form {pattern.pattern}")
+        raise ValueError(f"a scene file has no match for {pattern.pattern}")
     return " ".join(found[1].split()) if pattern is not _OBJECTS else found[1]
 
 
@@ -411,7 +411,7 @@ def _tree(path: Path) -> ast.Module:
 
 
 def _assigned(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return the literals that a file of Python assigns to names, without running it."""
+    """Return the literals assigned to names in a Python file, without running it."""
     found = {}
     for node in _tree(path).body:
         target = node.targets[0] if isinstance(node, ast.Assign) else None
@@ -435,7 +435,7 @@ def main() -> None:
     package = Path(folder) / "liberoplus" / "liberoplus"
     with tempfile.TemporaryDirectory(prefix="libero-plus-") as settings:
         if assets:
-            # LIBERO reads there where its assets lie; a JSON text is a YAML text.
+            # LIBERO reads the location of its assets from there; a JSON text is a YAML text.
             (Path(settings) / "config.yaml").write_text(json.dumps({"assets": assets[0]}), encoding="utf-8")
             os.environ["LIBERO_CONFIG_PATH"] = settings
         simulator = LiberoPlusSimulator(package, Path(assets[0]) if assets else None)
