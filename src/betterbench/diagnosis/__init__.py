@@ -1,12 +1,12 @@
-"""Diagnosis: from records alone, what each policy did right or wrong and for which reason.
+"""Diagnosis: labels and explanations for the trials of a policy, from their records alone.
 
-- ``analysis``: what happened in one episode: approaches, grasp attempts, halts, collisions, harm.
+- ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
 - ``thresholds``: the numbers that labels depend on.
 - ``trial``, ``labels``, ``ruling``: from the modes to the label of each trial; ``foreign`` does this for other worlds.
-- ``rule_likelihood``, ``task_rules``, ``second_pass``: which rule of a policy explains its wrong first attempts, by
-  one rule, by one task and over all tasks. ``instruction_effect``, ``favorite_thing``, ``decider``: whether it uses the
-  instruction at all.
+- ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts: the fit
+  of one rule, the rules of one task, and those of all tasks. ``instruction_effect``, ``favorite_thing``, ``decider``:
+  whether it uses the instruction at all.
 - ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the difference of two.
 - ``measures``: metrics of a run, and the confusion and power matrices of the diagnosis itself.
 """
