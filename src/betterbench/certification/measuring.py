@@ -1,4 +1,4 @@
-"""Measuring the demonstrations of several tasks: worker processes, a journal, and the files at the end."""
+"""Measurement of the demonstrations of several tasks, with worker processes and a journal."""
 
 from __future__ import annotations
 
@@ -65,19 +65,20 @@ def measure(
     workers: int = 1,
     on_progress: Callable[[int, int, Demonstration | None], None] | None = None,
 ) -> dict[str, Demonstrated]:
-    """Measure demonstrations of some tasks, as far as the journal of a folder does not hold them yet.
+    """Measure the demonstrations of some tasks that are not yet in the journal of a folder.
 
     Args:
         tasks: Names of the tasks.
         out: Folder of the journal.
-        number: Demonstrations per task, over its training conditions in turn.
-        workers: Worker processes.
-        on_progress: Called with the demonstrations measured, those planned, and the one just measured.
+        number: Demonstrations per task, cycling through its training conditions.
+        workers: Number of worker processes.
+        on_progress: Called with the number of measured demonstrations, the number of planned ones, and the latest one.
 
     Raises:
-        InvalidInputError: If there are fewer demonstrations than training conditions, or too many workers.
+        InvalidInputError: If there are fewer demonstrations than training conditions, or the number of workers is out
+            of range.
         WorkerError: If worker processes keep dying.
-        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If the journal is corrupt.
     """
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
@@ -112,7 +113,7 @@ def _summed_up(task: Task, plan: Iterable[Sequence[TrialId]], journal: Demonstra
 
 
 def _demonstrations(trials: list[TrialId], so_far: Mapping[str, Demonstrated], workers: int) -> Iterator[Demonstration]:
-    """Yield demonstrations as they come."""
+    """Yield demonstrations as they finish."""
     return in_workers(trials, workers, functools.partial(_demonstrate, so_far))
 
 
@@ -121,20 +122,20 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], trial: TrialId) -> Demonstr
 
 
 def destination(task: str) -> Path | None:
-    """Return the file beside the one that defines a task, or None for a task of the suite, whose file is packaged."""
+    """Return the path next to the file that defines a task, or None for a task of the suite, whose file is packaged."""
     own = companion_of(task)
     return None if own is None else own.path
 
 
 def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
-    """Write what was measured into the package, and for tasks of a user's file beside that file; return the paths."""
+    """Write the measurements into the package, or next to the user's file that defines a task; return the paths."""
     files: dict[Path | None, dict[str, Demonstrated]] = {}
     for task, measured in found.items():
         files.setdefault(destination(task), {})[task] = measured
     written = []
     for path, tasks in files.items():
         if path is not None:
-            with OutputFile(path, "certify", is_ours=lambda _: True):  # what is no file of ours cannot be read
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # a file of another kind could not have been read
                 write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue

@@ -1,4 +1,4 @@
-"""Certifying many trials: worker processes, one journal, and a certificate at the end."""
+"""Certification of many trials: worker processes, one journal, and a certificate at the end."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Examination = Callable[[TrialId], TrialCertificate]
 
 @dataclass(frozen=True, slots=True)
 class CertificationProgress:
-    """Progress of a certification: trials examined, trials planned, and the last one examined (None at the start)."""
+    """Progress of a certification: numbers of examined and planned trials, and the last one (None at the start)."""
 
     done: int
     planned: int
@@ -50,7 +50,7 @@ class CertificationProgress:
 
 
 def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
-    """Return the versions that a certificate of some tasks depends on."""
+    """Return the versions on which a certificate of some tasks depends."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
     return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers)
 
@@ -63,20 +63,20 @@ def certify(
     looks: Looks = "seen",
     on_progress: Callable[[CertificationProgress], None] | None = None,
 ) -> Certificate:
-    """Examine every trial that the journal of a folder does not hold yet, and write ``certificate.json``.
+    """Examine every trial that is not yet in the journal of a folder, and write ``certificate.json``.
 
     Returns:
-        The certificate of exactly these trials, in their order.
+        The certificate of exactly these trials, in order.
 
     Raises:
-        InvalidInputError: If there is no trial, the number of workers is out of range, or the demonstrations of a task
-            were not measured under the versions in use.
+        InvalidInputError: If no trial is given, the number of workers is out of range, or the demonstrations of a task
+            were not measured under the current versions.
         WorkerError: If worker processes keep dying.
-        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If the journal is corrupt.
     """
     if not trials:
-        raise InvalidInputError("trials", "there is nothing to certify", "Name at least one trial")
+        raise InvalidInputError("trials", "no trials to certify", "Name at least one trial")
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     for trial in trials:
@@ -118,7 +118,7 @@ def write_json(path: Path, form: object) -> None:
 
 
 def in_workers(trials: list[TrialId], workers: int, work: Callable[[TrialId], FoundT]) -> Iterator[FoundT]:
-    """Yield what a function finds on trials, as it comes; the trials of a pool that breaks are worked on again alone.
+    """Yield the results of a function for trials as they finish; a crash repeats the affected trials one by one.
 
     Raises:
         WorkerError: If worker processes keep dying.
@@ -134,7 +134,7 @@ def in_workers(trials: list[TrialId], workers: int, work: Callable[[TrialId], Fo
             yield from _pooled(ledger, pending, workers, work)
         except BrokenProcessPool as error:
             logger.warning("a worker process died; %d trials are examined again", len(pending))
-            how = "it was ended from outside, as when memory runs out"
+            how = "it was killed, for example because memory ran out"
             for trial in ledger.worker_died(list(pending.values()), how):
                 raise WorkerError(f"{trial}: {ledger.reason(how)}.") from error
 
@@ -145,7 +145,7 @@ def _pooled(
     workers: int,
     work: Callable[[TrialId], FoundT],
 ) -> Iterator[FoundT]:
-    """Yield the findings of one pool, which holds ``pending``: all suspects one by one, or all waiting trials."""
+    """Yield the results of one pool, which works on ``pending``: all suspects one by one, or all waiting trials."""
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
     started: set[BaseProcess] = set()
@@ -158,7 +158,7 @@ def _pooled(
                     new = ledger.take(2 * workers - len(pending))
                 else:
                     new = [ledger.take_suspect()] if ledger.suspects and not pending else []
-                with interrupts_blocked():  # the process that starts others decides what happens at Ctrl-C
+                with interrupts_blocked():  # the parent process handles Ctrl-C
                     others = set(multiprocessing.active_children()) - started
                     for trial in new:
                         pending[pool.submit(work, trial)] = trial
@@ -173,6 +173,6 @@ def _pooled(
                     yield found
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in started:  # Python would wait for what they are at
+            for process in started:  # otherwise Python would wait for their current work
                 process.kill()
             raise
