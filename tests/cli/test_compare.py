@@ -40,7 +40,7 @@ def test_the_verdict_comes_first_and_percentages_have_their_counts(capsys, runs)
     assert status == 0
     assert text.startswith("Not decided between policy-a and policy-b after 0 pairs")
     assert "Nothing can be concluded about which of policy-a and policy-b is better" in text
-    assert "With 18 pairs a true difference has to be" in text
+    assert "With 18 pairs a true difference must be" in text
     assert "36/36 trials of policy-a are not finished and count as failures" in text
     counted, all_of_them = (len(re.findall(p, text)) for p in (r"\d+/\d+ \(?\d+\.\d %", r"\d+\.\d %"))
     assert counted == all_of_them > 10

@@ -186,7 +186,7 @@ def test_a_trial_that_is_done_but_has_no_record_is_run_again(half, tiny_plan, un
     run = evaluate(tiny_plan(), half)
     lost = run.record_path("morning_coffee", "T1", 1)
     lost.unlink()
-    with pytest.raises(RecordError, match=r"1\.parquet: there is no such record"):
+    with pytest.raises(RecordError, match=r"1\.parquet: the record does not exist"):
         list(run.records())
     evaluate(tiny_plan(), half)
     assert run_content(half) == run_content(uninterrupted.path)
@@ -216,13 +216,13 @@ def test_a_run_grows_by_a_command_with_more_trials_and_not_by_one_with_fewer(uni
     assert len(grown.entries()) == 5
     assert grown.context["extended"][0]["trials_before"] == 4
     assert grown.context["started_utc"] == uninterrupted.context["started_utc"]
-    with pytest.raises(RunConflictError, match=r"has 5 trials, and this command asks for 4 of them"):
+    with pytest.raises(RunConflictError, match=r"has 5 trials, but this command requests only 4 of them"):
         evaluate(tiny_plan(), out)
 
 
 def test_a_folder_with_other_things_is_left_alone(tiny_plan, tmp_path):
     (tmp_path / "thesis.tex").write_text("do not touch", encoding="utf-8")
-    with pytest.raises(RunConflictError, match="holds other files"):
+    with pytest.raises(RunConflictError, match="contains other files"):
         evaluate(tiny_plan(), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 
