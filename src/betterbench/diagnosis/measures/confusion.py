@@ -18,26 +18,26 @@ from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
 FAMILIES: dict[str, str] = {
-    "faulty": "Every faulty policy moves as well as the expert and decides by one broken rule. It writes down its own "
-    "first wrong decision; the diagnosis sees the records alone.",
-    "development": "Every policy of the independent family has one habit in one of three manners, with a controller of "
-    "its own. Its true label is stated before the first action. The diagnosis was developed on this part.",
-    "held_out": "Every policy of the independent family has one habit in one of three manners, with a controller of "
-    "its own. Its true label is stated before the first action. The diagnosis was never developed on this part.",
-    "second": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
-    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis.",
-    "third": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
-    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis, and "
-    "left out the conditions in which a label could be debated.",
-    "fourth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
-    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
-    "diagnosis, and gave every habit a label that the suite's table decides alone.",
-    "fifth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
-    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
-    "diagnosis or what it said of other parts, and made a third of the failures attempt no grasp.",
-    "sixth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
-    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
-    "diagnosis or what it said of other parts, and took the faults that learned policies are known for.",
+    "faulty": "Every faulty policy moves as well as the expert and decides by one wrong rule. It reports its own "
+    "first wrong decision; the diagnosis uses only the records.",
+    "development": "Every policy of the independent family has one habit in one of three motion styles, with its own "
+    "controller. Its true label is stated before the first action. The diagnosis was developed on this part.",
+    "held_out": "Every policy of the independent family has one habit in one of three motion styles, with its own "
+    "controller. Its true label is stated before the first action. The diagnosis was never developed on this part.",
+    "second": "Every policy of the independent family has one habit in one of three motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis.",
+    "third": "Every policy of the independent family has one habit in one of three motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis, "
+    "and left out conditions with debatable labels.",
+    "fourth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis, "
+    "and chose habits whose label follows from the suite's definitions alone.",
+    "fifth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis "
+    "or its results on other parts, and a third of the failures attempt no grasp.",
+    "sixth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis "
+    "or its results on other parts, and chose faults that are known from learned policies.",
 }
 """Descriptions of the sets of policies on which the diagnosis is measured: faulty policies, parts of the independent
 family.
