@@ -75,7 +75,7 @@ def test_three_runs_are_ranked_with_letters(capsys, runs):
 @pytest.mark.parametrize(
     ("pick", "options", "text"),
     [
-        ((0,), (), "not enough"),
+        ((0,), (), "needs at least two runs"),
         ((0, 0), (), "given twice"),
         ((0, 2), (), "suite_version differs"),
         ((0, 1), ("--alpha", "5"), "--alpha"),

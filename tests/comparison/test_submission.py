@@ -130,7 +130,7 @@ def first_trial(form, **values):
         (lambda f: first_trial(f, status="broken"), "wrong record_sha256"),
         (lambda f: first_trial(f, seed=True), "seed"),
         (lambda f: first_trial(f, progress=1.5), "progress"),
-        (lambda f: change(f, trials=[*f["trials"], f["trials"][0]]), "stands there twice"),
+        (lambda f: change(f, trials=[*f["trials"], f["trials"][0]]), "occurs twice"),
         (lambda f: change(f, name="\x1b[31mred"), "name"),
         (lambda f: change(f, name="x" * 500), "name"),
         (lambda f: change(f, schema_version=2), "schema_version"),

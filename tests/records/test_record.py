@@ -169,7 +169,7 @@ def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"step": 3}, "state.step: 3 where row 1 is due"),
+        ({"step": 3}, "state.step: 3 instead of 1"),
         ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), not \(50,\)"),
         ({"qvel": np.zeros((47, 1))}, r"qvel: has the shape \(47, 1\)"),
         ({"action": np.zeros(3)}, r"action: has the shape \(3,\), not \(7,\)"),
@@ -321,7 +321,7 @@ def reseal(table, path, document: bytes | None = None) -> None:
         (lambda f: f["outcome"].update(success="yes"), r"outcome\.success: Input should be a valid boolean"),
         (lambda f: f["outcome"].update(termination="boredom"), "boredom"),
         (lambda f: f["bodies"].clear(), "a contact names a body that is not listed"),
-        (lambda f: f["widths"].update(nq=51), "its columns qpos do not fit"),
+        (lambda f: f["widths"].update(nq=51), "its columns qpos do not match its metadata"),
         (lambda f: f["widths"].update(nq=-1), r"widths\.nq: Input should be greater than or equal to 0, not -1"),
         (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but 3 are named"),
         (lambda f: f.update(metadata=[1]), r"metadata: metadata: is not a JSON object"),
@@ -344,7 +344,7 @@ def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
     write_record(make_record(rows=3)[0], path)
     table = pq.read_table(path)
     reseal(table.drop_columns(["goal"]), path)
-    with pytest.raises(RecordError, match="its columns goal do not fit"):
+    with pytest.raises(RecordError, match="its columns goal do not match its metadata"):
         read_record(path)
     reseal(table.slice(0, 0), path)
     with pytest.raises(RecordError, match="has no rows"):

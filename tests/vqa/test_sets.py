@@ -179,7 +179,7 @@ def test_other_sets_and_damage_are_one_clear_line(run, photos, made, tmp_path):
     for name in ("set.json", "summary.json", "questions.jsonl"):
         (copy / name).write_bytes((made.path / name).read_bytes())
     (copy / "questions.jsonl").write_bytes((copy / "questions.jsonl").read_bytes()[:-10])
-    with pytest.raises(RecordError, match="has other bytes"):
+    with pytest.raises(RecordError, match="was changed after it was written"):
         read_set(copy)
     with pytest.raises(RecordError, match="no complete set"):
         read_set(tmp_path)

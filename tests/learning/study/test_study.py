@@ -620,7 +620,7 @@ def test_presets_are_plans(name):
     if name == "full":
         assert len(plan.tasks) >= 4
         assert len(plan.seeds) >= 3
-    with pytest.raises(InvalidInputError, match="no preset"):
+    with pytest.raises(InvalidInputError, match="not a preset"):
         preset_text("huge")
 
 
