@@ -170,10 +170,10 @@ def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record
     ("changes", "message"),
     [
         ({"step": 3}, "state.step: 3 instead of 1"),
-        ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), not \(50,\)"),
+        ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), expected \(50,\)"),
         ({"qvel": np.zeros((47, 1))}, r"qvel: has the shape \(47, 1\)"),
-        ({"action": np.zeros(3)}, r"action: has the shape \(3,\), not \(7,\)"),
-        ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), not \(7,\)"),
+        ({"action": np.zeros(3)}, r"action: has the shape \(3,\), expected \(7,\)"),
+        ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), expected \(7,\)"),
         ({"applied": None}, "action: given or missing in row 1"),
         ({"predicates": (True,)}, "Give 2 predicates and 2 subgoals"),
         ({"other_scene": True}, "state.info: is not the scene"),

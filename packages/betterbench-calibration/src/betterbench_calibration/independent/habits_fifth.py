@@ -55,7 +55,7 @@ EASY_TO_SWEEP = at(
 )
 """Conditions whose first object stands firmly and has room to be pushed around."""
 
-# --- honest policies with odd ways
+# --- honest policies with unusual motions
 
 
 class LoopsMidway(PlainHabit):

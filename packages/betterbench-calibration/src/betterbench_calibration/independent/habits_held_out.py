@@ -77,7 +77,7 @@ class NearestPlace(Habit):
 class BrokenOffAtAlike(Habit):
     """Repeatedly descends to the look-alike, and stops a few centimeters above it each time.
 
-    True label: semantic_feature_collapse, by law 4: what it goes for is the wrong object. It never closes the gripper.
+    True label: semantic_feature_collapse, by law 4: it acts on the wrong object. It never closes the gripper.
     """
 
     name = "broken-off-at-alike"
@@ -264,7 +264,7 @@ class LastFirst(Habit):
 class CircleOverAlike(Habit):
     """Circles about 10 cm above the look-alike with an open gripper, without pausing, until the step limit.
 
-    True label: semantic_feature_collapse, by law 4: what it is busy with is the wrong object, all the time.
+    True label: semantic_feature_collapse, by law 4: it acts on the wrong object all the time.
     """
 
     name = "circle-over-alike"
