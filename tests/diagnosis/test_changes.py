@@ -149,7 +149,7 @@ def test_labels_rules_and_evidence_are_told_apart():
         (
             {"attempts": (StoredAttempt(4.0, "burger", "target"),)},
             (
-                "the grasp attempts are interpreted differently",
+                "the grasp attempts are read differently",
                 f"rule {TRIAL.rule} decides as before; only the listed attempts or candidates differ",
             ),
         ),

@@ -160,8 +160,7 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
     same_attempts = before.attempts == now.attempts
     if not same_attempts:
         a, b = len(before.attempts), len(now.attempts)
-        yield f"{b} grasp attempts are seen instead of {a}" if a != b else "the grasp attempts are interpreted "
-        "differently"
+        yield f"{b} grasp attempts are seen instead of {a}" if a != b else "the grasp attempts are read differently"
     given = {before.label, now.label} & set(labels_of_second_pass()) or before.candidates != now.candidates
     if same_attempts and given and (before.label, before.rule) != (now.label, now.rule):
         yield f"the second pass rules differently on the attempt at {min(before.start_s, now.start_s):.2f} s"
