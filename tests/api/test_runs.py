@@ -223,20 +223,20 @@ def test_an_unknown_name_is_answered_with_the_closest_one(policy, changes, close
 
 
 def test_runs_that_are_not_there(tmp_path):
-    with pytest.raises(RecordError, match="holds no run"):
+    with pytest.raises(RecordError, match="contains no run"):
         betterbench.load_run(tmp_path)
-    with pytest.raises(RecordError, match="holds no run"):
+    with pytest.raises(RecordError, match="contains no run"):
         betterbench.diagnose(tmp_path / "nowhere")
-    with pytest.raises(RecordError, match="holds no run"):
+    with pytest.raises(RecordError, match="contains no run"):
         betterbench.compare(tmp_path, tmp_path)
-    with pytest.raises(InvalidInputError, match="runs: 0 is not enough to compare"):
+    with pytest.raises(InvalidInputError, match="runs: a comparison needs at least two runs, got 0"):
         betterbench.compare()
     with pytest.raises(InvalidInputError, match="runs: no run is named"):
         betterbench.write_report()
 
 
 def test_a_level_out_of_range_is_named_as_the_argument(runs):
-    with pytest.raises(InvalidInputError, match=r"^alpha: 2 is no level"):
+    with pytest.raises(InvalidInputError, match=r"^alpha: 2 is not a level"):
         betterbench.compare(runs[0], runs[2], alpha=2)
 
 

@@ -109,7 +109,7 @@ def test_chains_are_five_rates_and_a_length():
     assert 5 * told.difference.value == pytest.approx(good.mean() - bad.mean())
     assert max(told.p_values) < 0.01
     assert (
-        "a in calvin: 10 of 1,000 chains; CALVIN's number is that of all."
+        "a in calvin: 10 of 1,000 chains; CALVIN's published numbers use all of them."
         in world_table([calvin("a", good[:10])]).notes
     )
 

@@ -160,7 +160,7 @@ def test_the_mean_of_a_rotation_and_itself_with_the_other_sign_is_that_rotation(
         (lambda chunk: np.where(np.arange(8)[:, None] == 6, np.nan, chunk), "x = nan.* action 7 of a chunk of 8"),
         (lambda chunk: chunk.astype(complex), "complex128"),
         (lambda chunk: chunk.astype(object), "object"),
-        (lambda chunk: chunk.astype(str), "not a real number"),
+        (lambda chunk: chunk.astype(str), "expected real numbers"),
     ],
 )
 def test_a_chunk_with_one_bad_number_is_refused_whole(scene, execution, spoil, reason):

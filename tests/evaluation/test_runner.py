@@ -220,7 +220,7 @@ def test_a_trial_that_is_done_but_has_no_record_is_run_again(half, tiny_plan, sh
     run = evaluate(tiny_plan(), half)
     lost = run.record_path("morning_coffee", "T1", 1)
     lost.unlink()
-    with pytest.raises(RecordError, match=r"1\.parquet: there is no such record"):
+    with pytest.raises(RecordError, match=r"1\.parquet: the record does not exist"):
         list(run.records())
     evaluate(tiny_plan(), half)
     assert run_content(half) == run_content(short_run.path)
@@ -256,7 +256,7 @@ def test_a_run_grows_by_a_command_with_more_trials_and_not_by_one_with_fewer(sho
 
 def test_a_folder_with_other_things_is_left_alone(tiny_plan, tmp_path):
     (tmp_path / "thesis.tex").write_text("do not touch", encoding="utf-8")
-    with pytest.raises(RunConflictError, match="holds other files"):
+    with pytest.raises(RunConflictError, match="contains other files"):
         evaluate(tiny_plan(), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 

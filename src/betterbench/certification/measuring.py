@@ -1,4 +1,4 @@
-"""Measuring the demonstrations of several tasks: worker processes, a journal, and the files at the end."""
+"""Measurement of the demonstrations of several tasks, with worker processes and a journal."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def measure(
     workers: int = 1,
     on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
-    """Measure demonstrations of some tasks, as far as the journal of a folder does not hold them yet.
+    """Measure the demonstrations of some tasks that are not yet in the journal of a folder.
 
     Args:
         tasks: Names of the tasks.
@@ -75,9 +75,10 @@ def measure(
         on_progress: Called at the start of each turn and after every demonstration.
 
     Raises:
-        InvalidInputError: If there are fewer demonstrations than training conditions, or too many workers.
+        InvalidInputError: If there are fewer demonstrations than training conditions, or the number of workers is out
+            of range.
         WorkerError: If worker processes keep dying.
-        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If the journal is corrupt.
     """
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
@@ -114,20 +115,20 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], trial: TrialId) -> Demonstr
 
 
 def destination(task: str) -> Path | None:
-    """Return the file beside the one that defines a task, or None for a task of the suite, whose file is packaged."""
+    """Return the path next to the file that defines a task, or None for a task of the suite, whose file is packaged."""
     own = companion_of(task)
     return None if own is None else own.path
 
 
 def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
-    """Write what was measured into the package, and for tasks of a user's file beside that file; return the paths."""
+    """Write the measurements into the package, or next to the user's file that defines a task; return the paths."""
     files: dict[Path | None, dict[str, Demonstrated]] = {}
     for task, measured in found.items():
         files.setdefault(destination(task), {})[task] = measured
     written = []
     for path, tasks in files.items():
         if path is not None:
-            with OutputFile(path, "certify", is_ours=lambda _: True):  # what is no file of ours cannot be read
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # a file of another kind could not have been read
                 write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue

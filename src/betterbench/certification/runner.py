@@ -1,4 +1,4 @@
-"""Certifying many trials: worker processes, one journal, and a certificate at the end."""
+"""Certification of many trials: worker processes, one journal, and a certificate at the end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.version import __version__
 
 
 def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
-    """Return the versions that a certificate of some tasks depends on."""
+    """Return the versions on which a certificate of some tasks depends."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
     return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers)
 
@@ -40,20 +40,20 @@ def certify(
     looks: Looks = "seen",
     on_progress: Callable[[JobProgress[TrialCertificate]], None] | None = None,
 ) -> Certificate:
-    """Examine every trial that the journal of a folder does not hold yet, and write ``certificate.json``.
+    """Examine every trial that is not yet in the journal of a folder, and write ``certificate.json``.
 
     Returns:
-        The certificate of exactly these trials, in their order.
+        The certificate of exactly these trials, in order.
 
     Raises:
-        InvalidInputError: If there is no trial, the number of workers is out of range, or the demonstrations of a task
-            were not measured under the versions in use.
+        InvalidInputError: If no trial is given, the number of workers is out of range, or the demonstrations of a task
+            were not measured under the current versions.
         WorkerError: If worker processes keep dying.
-        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If the journal is corrupt.
     """
     if not trials:
-        raise InvalidInputError("trials", "there is nothing to certify", "Name at least one trial")
+        raise InvalidInputError("trials", "no trials to certify", "Name at least one trial")
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     for trial in trials:

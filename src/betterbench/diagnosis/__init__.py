@@ -1,6 +1,6 @@
-"""Diagnosis: from records alone, what each policy did right or wrong and for which reason.
+"""Diagnosis: labels and explanations for the trials of a policy, from their records alone.
 
-- ``analysis``: what happened in one episode: approaches, grasp attempts, halts, collisions, harm.
+- ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
 - ``thresholds``: the numbers that labels depend on.
 - ``trial``, ``labels``, ``ruling``: from the modes to the label of each trial; ``readers`` chooses how

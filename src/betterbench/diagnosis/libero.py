@@ -1,8 +1,8 @@
-"""Trials in LIBERO: its records in the terms that the detectors read, and the limits of its suites.
+"""Trials in LIBERO: conversion of its records for the detectors, and the limits of its suites.
 
-A task of LIBERO has no conditions of its own. What was asked is read from the goal of its file, what training showed
-from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and where things stood from the
-record. Places on the table are LIBERO's; heights are measured from the table, as in our own scenes.
+LIBERO defines no conditions for a task. The request is read from the goal of the task's file, the training distribution
+from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and the initial positions from the
+record. Regions on the table are LIBERO's. Heights are measured from the table, as in betterbench's own scenes.
 """
 
 from __future__ import annotations
@@ -48,28 +48,28 @@ AXES = {
     "task": Axis.PRIMITIVE_RECOMPOSITION,
     "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
 }
-"""The axis of each change of LIBERO-PRO; other words for the same task are on none."""
+"""The axis of each change of LIBERO-PRO; paraphrases of the instruction have none."""
 
 NOTE = (
     "LIBERO's tasks have one training condition each, and its suites ask for one thing at a time: habits of order, "
-    "skipped steps and rightful refusals cannot show here. Success is what LIBERO says, and harm to other things is "
-    "not judged. Each suite of LIBERO-PRO has initial states of its own: a trial and its twin share the task and the "
-    "number of the state, while the robot and the things stand a little differently."
+    "skipped steps and correct refusals cannot be observed here. Success is LIBERO's own verdict, and harm to other "
+    "objects is not judged. Each suite of LIBERO-PRO has its own initial states: a trial and its twin share the task "
+    "and the number of the state, but the poses of the robot and the objects differ slightly."
 )
 """Note of every diagnosis of a run in LIBERO."""
 
 
 PLUS_NOTE = (
     "LIBERO-Plus runs each variant once, from the first initial state of its task, so that the variants of a task "
-    "share one twin: the interval of a gap draws each twin with all of its variants, and its p-value exchanges a twin "
-    "with its variants. Give both runs more initial states (--trials) for more twins."
+    "share one twin. The interval of a gap therefore resamples each twin together with all its variants, and its "
+    "p-value exchanges a twin with its variants. Give both runs more initial states (--trials) for more twins."
 )
 """Note of every diagnosis of a run in LIBERO-Plus."""
 
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
 BASE = "base"
-"""Name of the one training condition of a task."""
+"""Name of the only training condition of a task."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class LiberoRun:
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the reading of one record; raise RecordError if it lacks the fields of a LIBERO record."""
+        """Return the reading of one record. Raises RecordError if it lacks a field of a LIBERO record."""
         here = on_our_table(record)
         goals = _goals(here.metadata)
         if goals is None:
@@ -123,7 +123,7 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return which suites of LIBERO-PRO would say more about runs of base suites; empty if one was run, or none is."""
+    """Return the LIBERO-PRO suites that would add information to runs of base suites; empty if one was run."""
     if any(trial.variation is not None for trial in trials):
         return ""
     told = [f"{suite}_swap" for suite in dict.fromkeys(suite_of(t.task) for t in trials) if f"{suite}_swap" in SUITES]
@@ -139,14 +139,16 @@ def suite_of(task: str) -> str:
 
 
 def on_our_table(record: Record) -> Record:
-    """Return a record of LIBERO with heights measured from its table, and with its target regions named as ours are.
+    """Return a record of LIBERO with heights measured from its table and target regions named as in betterbench.
 
     Raises:
-        RecordError: If it names no places on a table.
+        RecordError: If it names no regions on a table.
     """
     m = record.metadata
     if not m.scene.slots:
-        raise RecordError(f"{m.task}/{m.condition} seed {m.seed}: the record names no places; record the trial again.")
+        raise RecordError(
+            f"{m.task}/{m.condition} seed {m.seed}: the record names no regions on the table; record the trial again."
+        )
     height = m.scene.slots[0].position[2]
     lower = np.array([0.0, 0.0, height])
     x, y, z = m.scene.home_position
@@ -167,14 +169,14 @@ def on_our_table(record: Record) -> Record:
 
 
 def _with_regions(thing: ObjectInfo) -> ObjectInfo:
-    """Return an object with the regions by which our relations know what is inside it and what stands on it."""
+    """Return an object with the regions that the relations "in" and "on" use."""
     inside = [replace(r, name="inside") for r in thing.regions if r.name == "contain_region"]
     half = (0.5 * thing.size_m[0], 0.5 * thing.size_m[1], 0.5 * thing.size_m[2])
     return replace(thing, regions=(*inside, Region("floor", (0.0, 0.0, 0.0), half)))
 
 
 def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
-    """Return the subgoals of a goal, or None if a part of it requires moving a joint."""
+    """Return the subgoals of a goal, or None if part of it requires moving a joint."""
     found = []
     known = {o.name: o for o in m.scene.objects}
     for name in m.subgoal_names:
@@ -196,7 +198,7 @@ def _condition(m: RecordMetadata, goals: tuple[Subgoal, ...]) -> Condition:
 
 
 def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistribution:
-    """Return the training distribution at the places that a scene names, without all others."""
+    """Return the training distribution restricted to the regions that a scene names."""
     here = {slot.name for slot in info.slots}
 
     def only(places: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
@@ -209,7 +211,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
 
 
 def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
-    """Return the arrays of a record, with LIBERO's own verdict on what was asked for."""
+    """Return the arrays of a record, with LIBERO's own verdict on the requested relations."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
@@ -236,7 +238,7 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the places at which the base suite picked something; where its demonstrations close is not known."""
+    """Return the regions from which the base suite picked objects; closing points are unknown."""
     names = {slot for slots in trained.kind_slots.values() for slot in slots}
     at = {slot.name: (slot.position[0], slot.position[1]) for slot in info.slots if slot.name in names}
     return tuple(PickedSlot(name, (x, y), ((x, y, 0.0),)) for name, (x, y) in at.items())
@@ -288,7 +290,7 @@ def by_outcome(
     elif outcome.termination in ("policy_error", "interrupted"):
         label = Label.POLICY_ERROR
         evidence = Evidence(
-            outcome.termination, f"The episode ended early: {outcome.error or 'no reason given'}", end, end
+            outcome.termination, f"The episode ended early: {outcome.error or 'no reason recorded'}", end, end
         )
     else:
         label, evidence = unmet

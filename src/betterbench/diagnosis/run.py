@@ -42,13 +42,13 @@ from betterbench.tasks.labels import Label
 
 @dataclass(slots=True)
 class _Trials:
-    """The planned trials of a run as far as they were read.
+    """The planned trials of a run, with the records read so far.
 
     Attributes:
         plan: Every trial that counts, in plan order.
         readings: Reading of the record, by trial.
-        missing: Reason for a missing record, by trial, or None where that is not known.
-        pending: Trials that a run in progress has not reached; they count nowhere.
+        missing: Reason for a missing record, by trial; None if unknown.
+        pending: Trials that a run in progress has not reached; they are not counted.
         until_decided: Rule and decisions, or None for a run of all planned trials.
     """
 
@@ -73,22 +73,22 @@ def diagnose_run(
 ) -> RunDiagnosis:
     """Return the diagnosis of a run. Every planned trial appears, finished or not.
 
-    While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
-    nowhere. Once no process writes any more, they are unfinished: they count in every rate over planned trials, and in
-    no kind of failure. Of a run until decided, this holds for the round under way; the trials that its verdicts have
-    spared are left out.
+    While a process is still writing to the run, the trials that it has not reached are pending and not counted. When no
+    process writes any more, they are unfinished: they count in the denominator of every rate over planned trials, but
+    not as a failure of any kind. In a run until decided, this applies to the current round; trials that its verdicts
+    made unnecessary are left out.
 
     Args:
         folder: The run, or its folder.
         allow_mixed: True to diagnose records of several versions, engines or policies together.
-        whole: True to count the trials that a running run has not reached as trials without a record, too.
-        twins_in: For a run in LIBERO-PRO, one of its base suite: the twins are its trials of the same numbers.
-        on_progress: Called with the number of planned trials that have been looked at, and that of all of them.
+        whole: True to count trials that a run in progress has not reached as trials without a record.
+        twins_in: For a run in LIBERO-PRO, a run of its base suite. Its trials with the same numbers are the twins.
+        on_progress: Called with the number of processed trials and the number of planned trials.
 
     Raises:
         RecordError: If the plan or a record cannot be read.
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
-        InvalidInputError: If ``twins_in`` holds no twin of a planned trial.
+        InvalidInputError: If ``twins_in`` contains no twin of a planned trial.
         UnknownNameError: If the plan names an unknown task, variation or training condition.
     """
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
@@ -117,7 +117,7 @@ def diagnose_run(
             continue
         trials.plan.append(trial)
         if trial not in trials.readings:
-            trials.missing[trial] = None if entry is None else entry.message or "its record is not there"
+            trials.missing[trial] = None if entry is None else entry.message or "its record is missing"
     if twins_in is not None:
         _take_in_twins(twins_in, trials, versions, reader)
     found = _diagnose(policy, trials, versions.found, reader)
@@ -145,7 +145,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
     if not reader.twins_elsewhere or not shared:
         raise InvalidInputError(
             str(run.path),
-            "it holds no twin of these trials",
+            "it contains no twin of these trials",
             "Name a run of their base suite in LIBERO, with the same --seed",
         )
     for trial in shared:
@@ -160,7 +160,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
 
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
-        RecordError: If there is no record, or one lacks a predicate of its task.
+        RecordError: If no record is given, or one lacks a predicate of its task.
     """
     if not records:
         raise RecordError("There are no records to diagnose. Give at least one.")
@@ -174,20 +174,20 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a note for every time that a run went on although its policy had changed."""
+    """Yield a note for each time that a run was continued although its policy had changed."""
     changes = context.get("policy_changes", [])
     for change in changes if isinstance(changes, list) else []:
         if isinstance(change, dict):
             yield (
                 f"The policy changed during the run, after {change.get('trials_before', 'some')} trials: "
-                f"{change.get('difference', 'it declared something else')}. The numbers are of both together."
+                f"{change.get('difference', 'it declared something else')}. The numbers combine both versions."
             )
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class _PlannedForm:
-    """One trial of a plan, as the file names it."""
+    """One trial in a plan file."""
 
     task: str
     seed: Annotated[int, Field(ge=0)]
@@ -209,13 +209,13 @@ _PLAN = TypeAdapter(_PlanForm)
 
 
 def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | None]:
-    """Return the policy and the planned trials of a run, and when it stops if it is run until decided.
+    """Return the policy, the planned trials and, for a run until decided, the stopping rule.
 
     Raises:
         RecordError: If the plan lacks them or they are malformed.
     """
     where = f"{run.path / 'run.json'}: plan"
-    plan = read_form(_PLAN, run.plan, where=where, cure="Restore the file, or start the run again", raises=RecordError)
+    plan = read_form(_PLAN, run.plan, where=where, cure="Restore the file, or start a new run", raises=RecordError)
     trials = tuple(TrialId(t.task, t.variation or t.condition, t.seed) for t in plan.trials)
     twice = next((trial for trial, times in Counter(trials).items() if times > 1), None)
     if twice is not None:
@@ -226,7 +226,8 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
 def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
     """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes.
 
-    The rules of a policy are judged per task; in LIBERO per suite, because each of its tasks has one sentence alone.
+    The rules of a policy are judged per task. In LIBERO they are judged per suite, because each task has only one
+    instruction.
     """
     group = {t.task: reader.group(t.task) for t in trials.plan}
     choices: dict[str, dict[str, Choice]] = {}
@@ -289,8 +290,8 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
-    A wrong first attempt that no rule explains is then explained: it does not depend on the instruction.
-    So is one at a place that is a favorite in its task, where over all tasks it is not the place that decides.
+    A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
+    attempt at the favorite place of its task if the place does not decide over all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial
@@ -302,7 +303,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the favorite kind of object of a policy, for each suite in which no rule explains its attempts."""
+    """Return the favorite kind of object of a policy for each suite whose attempts no rule explains."""
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)
@@ -313,7 +314,6 @@ def _favorites(
 
 
 def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: FavoriteThing) -> TrialDiagnosis:
-    """Return the diagnosis of a trial of a policy with a favorite kind of object."""
     if trial.label is not Label.WRONG_OBJECT or reading.choice is None or reading.choice.correct:
         return trial
     if reading.choice.thing != favorite.kind:
@@ -322,7 +322,7 @@ def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: Favor
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
-    """Return a wrong first attempt that no rule explains as one that does not depend on the instruction."""
+    """Return the label of an unexplained wrong first attempt as not depending on the instruction."""
     if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))

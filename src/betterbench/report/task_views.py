@@ -24,7 +24,7 @@ class ConditionGroup:
 
 @dataclass(frozen=True, slots=True)
 class TaskLine:
-    """Results of one policy on the variations of a task, and on the training trials that they are derived from."""
+    """Results of one policy on the variations of a task, and on the training trials from which they are derived."""
 
     policy: str
     training: Figure
@@ -39,7 +39,7 @@ class TaskLine:
 
 @dataclass(frozen=True, slots=True)
 class TaskView:
-    """One task with its conditions, the training conditions first."""
+    """One task with its conditions, training conditions first."""
 
     task: str
     title: str
@@ -49,17 +49,17 @@ class TaskView:
 
     @property
     def conditions(self) -> tuple[ConditionGroup, ...]:
-        """All conditions, the training ones first."""
+        """All conditions, training conditions first."""
         return self.variations if self.training is None else (self.training, *self.variations)
 
     @property
     def anchor(self) -> str:
-        """Identifier of the view on the page, and its route."""
+        """Identifier of the view on the page and in its URL."""
         return f"task={self.task}"
 
 
 def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
-    """Return the tasks with their conditions and how every policy did on them."""
+    """Return the tasks with their conditions and the results of every policy."""
     by_id: dict[str, list[tuple[str, ConditionRow]]] = {}
     for diagnosis in diagnoses:
         for row in (*training_rows(diagnosis), *variation_rows(diagnosis)):

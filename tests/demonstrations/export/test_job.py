@@ -224,7 +224,7 @@ def test_questions_and_subgoals_stand_in_the_language_columns(demonstrations, tm
     write_set(tmp_path / "others", questions[3:], (), "training")
     with pytest.raises(InvalidInputError, match="asks about no frame of these episodes"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path / "others"))
-    with pytest.raises(RecordError, match="holds no complete set of questions"):
+    with pytest.raises(RecordError, match="contains no complete question set"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path))
 
 
@@ -294,7 +294,7 @@ def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstration
         assert [f.instruction for f in facts] == [r.metadata.instruction for r in demonstrations.records.values()]
         assert all(f.steps for f in facts)
     (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair])[:-20])
-    with pytest.raises(RecordError, match=r"pairs\.jsonl: was changed.*Give the command that made the set again"):
+    with pytest.raises(RecordError, match=r"pairs\.jsonl: was changed.*Repeat the command of the demonstrations"):
         read_pairs(run)
 
 

@@ -265,7 +265,7 @@ def test_a_table_is_what_was_written_with_the_state(tmp_path, name):
     table = tmp_path / "out" / name
     head, first, *rest = table.read_text().splitlines()
     table.write_text("\n".join([head, first.replace(".", ".1", 1), *rest]) + "\n")
-    with pytest.raises(InvalidInputError, match="its tables are not those that were written"):
+    with pytest.raises(InvalidInputError, match="its tables do not match the saved state"):
         train(tiny(), made_up(), tmp_path / "out")
 
 
@@ -331,7 +331,7 @@ def test_two_processes_train_as_one_and_resume(tmp_path):
     both, alone = (weights(tmp_path / name) for name in ("whole", "alone"))
     way = max(float((start[name] - alone[name]).abs().max()) for name in alone)
     assert max(float((both[name] - alone[name]).abs().max()) for name in alone) < 0.05 * way
-    with pytest.raises(RunConflictError, match=r"processes is 2 there and 1 here. Go on with as many processes,"):
+    with pytest.raises(RunConflictError, match=r"processes is 2 there and 1 here. Continue with as many processes,"):
         train(tiny(**changes), made_up(), tmp_path / "whole")
 
 

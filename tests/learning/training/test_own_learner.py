@@ -122,7 +122,9 @@ def test_weights_are_used_with_the_code_that_they_were_trained_with(load, tmp_pa
     load(DEEP.replace("amax(1)", "amin(1)"))
     with pytest.raises(InvalidInputError, match=r"was defined by sha256 .*task_files"):
         read_checkpoint(result.checkpoint)
-    with pytest.raises(BetterError, match=r"another training: .*learner.*Go on with the learner.s file as it was"):
+    with pytest.raises(
+        BetterError, match=r"another training: .*learner.*Continue with the original file of the learner"
+    ):
         train(tiny(**DEEP_RECIPE), made_up(), tmp_path / "out")
     load("")
     with pytest.raises(InvalidInputError, match=r"Unknown family 'deep_sets'.*--task-file"):
@@ -219,7 +221,7 @@ WRONG = {
         "DeepSets(LearnerNetwork): pass\n\n@learner('deep_sets', sees='objects')\nclass Again(",
         "twice",
     ),
-    "late": (LAST, "        self.late = torch.nn.Linear(16, 16)\n" + LAST, "late.bias was not there after build"),
+    "late": (LAST, "        self.late = torch.nn.Linear(16, 16)\n" + LAST, "late.bias was created after build"),
     "tied": (
         "self.keep_scale(",
         "self.tied = self.word\n        self.keep_scale(",
@@ -230,7 +232,7 @@ WRONG = {
     "loss": (
         LAST,
         LAST + "\n    def loss(self, shown, actions, counted):\n        return 1.0\n",
-        "its loss is no number",
+        "its loss is not a scalar",
     ),
     "in loss": (
         LAST,

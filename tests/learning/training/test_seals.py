@@ -119,7 +119,7 @@ def test_weights_that_were_exchanged_are_not_those_of_the_learner(checkpoint, tm
     write_checkpoint(
         folder / checkpoint.name, ObjectsNetwork(recipe, known).state_dict(), Trained(recipe, known, 12, "")
     )
-    with pytest.raises(RecordError, match=r"other weights than those that this study has trained.*nothing was deleted"):
+    with pytest.raises(RecordError, match=r"other weights than those trained by this study.*nothing was deleted"):
         policy.require()
     lever = TrainingJob(tiny(start=str(folder)), tmp_path / "lever", policy.digest)
     with pytest.raises(RecordError, match="other weights"):

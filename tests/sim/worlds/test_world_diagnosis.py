@@ -89,8 +89,11 @@ def test_a_thing_that_is_gone_for_whatever_is_asked(run_of, monkeypatch):
     found = diagnose_run(run)
     assert {t.label for t in found.trials} == {"visual_layout_bias"}
     assert {t.evidence.rule for t in found.trials} == {SAME_THING}
-    assert "It goes for the ball wherever one stands, whatever the instruction says: in 3 of 3" in found.findings[0]
-    assert "one kind of thing wherever that stands" in headline_of(found).conclusion
+    assert (
+        "It goes for the ball in every scene that has one, regardless of the instruction: in 3 of 3"
+        in found.findings[0]
+    )
+    assert "one kind of object in every scene" in headline_of(found).conclusion
 
 
 @pytest.mark.parametrize(
@@ -183,7 +186,7 @@ def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run
 
 def test_what_is_not_diagnosed_is_said(run_of):
     found = diagnose_run(run_of("noop", trials=1, tasks=["0"]))
-    assert any("harm to other things is not judged" in note for note in found.notes)
+    assert any("harm to other objects is not judged" in note for note in found.notes)
     assert [t.label for t in found.trials] == ["early_halt"]
 
 

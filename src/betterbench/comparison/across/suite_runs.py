@@ -1,4 +1,4 @@
-"""Outcomes of runs in one suite of one world. Every planned trial counts; one that did not succeed is a failure."""
+"""Outcomes of runs in one suite of one world. Every planned trial counts; an unfinished one is a failure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OURS = OUR_SUITE
 """Name of the suite of a run in our own scenes."""
 
 InitialState = tuple[str, int]
-"""Task and seed: the number of an initial state, which twins and policies share.
+"""Task and seed, the number of the initial state. Twins and policies share it.
 
 In LIBERO-Plus the task is that of a variant ("libero_object-03/camera_0_0_100_2_4").
 """
@@ -34,8 +34,8 @@ class SuiteRun:
         policy: Name of the policy; runs of the same name are one policy.
         base: The suite that this one changes, or its own name.
         change: Its change ("swap", "resampled"), or None.
-        protocol: The protocol of the field by which it was run; empty for our own suite.
-        versions: Versions of the world's packages; numbers under different ones are not compared.
+        protocol: The community's protocol under which it was run; empty for betterbench's own suite.
+        versions: Versions of the world's packages; numbers from different versions are not compared.
         successes: Whether each planned trial succeeded.
         chains: The planned chains of CALVIN.
         unfinished: Planned trials that have not ended yet.
@@ -61,7 +61,7 @@ class SuiteRun:
 
 
 def is_across(runs: Sequence[RunFolder]) -> bool:
-    """Tell whether runs are of several suites, or of chains: then they share no trials that labels could compare."""
+    """Return whether runs belong to several suites, or to chains, so that labels cannot be compared trial by trial."""
     suites = {_suite_of(run) for run in runs}
     return len(suites) > 1 or any(run.world.reading == "chains" for run in runs)
 
@@ -71,11 +71,11 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
     Args:
         runs: Folders of the runs.
-        names: Name of each run's policy; runs of the same name are rows of one policy. The declared name of the policy
-            if not given.
+        names: Name of each run's policy; runs of the same name are rows of one policy. Default: the declared name of
+            the policy.
 
     Raises:
-        InvalidInputError: If there is not one name for each run, or a policy has two runs in the same suite.
+        InvalidInputError: If the number of names is not that of the runs, or a policy has two runs in the same suite.
         RecordError: If a run or a record cannot be read.
     """
     called = tuple(names) if names else tuple(run_names([run])[0] for run in runs)
@@ -149,17 +149,17 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return the result of a chain from its record; without a record, the chain was not played.
+    """Return the result of a chain from its record; without a record, the chain counts as not run.
 
     Raises:
-        RecordError: If the record is of other subtasks.
+        RecordError: If the record has other subtasks.
     """
     if record is None:
         return ChainResult(chain.number, ())
     if record.metadata.subgoal_names != chain.names:
         raise RecordError(
-            f"the record of chain {chain.number} has the subtasks {', '.join(record.metadata.subgoal_names)} and not "
-            f"{', '.join(chain.names)}. Run the chain again."
+            f"the record of chain {chain.number} has the subtasks {', '.join(record.metadata.subgoal_names)} instead "
+            f"of {', '.join(chain.names)}. Run the chain again."
         )
     played = []
     began = 0
