@@ -107,14 +107,14 @@ def follow(world, address):
 )
 def test_a_preset_that_translates_is_refused_with_its_layout(preset, layout):
     message = refusal("libero", f"openpi://127.0.0.1:9?preset={preset}")
-    assert f"the preset {preset} translates" in message
+    assert f"the preset {preset} converts our scenes" in message
     assert message.endswith(f"Give preset={layout}.")
     assert refusal("libero", f"openpi://127.0.0.1:9?preset={layout}") == ""
 
 
 def test_a_world_is_not_played_in_another_space():
     message = refusal("libero", "openpi://127.0.0.1:9?preset=openpi_droid")
-    assert "openpi_droid answers in joint_delta, which LIBERO does not play. Give preset=NAME (" in message
+    assert "openpi_droid answers in joint_delta, which LIBERO does not support. Give preset=NAME (" in message
     assert refusal("libero", "http://127.0.0.1:9/act?preset=x_vla") == ""
     assert refusal("libero", "gr00t://127.0.0.1:9") == ""
     assert refusal("libero", "lerobot:some/checkpoint") == ""
@@ -225,7 +225,7 @@ def test_every_flag_that_is_advised_exists():
 
 def test_every_verb_that_is_advised_exists():
     found = advised_in_words(r"(?:[Rr]un|[Gg]ive|as|with|:) `?better ([a-z][a-z-]*)")
-    assert {("registry.py", "worlds"), ("lerobot.py", "serve"), ("check.py", "doctor")} <= found
+    assert {("installation.py", "worlds"), ("lerobot.py", "serve"), ("adapter.py", "doctor")} <= found
     assert {(f, w) for f, w in found if w not in VERBS} == set()
 
 

@@ -330,7 +330,7 @@ class Adapter:
 
 _ANYTHING = TypeAdapter(dict[str, Any])
 _MAX_BYTES = 1_000_000
-_CURE = "See docs/policies.md and docs/calvin.md for examples, or the output of better doctor --policy P --json"
+_CURE = "See the examples in docs/policies.md and docs/calvin.md, or run better doctor --policy P --json"
 _ADAPTER = TypeAdapter(Adapter)
 _KEYS = ("key", "episode_key", "state_key", "answer_key")
 
