@@ -73,7 +73,7 @@ class Query:
 def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
     """Return, for each phrase of the list, the phrases that mean the same or are kinds of it, with their weights.
 
-    A line ``a = b = c`` gives synonyms, a line ``kind > a, b`` kinds of a thing, in this direction only.
+    A line ``a = b > c, d`` gives synonyms a and b, and what is shown to whoever asks for them, in this direction only.
     """
     found: dict[tuple[str, ...], dict[tuple[str, ...], float]] = {}
 
@@ -84,17 +84,15 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
     text = importlib.resources.files(__package__).joinpath("words.txt").read_text(encoding="utf-8")
     for line in text.splitlines():
         said = line.partition("#")[0].strip()
-        if ">" in said:
-            phrases, _, kinds = said.partition(">")
-            for phrase in phrases.split("="):
-                for kind in kinds.split(","):
-                    add(phrase, kind, _KIND)
-        elif "=" in said:
-            same = [phrase.strip() for phrase in said.split("=")]
-            for phrase in same:
-                for other in same:
-                    if terms(phrase) != terms(other):
-                        add(phrase, other, _SYNONYM)
+        asked, _, shown = said.partition(">")
+        same = [phrase for phrase in asked.split("=") if phrase.strip()]
+        for phrase in same:
+            # What is shown stands in the catalogue; another word for what is asked may stand there too.
+            for place, kind in enumerate(filter(None, shown.split(","))):
+                add(phrase, kind, _SYNONYM if place == 0 else _KIND)
+            for other in same:
+                if terms(phrase) != terms(other):
+                    add(phrase, other, _SYNONYM)
     return {phrase: tuple(means.items()) for phrase, means in found.items()}
 
 

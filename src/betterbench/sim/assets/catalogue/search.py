@@ -192,20 +192,19 @@ class Catalogue:
         by_meaning = self._by_meaning(asked, admitted, depth) if meaning and self._index is not None else []
         return self._fused(by_words, by_meaning, limit)
 
-    def _fused(self, by_words: list[int], by_meaning: list[tuple[int, float]], limit: int) -> list[Hit]:
-        word_ranks = {row: rank for rank, row in enumerate(by_words, start=1)}
+    def _fused(self, by_words: list[tuple[int, float]], by_meaning: list[tuple[int, float]], limit: int) -> list[Hit]:
+        word_ranks = {row: rank for rank, (row, _) in enumerate(by_words, start=1)}
+        covered = dict(by_words)
         meaning_ranks = {row: rank for rank, (row, _) in enumerate(by_meaning, start=1)}
         cosines = dict(by_meaning)
         shares = (_WORDS_SHARE if by_words else 0.0, _MEANING_SHARE if by_meaning else 0.0)
         best = sum(shares) / (_RANK + 1.0)
 
         def score(row: int) -> float:
-            found = sum(
-                share / (_RANK + ranks[row])
-                for share, ranks in zip(shares, (word_ranks, meaning_ranks), strict=True)
-                if row in ranks
-            )
-            return found / best
+            # A row that has only some words of the query has a smaller vote, however few rows have more.
+            words = shares[0] * covered[row] / (_RANK + word_ranks[row]) if row in word_ranks else 0.0
+            meaning = shares[1] / (_RANK + meaning_ranks[row]) if row in meaning_ranks else 0.0
+            return (words + meaning) / best
 
         ordered = sorted({*word_ranks, *meaning_ranks}, key=lambda row: (-score(row), row))[:limit]
         entries = self._store.rows(ordered)
@@ -217,8 +216,8 @@ class Catalogue:
 
     # -------------------------------------------------------------------------------------------------------- words
 
-    def _by_words(self, query: Query, filters: Filters, depth: int) -> list[int]:
-        """Return the rows that have words of the query, best first."""
+    def _by_words(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
+        """Return the rows that have words of the query with the share of it that they have, best first."""
         every = {word for concept in query.concepts for phrase, _ in concept.alternatives for word in phrase}
         frequencies = self._store.frequencies(sorted(every))
         expression, ranked = _expression(frequencies)
@@ -232,8 +231,9 @@ class Catalogue:
             if len(passing) >= depth or len(found) < fetched or fetched >= 16 * _FETCHED:
                 break
             fetched *= 4
-        scored = [(_word_score(query.concepts, line[1:], frequencies, self.count), line[0]) for line in passing]
-        return [row for score, row in sorted(scored, key=lambda pair: (-pair[0], pair[1])) if score > 0.0][:depth]
+        scored = [(line[0], *_word_score(query.concepts, line[1:], frequencies, self.count)) for line in passing]
+        scored.sort(key=lambda found: (-found[1], found[0]))
+        return [(row, covered) for row, score, covered in scored if score > 0.0][:depth]
 
     # ------------------------------------------------------------------------------------------------------ meaning
 
@@ -297,14 +297,19 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
     return " AND ".join(f'"{word}"' for word in ordered[:2]) if len(ordered) > 1 else f'"{chosen[0]}"', False
 
 
-def _word_score(concepts: Sequence[Concept], fields: Sequence[str], frequencies: dict[str, int], count: int) -> float:
-    """Return how well the words of a row fit: for each concept, the best of its phrases in the best field."""
+def _word_score(
+    concepts: Sequence[Concept], fields: Sequence[str], frequencies: dict[str, int], count: int
+) -> tuple[float, float]:
+    """Return how well the words of a row fit, and the share of the query that it has.
+
+    Of each concept, the best of its phrases in the best field counts.
+    """
     words = [field.split() for field in fields]
     sets = [set(field) for field in words]
     length = len(words[0])
-    total = 0.0
+    total = covered = 0.0
     for concept in concepts:
-        best = 0.0
+        best = present = 0.0
         for phrase, weight in concept.alternatives:
             if any(word not in frequencies for word in phrase):
                 continue
@@ -314,6 +319,8 @@ def _word_score(concepts: Sequence[Concept], fields: Sequence[str], frequencies:
                     # A name that says little besides is the thing itself: "apple" before "apple pie".
                     focus = 1.0 if share < 1.0 else 0.7 + 0.3 * len(phrase) / max(length, 1)
                     best = max(best, weight * share * rarity * focus)
+                    present = max(present, weight)
                     break
         total += concept.weight * best
-    return total
+        covered += concept.weight * present
+    return total, covered / sum(concept.weight for concept in concepts)

@@ -161,9 +161,9 @@ class Store:
             for fingerprint, entry in rows:
                 self._remove(entry.id)
                 size: Sequence[float | None] = entry.size_m or (None, None, None)
-                values = (entry.id, source, fingerprint, entry.content_hash, entry.path, entry.name)
-                values += (json.dumps(entry.tags), entry.description, entry.category, entry.color, *size, entry.faces)
-                values += (entry.license, entry.author, entry.variants)
+                values: list[object] = [entry.id, source, fingerprint, entry.content_hash, entry.path, entry.name]
+                values += [json.dumps(entry.tags), entry.description, entry.category, entry.color, *size, entry.faces]
+                values += [entry.license, entry.author, entry.variants]
                 marks = ", ".join("?" * len(values))
                 fields = "id, source, fingerprint, content_hash, path, name, tags, description, category, color, "
                 fields += "size_x, size_y, size_z, faces, license, author, variants"

@@ -66,7 +66,7 @@ def choose_different(
     draw = {one.id: hashlib.sha256(f"{seed} {one.id}".encode()).digest() for one in left}
     chosen: list[Chosen] = []
     while len(chosen) < count:
-        best = max(left, key=lambda one: (_distance(one, chosen), draw[one.id]))
+        best = max(left, key=lambda one: (*_distance(one, chosen), draw[one.id]))
         chosen.append(best)
         left.remove(best)
     return chosen
@@ -90,12 +90,14 @@ def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
     return [
         hit
         for hit in pool
-        if _kind(hit.entry) == kind or (kind & _kind(hit.entry) and hit.score >= _NEAR * first.score)
+        if _kind(hit.entry) == kind and (hit.entry.category == first.entry.category or hit.score >= _NEAR * first.score)
     ]
 
 
-def _kind(entry: CatalogueEntry) -> frozenset[str]:
-    return frozenset(terms(entry.category or entry.name)) - COLORS
+def _kind(entry: CatalogueEntry) -> str:
+    """Return the noun that the category or the name ends with ("pie" of "apple pie")."""
+    named = [word for word in terms(entry.category or entry.name) if word not in COLORS]
+    return named[-1] if named else entry.name
 
 
 def _color(entry: CatalogueEntry) -> str:
@@ -104,9 +106,10 @@ def _color(entry: CatalogueEntry) -> str:
     return next((word for word in said if word in COLORS), "")
 
 
-def _distance(one: Chosen, others: Sequence[Chosen]) -> float:
-    """Return the distance of an asset to the nearest of some others; infinite if there are none."""
-    return min((_between(one, other) for other in others), default=math.inf)
+def _distance(one: Chosen, others: Sequence[Chosen]) -> tuple[float, float]:
+    """Return the distance of an asset to the nearest of some others, and the sum of its distances to all of them."""
+    distances = [_between(one, other) for other in others]
+    return min(distances, default=0.0), sum(distances)
 
 
 def _between(one: Chosen, other: Chosen) -> float:

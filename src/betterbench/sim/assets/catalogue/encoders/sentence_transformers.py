@@ -29,7 +29,7 @@ class SentenceEncoder:
         if found.ndim != 2 or len(found) != len(texts) or not np.isfinite(found).all():
             problem = f"gave {found.shape} numbers for {len(texts)} texts, or some that are not finite"
             raise InvalidInputError(self.name, problem, "Name a model of texts")
-        return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), np.float32(1e-12))
+        return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), np.float32(1e-12)))
 
 
 def _open(target: str) -> SentenceEncoder:

@@ -100,7 +100,8 @@ def _gltf(path: Path) -> MeshFacts:
 
 def _gltf_facts(path: Path, text: bytes) -> MeshFacts:
     try:
-        return _GltfScene(parse_json(text)).facts()
+        with np.errstate(all="ignore"):
+            return _GltfScene(parse_json(text)).facts()
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise _wrong(path, f"its glTF description is damaged ({error})") from error
 
@@ -137,9 +138,13 @@ class _GltfScene:
         for primitive in mesh["primitives"]:
             positions = accessors[_index(primitive["attributes"]["POSITION"], len(accessors))]
             shared = primitive.get("indices")
-            count = positions["count"] if shared is None else accessors[_index(shared, len(accessors))]["count"]
-            if not isinstance(count, int) or isinstance(count, bool) or count < 0:
+            counts = [
+                positions["count"],
+                *([] if shared is None else [accessors[_index(shared, len(accessors))]["count"]]),
+            ]
+            if not all(isinstance(count, int) and not isinstance(count, bool) and count >= 0 for count in counts):
                 raise ValueError("a count is not a number")
+            count = counts[-1]
             mode = primitive.get("mode", 4)
             self._faces += count // 3 if mode == 4 else max(count - 2, 0) if mode in (5, 6) else 0
             if "min" in positions and "max" in positions:
