@@ -139,7 +139,7 @@ def test_an_asset_is_found_by_its_id(catalogue):
     assert ("things", "CC0-1.0", 5) in catalogue.licenses()
 
 
-# ------------------------------------------------------------------------------------------------- one description, many
+# ------------------------------------------------------------------------------------------ one description, many
 
 
 def test_several_assets_for_one_description_differ(catalogue):

@@ -137,6 +137,13 @@ class Catalogue:
         return self._index is not None
 
     @property
+    def vectors(self) -> VectorIndex:
+        """The vectors; ValueError if the catalogue has none."""
+        if self._index is None:
+            raise ValueError("the catalogue has no vectors")
+        return self._index
+
+    @property
     def sources(self) -> tuple[str, ...]:
         """Names of the sources, in the order in which they were indexed first."""
         return tuple(self._numbers)
