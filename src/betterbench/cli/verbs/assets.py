@@ -16,23 +16,24 @@ if TYPE_CHECKING:
     from betterbench.sim.assets.catalogue.entry import CatalogueEntry
     from betterbench.sim.assets.catalogue.indexing import IndexReport
     from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
+    from betterbench.sim.assets.catalogue.sources import SourceOptions
 
 What = Literal["index", "search", "show", "licenses"]
 
 
 def assets_command(
-    what: Annotated[What, tyro.conf.Positional],
-    given: Annotated[tuple[str, ...], tyro.conf.Positional] = (),
+    what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="WHAT")],
+    given: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="TEXT")] = (),
     *,
     catalogue: Path | None = None,
-    name: str = "",
-    license: str = "",  # noqa: A002 - the name of the option
-    author: str = "",
+    name: str | None = None,
+    license: str | None = None,  # noqa: A002 - the name of the option
+    author: str | None = None,
     encoder: str = "minilm",
     limit: int = 10,
     num: int | None = None,
     seed: int = 0,
-    source: str = "",
+    source: str | None = None,
     max_faces: int | None = None,
     max_size: float | None = None,
     min_size: float | None = None,
@@ -56,8 +57,8 @@ def assets_command(
         license: With index: license of files that name none. With search: free (the default) or any.
         author: With index: author of files that name none.
         encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words alone.
-        limit: Most assets that are found.
-        num: Choose so many assets for one description, which differ in shape and color.
+        limit: Most assets to list.
+        num: Number of assets to choose for one description, which differ in shape and color.
         seed: Seed of the choice of --num.
         source: Search this source alone.
         max_faces: Most triangles of an asset.
@@ -69,16 +70,19 @@ def assets_command(
     """
     folder = catalogue or _usual_folder()
     if what == "index":
-        _index(folder, given, name=name, license_=license, author=author, encoder=encoder, json=json)
+        from betterbench.sim.assets.catalogue.sources import SourceOptions
+
+        options = SourceOptions(name=name or "", license=license or "", author=author or "")
+        _index(folder, given, options, encoder=encoder, json=json)
         return
     from betterbench.sim.assets.catalogue.encoders import open_encoder
     from betterbench.sim.assets.catalogue.search import Catalogue, Filters
 
-    if license not in ("", "free", "any"):
+    if license not in (None, "free", "any"):
         raise InvalidInputError("--license", f"{license!r} is neither free nor any", "Write --license any for all")
     filters = Filters(
         license="any" if license == "any" else "free",
-        source=source,
+        source=source or "",
         max_faces=max_faces,
         max_size_m=max_size,
         min_size_m=min_size,
@@ -105,14 +109,11 @@ def _usual_folder() -> Path:
 # -------------------------------------------------------------------------------------------------------------- index
 
 
-def _index(
-    folder: Path, given: Sequence[str], *, name: str, license_: str, author: str, encoder: str, json: bool
-) -> None:
+def _index(folder: Path, given: Sequence[str], options: SourceOptions, *, encoder: str, json: bool) -> None:
     from betterbench.sim.assets.catalogue.indexing import index_sources
-    from betterbench.sim.assets.catalogue.sources import SourceOptions, open_source
+    from betterbench.sim.assets.catalogue.sources import open_source
 
-    options = SourceOptions(name=name, license=license_, author=author)
-    if name and len(given) != 1:
+    if options.name and len(given) != 1:
         raise InvalidInputError("--name", f"{len(given)} sources are given", "Index one source at a time with --name")
     sources = [open_source(address, options) for address in given or ("procedural",)]
     loaded, missing = _encoder(encoder)
