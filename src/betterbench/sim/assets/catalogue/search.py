@@ -70,7 +70,7 @@ class Hit:
 
     Attributes:
         entry: Row of the catalogue.
-        score: Fused score in (0, 1]; 1 for an asset that is first by words and by meaning.
+        score: Fused score in (0, 1]; 1 for an asset that has every word and is first by words and by meaning.
         word_rank: Rank by words from 1, None if its words were not found.
         meaning_rank: Rank by meaning from 1, None if meaning was not searched or it is too far down.
         cosine: Cosine of its meaning with that of the query.
