@@ -37,10 +37,13 @@ def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) ->
     spec.visual.headlight.ambient = [0.32, 0.32, 0.32]
     spec.visual.headlight.diffuse = [0.30, 0.30, 0.30]
     spec.visual.headlight.specular = [0.1, 0.1, 0.1]
-    spec.stat.extent = 1.0
     spec.visual.map.znear = 0.002
     spec.worldbody.add_light(
-        pos=[0, 0, 3], dir=[-0.35, 0.45, -1.0], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, diffuse=[0.55, 0.54, 0.52]
+        pos=[0, 0, 3],
+        dir=[-0.35, 0.45, -1.0],
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        diffuse=[0.55, 0.54, 0.52],
+        castshadow=False,  # the shadow map does not cover the endless ground, and its far part would be speckled
     )
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], rgba=[0.80, 0.76, 0.70, 1])
     add_asset(spec, "asset", asset, pose=Pose())
