@@ -65,6 +65,11 @@ def made(tmp_path_factory):
     items.write_text("".join(f'{{"id": {i}}}\n' for i in range(40)))
     mixture = folder / "mixture.yaml"
     mixture.write_text("groups:\n- {name: g, weight: 1, sets: [{path: items.jsonl, name: items}]}\n")
+    (folder / "meshes").mkdir()
+    (folder / "meshes" / "tin.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n")
+    catalogue = folder / "catalogue"
+    words = ["--license", "cc0", "--encoder", "none", "--catalogue", str(catalogue)]
+    assert main(["assets", "index", str(folder / "meshes"), *words]) == 0
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Yes)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield SimpleNamespace(
@@ -73,6 +78,7 @@ def made(tmp_path_factory):
         record=short_record(run),
         questions=questions,
         mixture=mixture,
+        catalogue=catalogue,
         strange=make(folder / "strange", "plain", "word", count=12),
         url=f"http://127.0.0.1:{server.server_port}/v1",
         plan=plan + seen,
@@ -83,6 +89,7 @@ def made(tmp_path_factory):
 
 
 FILES = {
+    "assets": lambda made, out: ["assets", "search", "tin", "--catalogue", str(made.catalogue), "--out", out],
     "show": lambda _, out: ["show", "fast_food/T1", "--size", "64", "--out", out],
     "doctor": lambda _, out: ["doctor", "--policy", "noop", "--no-proof", "--quality", "fast", "--out", out],
     "view": lambda made, out: ["view", str(made.record), "--camera", "front:32", "--quality", "fast", "--out", out],
@@ -91,7 +98,7 @@ FILES = {
     "mixture": lambda made, out: ["mixture", str(made.mixture), "--draws", "50", "--out", out],
     "vqa --answers": lambda made, out: ["vqa", str(made.questions), "--ask", made.url, "--answers", out],
 }
-ENDINGS = {"show": ".png", "doctor": ".png", "view": ".html", "replay": ".mp4"}
+ENDINGS = {"assets": ".png", "show": ".png", "doctor": ".png", "view": ".html", "replay": ".mp4"}
 
 FOLDERS = {
     "report": (lambda made, out: ["report", str(made.run), "--films", "0", "--no-latex", "--out", out], "index.html"),

@@ -168,7 +168,7 @@ def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
     and left is the robot's left.
     """
     position, target = (0.068, 0.0, 0.020), (0.035, 0.0, 0.16)
-    return _add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
+    return add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
@@ -287,14 +287,14 @@ def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
 def _add_cameras(spec: mujoco.MjSpec) -> None:
     """Add the four fixed cameras."""
     world = spec.worldbody
-    _add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
+    add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
     # Positions and lens of the paper's own release; all three cameras look at the table's center.
-    _add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
-    _add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
-    _add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
+    add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
+    add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
+    add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
 
 
-def _add_camera(
+def add_camera(
     body: mujoco.MjsBody, name: str, position: Vector, target: Vector, *, up: Vector = (0.0, 0.0, 1.0), fovy_deg: float
 ) -> mujoco.MjsCamera:
     """Add a fixed camera at a position [m] with a target [m]; ``up`` points upward in the image."""
