@@ -301,4 +301,4 @@ def test_a_half_is_run_judged_and_resumed_by_the_command_line(tmp_path, monkeypa
 
 def test_the_independent_family_has_its_own_tasks_and_strengths(capsys):
     assert main(["calibrate", "--family", "held_out", "--tasks", "fast_food"]) == 2
-    assert "--family: the independent family has its own tasks" in " ".join(capsys.readouterr().err.split())
+    assert "--family: the independent family has fixed tasks" in " ".join(capsys.readouterr().err.split())
