@@ -521,7 +521,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
     [
         ({"arms": {"a": {"training": 0.5}}}, "arms.a.*do not add up to 1"),
         ({"arms": {"a": {"test": 1.0}}}, "arms.a"),
-        ({"arms": {"a": {"training": 0.5, "balanced": 0.5}}, "demos": 1}, "arms.a.*cannot be shared by 2"),
+        ({"arms": {"a": {"training": 0.5, "balanced": 0.5}}, "demos": 1}, "arms.a.*1 demonstrations are too few for 2"),
         ({"recipe": {"steps": 0}}, "steps"),
         ({"recipe": {"frozen": ["trunk"]}}, "recipe.frozen.*untrained weights.*lever with a start"),
         ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever with a start"),
@@ -561,7 +561,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
             {"levers": [{"name": "x", "changes": {"co_training": {"sets": ["q"]}}, "questions": 9}]},
             "lever x.co_training.sets.*creates its own",
         ),
-        ({"levers": [{"name": "x", "changes": {"co_training": 3}, "questions": 9}]}, "lever x.co_training.*no mapping"),
+        ({"levers": [{"name": "x", "changes": {"co_training": 3}, "questions": 9}]}, "lever x.co_training.*not a mapping"),
         ({"levers": [{"name": "x", "changes": {}, "questions": -1}]}, "questions"),
         (
             {"levers": [{"name": "x", "changes": {}, "questions": 9, "start": "balanced"}]},

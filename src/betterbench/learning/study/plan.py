@@ -163,7 +163,7 @@ class StudyPlan:
             raise InvalidInputError("seeds", f"they make {learners} learners", f"Give at most {MOST_LEARNERS}")
         most = max(len(get_task(task).variations) for task in self.tasks) + 1
         if len(self.tasks) * most * self.trials > MOST_TRIALS:
-            problem = f"{self.trials} per variation exceed {MOST_TRIALS} trials for the learners of a seed"
+            problem = f"{self.trials} per variation make more than {MOST_TRIALS} trials for the learners of a seed"
             raise InvalidInputError("trials", problem, "Give fewer trials or tasks")
 
     def learners(self) -> Iterator[PlannedLearner]:
@@ -220,7 +220,7 @@ class StudyPlan:
         if other is not None:
             where, problem = (
                 f"lever {learner.lever}.{other}",
-                f"its start learner, of {start.arm}, has another value",
+                f"the learner of {start.arm} that it starts with has another value",
             )
             raise InvalidInputError(where, problem, "Leave it out, or change it in the recipe of the study")
 
