@@ -63,7 +63,7 @@ def test_clipping_leaves_the_given_array_alone() -> None:
         (np.zeros(7, dtype=bool), "expected real numbers, got bool"),
         (np.zeros(7, dtype=complex), "expected real numbers, got complex128"),
         (["a"] * 7, "expected real numbers"),
-        ([[0.0], [0.0, 1.0]], "not an array of numbers"),
+        ([[0.0], [0.0, 1.0]], "expected an array of numbers"),
         (None, "expected real numbers"),
     ],
 )

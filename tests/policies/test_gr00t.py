@@ -500,8 +500,8 @@ def test_a_policy_with_history_is_not_asked_ahead(client, option):
             "action: the server answers gripper, single_arm, this side reads ee_position, ee_rotation, gripper",
         ),
         (modalities(language=modality(["a", "b"])), "language: the server needs a, b, this side gives one instruction"),
-        (modalities(steps=(0, 1)), r"wants video at the steps \[0, 1\]"),
-        (modalities(steps=(0, -1)), r"wants video at the steps \[0, -1\]"),
+        (modalities(steps=(0, 1)), r"needs video at the steps \[0, 1\]"),
+        (modalities(steps=(0, -1)), r"needs video at the steps \[0, -1\]"),
         ({**modalities(), "state": 3}, "without modality configs"),
         ([1, 2], "without modality configs"),
     ],
@@ -530,7 +530,7 @@ def test_the_instruction_goes_under_the_name_that_the_server_gives_it(client):
 @pytest.mark.parametrize("answer", [b"ERROR", b"PK\x03\x04archive/data.pkl", b"\x80\x02}q\x00."])
 def test_servers_that_pickle_are_refused_on_purpose(client, answer):
     with Server({"ping": lambda _: answer}) as server:
-        with pytest.raises(HandshakeError, match=r"pickles with torch.* not supported, on purpose"):
+        with pytest.raises(HandshakeError, match=r"pickles with torch.* not supported on purpose"):
             client(server)
         assert len(server.raw) == 1
 
@@ -579,8 +579,8 @@ def reply(**changes):
         ([{}, {}], "the reply has no action"),
         ([{"grip\nper": array(np.zeros((1, 8, 1)))}, {}], "It has: grip per"),
         ([{"x" * 1000: 1}, {}], r"the action 'x{40}….* is not an array"),
-        ([None, {}], "no actions"),
-        ("actions", "no actions"),
+        ([None, {}], "get_action with a list instead of actions"),
+        ("actions", "get_action with a str instead of actions"),
         (b"", "cannot be read"),
         (b"\xc1 garbage", "cannot be read"),
         (msgpack.packb(chunk())[:-20], "cannot be read"),
@@ -634,7 +634,7 @@ def test_an_answer_that_is_too_large_is_not_taken(client, monkeypatch):
     monkeypatch.setattr(request_client, "MAX_FRAME_BYTES", 100_000)
     with Server({"get_action": lambda _: b"x" * 200_000}) as server:
         policy = client(server, "timeout=20&retries=0&patience=5")
-        with pytest.raises(PolicyError, match="answer of more than 100000 bytes"):
+        with pytest.raises(PolicyError, match="its answer exceeds 100000 bytes"):
             policy.act(seen())
 
 

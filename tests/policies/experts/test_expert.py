@@ -258,7 +258,7 @@ def test_planner_leaves_the_scene_alone(scene):
 
 def test_a_drawer_is_not_carried_to_be_closed(scene):
     s = scene("fast_food", "train1")
-    with pytest.raises(PlanningError, match="closed is not brought about by carrying"):
+    with pytest.raises(PlanningError, match="closed is not established by carrying an object"):
         relation("closed").place_goals(s.reset(), "fries", "box", "")
 
 

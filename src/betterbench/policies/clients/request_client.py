@@ -89,7 +89,7 @@ class RequestClient:
             if self._monitor in ready:
                 # ZeroMQ itself drops the connection if an answer is too large, and does not report the cause.
                 raise ConnectionError(
-                    f"the connection was closed by the server, or because an answer exceeds {MAX_FRAME_BYTES} bytes"
+                    f"the server closed the connection, or its answer exceeds {MAX_FRAME_BYTES} bytes"
                 )
             if left <= 0.0:
                 raise TimeoutError(f"no answer within {timeout_s:.3g} s")

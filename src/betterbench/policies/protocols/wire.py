@@ -404,7 +404,7 @@ def _survey(data: bytes) -> None:
             left.pop()
             continue
         if at >= end:
-            raise ValueError("it is cut off")
+            raise ValueError("it is incomplete")
         left[-1] -= 1
         values += 1
         if values > MAX_VALUES:
