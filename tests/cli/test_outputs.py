@@ -154,7 +154,7 @@ def test_a_file_of_somebody_else_stays_as_it_is(made, tmp_path, capsys, name):
     words = FILES[name](made, str(out))
     out.write_bytes(FOREIGN)
     text = said(capsys, words)
-    assert f"{out}: there is a file already that better" in text
+    assert f"{out}: a file that better {words[0]} did not write already exists here and is not replaced." in text
     assert text.endswith("Name another file, or give --overwrite.")
     assert out.read_bytes() == FOREIGN
     assert [p.name for p in tmp_path.iterdir()] == [out.name]
@@ -184,7 +184,7 @@ def test_what_is_no_file_of_ours_is_not_written_to(made, tmp_path, capsys, name,
     words = FILES[name](made, str(out))
     if what == "link":
         out.symlink_to(victim)
-        assert "there is a link already" in said(capsys, words)
+        assert f"{out}: a link that better {words[0]} did not write already exists here" in said(capsys, words)
         assert out.is_symlink()
     elif what == "folder":
         out.mkdir()
@@ -192,7 +192,7 @@ def test_what_is_no_file_of_ours_is_not_written_to(made, tmp_path, capsys, name,
         assert "is a folder, not a file" in said(capsys, [*words, "--overwrite"])
     elif what == "pipe":
         os.mkfifo(out)
-        assert "is a pipe, not a file" in said(capsys, [*words, "--overwrite"])
+        assert "is a pipe, socket or device, not a file" in said(capsys, [*words, "--overwrite"])
         assert out.is_fifo()
     else:
         with FileLock(out):
@@ -239,7 +239,7 @@ def test_a_page_that_somebody_has_edited_is_theirs(made, tmp_path, capsys, name)
     assert main(words) == 0
     edited = (out / page).read_bytes() + b"<!-- my own remark -->\n"
     (out / page).write_bytes(edited)
-    assert f"{out / page}: there is a file already" in said(capsys, words)
+    assert f"{out / page}: a file that better {words[0]} did not write already exists here" in said(capsys, words)
     assert (out / page).read_bytes() == edited
     assert main([*words, "--overwrite"]) == 0
     assert (out / page).read_bytes() != edited
