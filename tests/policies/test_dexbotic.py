@@ -192,7 +192,7 @@ def test_one_action_and_a_chunk_with_a_batch_are_read(answer):
         ),
         ({"action_spec": {"action_dim": 14}}, "preset=dexbotic", "answers 14 numbers, the adapter reads 7"),
         ({"vla": False}, "preset=dexbotic", "generates text instead of actions"),
-        ({}, "preset=openvla", "the adapter gives no image"),
+        ({}, "preset=openvla", "the adapter sends no image"),
     ],
 )
 def test_what_the_server_declares_is_compared(change, query, text):

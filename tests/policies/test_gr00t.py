@@ -567,7 +567,7 @@ def reply(**changes):
         (b"ERROR", "answers get_action with an error without a message"),
         ({"error": "Traceback:\n  File x\nKeyError: 'front'"}, "reports an error: KeyError: 'front'"),
         ({"error": "Video key 'front' must have shape (B, T=2, H, W, C)"}, "must have shape"),
-        ({"error": ""}, "reports an error: no text"),
+        ({"error": ""}, "reports an error: no message"),
         (CLOSE_NOW, "the reply has no action 'ee_position'. It has: gripper"),
         (reply(gripper=np.zeros((1, 8, 2))), "gripper"),
         (reply(gripper=np.zeros((1, 4, 1))), "different lengths"),

@@ -327,7 +327,7 @@ def test_a_truth_is_no_number_and_a_key_stands_once(client, body, text):
         (400, b'{"error": "No valid images found."}', PolicyError, "HTTP 400: No valid images found."),
         (422, b'{"detail": [{"msg": "field required"}]}', PolicyError, "HTTP 422: .*field required"),
         (500, b"Internal\nServer Error", PolicyError, "HTTP 500: Internal Server Error"),
-        (500, b"", PolicyError, "HTTP 500: no text"),
+        (500, b"", PolicyError, "HTTP 500: no message"),
         (404, b"", HandshakeError, r"has no POST /act \(HTTP 404\). Correct the path"),
         (405, b"", HandshakeError, "has no POST /act"),
         (401, b"", HandshakeError, "api_key_env=NAME"),

@@ -78,5 +78,5 @@ def test_six_numbers_need_not_be_orthonormal():
     ],
 )
 def test_what_is_no_rotation_is_refused(values, form):
-    with pytest.raises(ValueError, match="no rotation"):
+    with pytest.raises(ValueError, match="is not a rotation"):
         from_format(values, form)

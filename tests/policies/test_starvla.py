@@ -198,7 +198,7 @@ def test_an_older_server_takes_the_examples_beside_the_type(client):
         return answer(request) if "examples" in request else refusal(request, missing)
 
     with Server([old, old]) as server:
-        with pytest.raises(PolicyError, match=r"argument: 'examples' An older server wants layout=flat"):
+        with pytest.raises(PolicyError, match=r"argument: 'examples' Older servers need layout=flat"):
             client(server).act(seen())
         assert client(server, f"{QUICK}&layout=flat").act(seen()).shape == (8, 7)
         assert set(server.requests[1]) == {"type", "request_id", "examples"}
@@ -236,9 +236,9 @@ def test_the_run_is_compared_before_it_starts(client):
     ("step", "text"),
     [
         (refusal, "reports an error: boom"),
-        (lambda r: refusal(r, None), "reports an error: no text"),
+        (lambda r: refusal(r, None), "reports an error: no message"),
         ("Traceback:\n  File x\nKeyError: 'image'", "reports an error: KeyError: 'image'"),
-        ("", "reports an error: no text"),
+        ("", "reports an error: no message"),
         (lambda r: answer({**r, "request_id": "somebody-else"}), "answered request betterbench-1 with 'somebody-else'"),
         (lambda r: answer(r, normalized_actions=array(np.zeros((1, 8, 7)))), "answers with normalized actions"),
         (lambda r: answer(r, action=array(np.zeros((1, 8, 7)))), "the reply has no 'actions'. It has: action"),
@@ -252,11 +252,11 @@ def test_the_run_is_compared_before_it_starts(client):
         (lambda r: answer(r, actions=[[[1, 2], [3]]]), "'actions' has shape"),
         (lambda r: answer(r, actions="none"), "'actions' has shape"),
         (lambda r: answer(r, actions=array([[["a"] * 7]], "<U1")), "not an array of real numbers"),
-        (lambda r: msgpack.packb({"status": "ok", "request_id": r["request_id"]}), "reports an error: no text"),
+        (lambda r: msgpack.packb({"status": "ok", "request_id": r["request_id"]}), "reports an error: no message"),
         (lambda r: refusal(r, array(np.ones(2))), r"reports an error: \[1. 1.\]"),
         (
             lambda r: msgpack.packb({"status": array(np.ones(2)), "request_id": r["request_id"], "data": {}}),
-            "reports an error: no text",
+            "reports an error: no message",
         ),
         (lambda r: answer({**r, "request_id": array(np.ones(2))}), r"answered request betterbench-1 with '\[1. 1.\]'"),
         (lambda _: msgpack.packb([1]), "sent a list"),

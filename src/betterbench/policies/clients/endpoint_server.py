@@ -78,7 +78,7 @@ class EndpointServer:
             else self._decode(answer, endpoint)
         )
         if isinstance(reply, Mapping) and "error" in reply:
-            raise PolicyError(f"{self._where} reports an error: {last_line(str(reply['error'])) or 'no text'}")
+            raise PolicyError(f"{self._where} reports an error: {last_line(str(reply['error'])) or 'no message'}")
         return reply
 
     def close(self) -> None:

@@ -212,7 +212,7 @@ class HttpActClient(ServerClient[HttpServer]):
         try:
             told = _told(decode_body(answer.body))
         except PolicyError:
-            told = one_line(answer.body[:_LONGEST_BODY_SHOWN].decode("utf-8", "replace")) or "no text"
+            told = one_line(answer.body[:_LONGEST_BODY_SHOWN].decode("utf-8", "replace")) or "no message"
         raise PolicyError(f"{self._where} answers HTTP {status}: {told}")
 
     def _dial(self, timeout_s: float) -> HttpServer:
@@ -245,4 +245,4 @@ def _told(reply: object) -> str:
     """Return the error message in an answer, on one line."""
     if isinstance(reply, Mapping):
         reply = reply.get("error", reply.get("detail", reply))
-    return one_line(reply) or "no text"
+    return one_line(reply) or "no message"

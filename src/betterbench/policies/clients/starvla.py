@@ -107,7 +107,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         if not isinstance(status, str) or status != "ok" or not isinstance(data, Mapping):
             error = reply.get("error", data.get("error") if isinstance(data, Mapping) else None)
             told = error.get("message") if isinstance(error, Mapping) else error
-            text = ("" if told is None else one_line(told)) or "no text"
+            text = ("" if told is None else one_line(told)) or "no message"
             hint = " Older servers need layout=flat." if "'examples'" in text and self._layout == "payload" else ""
             raise PolicyError(f"{self._where} reports an error: {text}{hint}")
         return data
