@@ -216,7 +216,7 @@ def test_a_redirect_is_refused_and_what_it_names_is_not_asked(scheme):
         thread = threading.Thread(target=here.serve_forever, daemon=True)
         thread.start()
         began = time.monotonic()
-        with pytest.raises(HandshakeError, match=r"elsewhere \(HTTP 302, .*Redirects are not followed"):
+        with pytest.raises(HandshakeError, match=r"redirects this client \(HTTP 302, .*Redirects are not followed"):
             make_policy(f"openpi://127.0.0.1:{here.server_port}?preset=native&patience=5")
         here.shutdown()
         thread.join()
@@ -241,7 +241,7 @@ def test_a_server_that_comes_back_as_another_one_is_noticed():
         policy.reset(EpisodeStart("go", 1, "ee_delta"))
         policy.act(seen(0))
         policy.act(seen(1))
-        with pytest.raises(HandshakeError, match=r"checkpoint was one and is two.*--allow-changed-policy"):
+        with pytest.raises(HandshakeError, match=r"checkpoint was one and is now two.*--allow-changed-policy"):
             policy.act(seen(2))
 
 
@@ -318,11 +318,11 @@ def test_every_client_of_a_run_asks_the_policy_that_the_run_began_with():
             known = run.info
             close_policy(run.take())
             close_policy(run.take())
-            with pytest.raises(HandshakeError, match=r"checkpoint was .one. and is .two."):
+            with pytest.raises(HandshakeError, match=r"checkpoint was .one. and is now .two."):
                 run.take()
         with (
             PolicyFactory(address, known=known) as worker,
-            pytest.raises(HandshakeError, match=r"checkpoint was .one. and is .two."),
+            pytest.raises(HandshakeError, match=r"checkpoint was .one. and is now .two."),
         ):
             worker.check()
 
@@ -338,8 +338,8 @@ def nested(depth):
 
 
 TOO_MUCH = {
-    "large": ({"notes": "x" * (MAX_DECLARED_BYTES + 1)}, r"declares \d{7} bytes; the limit is 4194304"),
-    "deep": ({"notes": nested(20)}, r"declares something about itself.*nested deeper than 16"),
+    "large": ({"notes": "x" * (MAX_DECLARED_BYTES + 1)}, r"sends a declaration of \d{7} bytes; the limit is 4194304"),
+    "deep": ({"notes": nested(20)}, r"sends a declaration that cannot be read.*nested deeper than 16"),
 }
 
 
