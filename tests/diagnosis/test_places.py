@@ -338,3 +338,13 @@ def test_what_slips_over_a_wrong_place_was_not_put_there(stage, task, name, kind
     s.yaws[thing] += 0.8
     s.over(spot, 0.3).go(*(spot - s.grip_offset + np.array([0.0, 0.0, 0.015]))).lose()
     assert judged(s)[0] is Label.EXECUTION_FAILURE
+
+
+@pytest.mark.parametrize("height", [0.06, 0.0])
+def test_taking_up_what_fell_to_its_goal_by_chance_repeats_no_step(stage, height):
+    s = stage("breakfast_table", "train1")
+    fork, spot = s.of("fork"), s.goal(0)
+    s.grasp(fork).lift()
+    s.over(spot, 0.3).go(*(spot - s.grip_offset + np.array([0.0, 0.0, height]))).open().lift()
+    s.grasp(fork).lift().over(s.slot("left_edge"), 0.3).open().lift()
+    assert judged(s)[0] is (Label.EXECUTION_FAILURE if height else Label.CAUSAL_CONFUSION)

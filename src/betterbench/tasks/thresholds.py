@@ -141,8 +141,8 @@ class Thresholds:
     fall_height = threshold("fall_height", 0.02, "m",
         "Height above its later resting place from which a released object was dropped; suite, section 5, and four "
         "times the height at which the expert lets go.",
-        "Larger: more objects were put where they lie on purpose; more behavioral_inertia, fewer execution_failure "
-        "of what drops.")
+        "Larger: more objects were put where they lie on purpose; more behavioral_inertia and causal_confusion, fewer "
+        "execution_failure of what drops.")
     fallen_below = threshold("fallen_below", 0.05, "m",
         "Height below the table top at which an object has fallen off the table.",
         "Larger: less lies on the floor; more success, fewer execution_failure.")

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections import Counter
 
 from betterbench.diagnosis.analysis.approaches import shuts
-from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.analysis.halts import find_halt
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.authoring.training_distribution import on_table
 from betterbench.tasks.labels import Label
+from betterbench.tasks.relations import relation
 
 
 def _exposed(x: Exposure) -> bool:
@@ -42,7 +44,7 @@ def _exposed(x: Exposure) -> bool:
 def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     for step in episode.decisions:
-        if step.target is AttemptTarget.REPEATED:
+        if step.target is AttemptTarget.REPEATED and not _takes_up_a_drop(episode, step):
             text = f"It goes for {episode.describe(step)}, although that step is done; {episode.asked_for(step)}."
             return episode.at_step("finished_step_repeated", text, step)
         if step.target is AttemptTarget.LATER and step.goal is not None:
@@ -54,6 +56,23 @@ def _find(trial: TrialView) -> Evidence | None:
             )
             return episode.at_step("required_step_skipped", text, step)
     return _shut_empty(episode)
+
+
+def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
+    """Tell whether an attempt takes up an object that fell out of the gripper and met its goal by chance.
+
+    What is dropped was not put there, so the policy may rightly take it again. Into a container objects may be dropped.
+    """
+    before = [s for s in episode.steps if s.grasp.start < step.grasp.start and s.grasp.object == step.at]
+    rows = episode.let_go(before[-1]) if before else None
+    i = step.at
+    if rows is None or i is None:
+        return False
+    gone, rest = rows
+    trace = episode.trace
+    fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
+    served = [goal for g, goal in enumerate(episode.goals) if trace.serves[rest, g, i]]
+    return fall > THRESHOLDS.fall_height and not any(relation(goal.relation).falls for goal in served)
 
 
 def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
