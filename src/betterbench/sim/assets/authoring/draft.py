@@ -10,6 +10,7 @@ import numpy as np
 from betterbench.geometry import Pose, Vector, multiply, normalize
 from betterbench.interface.state import Region
 from betterbench.sim.assets.asset import CollisionPart, Grasp, Texture, VisualPart
+from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.authoring.mesh import Mesh, box, mapped
 from betterbench.sim.assets.authoring.paint import Canvas, Rgb
 from betterbench.sim.assets.authoring.solids import solid_box
@@ -37,6 +38,10 @@ class Draft:
         material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`: it gives
             all collision parts their friction, except those that have one of their own (:func:`surfaced`). Without a
             material each part keeps the friction it was made with.
+        body: Mass, center of mass and inertia if they are known from elsewhere; otherwise the mass is spread over the
+            collision parts, which then must not be hulls.
+        source: Origin of the shape.
+        license: License of the shape.
     """
 
     shape: Literal["round", "cylinder", "box", "irregular"]
@@ -49,6 +54,9 @@ class Draft:
     grasps: tuple[Grasp, ...] = ()
     regions: tuple[Region, ...] = ()
     parameters: Mapping[str, float | str] = field(default_factory=dict)
+    body: MassProperties | None = None
+    source: str = "betterbench procedural library"
+    license: str = "Apache-2.0"
 
 
 def part(
