@@ -102,7 +102,9 @@ def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     cell = ATLAS // across
     # Corners stand two pixels inside the half cell, so that neighbors do not show when the renderer interpolates.
     low, far = 2.0, cell - 4.0
-    corners = np.array([[(low, low), (far, low), (low, far)], [(cell - 2.0, cell - 2.0), (4.0, cell - 2.0), (cell - 2.0, 4.0)]])
+    corners = np.array(
+        [[(low, low), (far, low), (low, far)], [(cell - 2.0, cell - 2.0), (4.0, cell - 2.0), (cell - 2.0, 4.0)]]
+    )
     rows, columns = np.meshgrid(np.arange(cell), np.arange(cell), indexing="ij")
     centers = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=1)
     lower = centers.sum(axis=1) <= cell

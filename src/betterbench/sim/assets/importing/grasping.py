@@ -97,7 +97,9 @@ def _at(centers: np.ndarray, pitch: float, middle: np.ndarray, height: float, ya
             at_u, at_v = low_u + 0.5 * (first + last) * _STEP_M, low_v + (column + 0.5) * _STEP_M
             x, y = at_u * along + at_v * across
             off = math.hypot(float(at_u - middle[:2] @ along), float(at_v - middle[:2] @ across))
-            cost = off / 0.02 + (1.0 - float(patch)) + 8.0 * max(0.0, width - 0.06) / 0.02 + abs(height - middle[2]) / 0.06
+            cost = (
+                off / 0.02 + (1.0 - float(patch)) + 8.0 * max(0.0, width - 0.06) / 0.02 + abs(height - middle[2]) / 0.06
+            )
             clearance = round(min(room, 0.5 * (0.080 - width), 0.012), 4)
             if clearance < 0.002:
                 continue

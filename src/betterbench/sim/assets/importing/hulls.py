@@ -143,7 +143,9 @@ def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
         return np.linspace(-np.pi, np.pi, SECTORS + 1)
     corner = float(np.arctan2(half_y, half_x))
     corners = (-np.pi + corner, -corner, corner, np.pi - corner, np.pi + corner)
-    return np.concatenate([[corners[0]], *(np.linspace(a, b, 4)[1:] for a, b in zip(corners, corners[1:], strict=False))])
+    return np.concatenate(
+        [[corners[0]], *(np.linspace(a, b, 4)[1:] for a, b in zip(corners, corners[1:], strict=False))]
+    )
 
 
 def _inner_points(solid: Solid, cavity: Cavity) -> np.ndarray:
@@ -170,7 +172,9 @@ def _bands(
         floor *= 0.7
     best: list[tuple[float, float, bool]] = []
     for count in (1, 2, 3):
-        edges = np.linspace(floor, np.pi, 2) if count == 1 else np.append(np.linspace(floor, 1.4, count + 1)[:-1], np.pi)
+        edges = (
+            np.linspace(floor, np.pi, 2) if count == 1 else np.append(np.linspace(floor, 1.4, count + 1)[:-1], np.pi)
+        )
         best = [(0.0, floor, True), *((float(a), float(b), False) for a, b in zip(edges, edges[1:], strict=False))]
         filled = 0.0
         for low, high, _ in best[1:]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.interface.state import Region
-from betterbench.sim.assets.asset import CollisionPart, Grasp
+from betterbench.sim.assets.asset import CollisionPart
 from betterbench.sim.assets.authoring.draft import Draft, zone
 from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.importing.appearance import visual_parts
@@ -67,7 +67,7 @@ class Wishes:
     source: str | None = None
 
 
-def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B008 - frozen
+def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
     """Make an asset of a mesh file.
 
     Raises:
@@ -75,7 +75,9 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B00
         MissingDependencyError: If a package that its format needs is not installed.
     """
     where = one_line(path.name, most=120)
-    named = wishes.name or (path.parent.name if path.stem.lower() in ("textured", "model", "mesh", "scene") else path.stem)
+    named = wishes.name or (
+        path.parent.name if path.stem.lower() in ("textured", "model", "mesh", "scene") else path.stem
+    )
     kind = kind_of(named)
     raw = read_mesh_file(path)
     placed = place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)

@@ -135,7 +135,7 @@ def checked(mesh: RawMesh, where: str) -> RawMesh:
     for part in mesh.parts:
         if not np.isfinite(part.vertices).all():
             raise InvalidInputError(where, f"{part.name} has vertices that are not finite numbers", _CURE)
-        if len(part.faces) and not (0 <= part.faces.min() and part.faces.max() < len(part.vertices)):
+        if len(part.faces) and not (part.faces.min() >= 0 and part.faces.max() < len(part.vertices)):
             raise InvalidInputError(where, f"{part.name} has triangles of vertices that do not exist", _CURE)
     with np.errstate(over="ignore"):
         extent = np.ptp(mesh.bounds(), axis=0)
