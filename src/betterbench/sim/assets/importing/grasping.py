@@ -78,9 +78,9 @@ def _at(centers: np.ndarray, pitch: float, middle: np.ndarray, height: float, ya
     slab = _grid(shape, i, j, np.abs(centers[:, 2] - height) < PAD_HALF_HEIGHT_M, pitch)
     half = max(1, round(PAD_HALF_WIDTH_M / _STEP_M))
     for column in range(half, shape[1] - half, 2):
-        blocked = above[:, column - half : column + half + 1].any(axis=1)
+        blocked = np.asarray(above[:, column - half : column + half + 1].any(axis=1))
         held = slab[:, column - half : column + half + 1]
-        touched = held.any(axis=1)
+        touched = np.asarray(held.any(axis=1))
         for start, end in _runs(blocked):
             width = (end - start) * _STEP_M
             if not LEAST_WIDTH_M <= width <= MOST_WIDTH_M or not touched[start:end].any():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -143,9 +144,7 @@ def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
         return np.linspace(-np.pi, np.pi, SECTORS + 1)
     corner = float(np.arctan2(half_y, half_x))
     corners = (-np.pi + corner, -corner, corner, np.pi - corner, np.pi + corner)
-    return np.concatenate(
-        [[corners[0]], *(np.linspace(a, b, 4)[1:] for a, b in zip(corners, corners[1:], strict=False))]
-    )
+    return np.concatenate([[corners[0]], *(np.linspace(a, b, 4)[1:] for a, b in itertools.pairwise(corners))])
 
 
 def _inner_points(solid: Solid, cavity: Cavity) -> np.ndarray:
@@ -162,7 +161,7 @@ def _bands(
 ) -> list[tuple[float, float, bool]]:
     """Return bands of the angle along the profile: (low, high, True if the band is one disc for all sectors).
 
-    The floor shrinks until its hull leaves the hollow open; the wall has a second and a third band if one would fill it.
+    The floor shrinks until its hull leaves the hollow open. The wall has two or three bands if one would fill it.
     """
     floor = corner
     for _ in range(5):
@@ -175,7 +174,7 @@ def _bands(
         edges = (
             np.linspace(floor, np.pi, 2) if count == 1 else np.append(np.linspace(floor, 1.4, count + 1)[:-1], np.pi)
         )
-        best = [(0.0, floor, True), *((float(a), float(b), False) for a, b in zip(edges, edges[1:], strict=False))]
+        best = [(0.0, floor, True), *((float(a), float(b), False) for a, b in itertools.pairwise(edges))]
         filled = 0.0
         for low, high, _ in best[1:]:
             for k in np.unique(sector):
@@ -200,7 +199,7 @@ def _is_inside(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray
     near = np.flatnonzero(inside)  # few points are even in the box of a hull
     equations = np.ascontiguousarray(hull.equations)
     inside[near] = (points[near] @ equations[:, :3].T + equations[:, 3]).max(axis=1) < -depth
-    return inside
+    return np.asarray(inside)
 
 
 def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:

@@ -157,7 +157,7 @@ def _regions(placed: Placed, size: np.ndarray) -> list[Region]:
     """Return the places on an object that tasks use: base, and opening, inside, floor and rim or top."""
     solid, cavity = placed.solid, placed.cavity
     low = solid.surface & (np.arange(solid.cells.shape[2]) <= 2)[None, None, :]
-    x, y, half_x, half_y = columns_box(solid, low.any(axis=2))
+    x, y, half_x, half_y = columns_box(solid, np.asarray(low.any(axis=2)))
     found = [zone("base", half_x, half_y, x=x, y=y)]
     if cavity is None:
         level = highest_level(solid, tops_of(solid))

@@ -45,7 +45,7 @@ _READABLE_EXTENSIONS = frozenset(
 )
 
 
-class FolderResolver(trimesh.resolvers.Resolver):  # type: ignore[misc]
+class FolderResolver(trimesh.resolvers.Resolver):
     """Files that a mesh file refers to, from its own folder alone.
 
     trimesh leaves a material out whose file it cannot get; so the first refusal is kept in ``problem``.
@@ -83,7 +83,7 @@ class FolderResolver(trimesh.resolvers.Resolver):  # type: ignore[misc]
         """Return no names: nothing is looked for by pattern."""
         return []
 
-    def write(self, name: str, data: bytes) -> None:
+    def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
         """Refuse to write: trimesh writes through a resolver when it exports, which is not done here."""
         raise InvalidInputError(self._where, f"{one_line(name, most=120)} would be written", _CURE)
 

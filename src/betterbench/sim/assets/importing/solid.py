@@ -40,12 +40,12 @@ class Solid:
 
     def centers(self, cells: np.ndarray) -> np.ndarray:
         """Return the (k, 3) centers [m] of the cells that are True."""
-        return self.origin + (np.argwhere(cells) + 0.5) * self.pitch_m
+        return np.asarray(self.origin + (np.argwhere(cells) + 0.5) * self.pitch_m)
 
     def index(self, points: np.ndarray) -> np.ndarray:
         """Return the (k, 3) cell numbers of points [m]; points outside get the nearest cell."""
         at = np.floor((points - self.origin) / self.pitch_m).astype(int)
-        return np.clip(at, 0, np.asarray(self.cells.shape) - 1)
+        return np.asarray(np.clip(at, 0, np.asarray(self.cells.shape) - 1))
 
 
 def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
