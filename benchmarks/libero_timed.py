@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.sim.worlds.libero_simulator import LiberoSimulator
+from betterbench.sim.worlds.libero.simulator import LiberoSimulator
 from betterbench.sim.worlds.simulator_loop import FrameContent, answer_requests
 
 

@@ -101,7 +101,7 @@ def installed(package: PeerPackage) -> Path:
     if package is LIBERO:
         # Its environment is that of the world, so only one of them makes it.
         try:
-            return world_named("libero").install() / "bin" / "python"
+            return world_named("libero").installation.install() / "bin" / "python"
         except MissingDependencyError as error:
             raise PeerUnavailableError(str(error)) from error
     folder = package.folder

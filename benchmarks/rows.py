@@ -35,6 +35,7 @@ from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import GoalTracker, all_tasks
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from catalogue_search import catalogue_row
 from dummy import dummy_gr00t_server, dummy_server
 from figures import Figure, spread
 from materializing import blocks_of
@@ -439,4 +440,5 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
         "amplify": amplify_row,
         "materialize": materialize_row,
         "train": training_row,
+        "assets": catalogue_row,
     }

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from betterbench.episodes import Observer
-from betterbench.episodes.describe import TrialContext, describe_foreign
+from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.episode import append_row
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.records import RecordBuilder
-from betterbench.sim.worlds import ForeignScene, ForeignTracker, WorldProcesses, world_named
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds import ProcessScene, WorldProcesses, world_named
+from betterbench.sim.worlds.installation import start_code
 
 TARGET = 0.05
 """Share of LIBERO's own time that a step may cost on top."""
@@ -38,8 +38,8 @@ def measure(scene: TimedScene, observer: Observer | None, steps: int) -> tuple[T
     before = scene.said
     scene.close(well=True)
     mine, here = time.process_time(), scene.reset()
-    builder = RecordBuilder(describe_foreign(scene, TrialContext(policy="bench")))
-    tracker = ForeignTracker(scene)
+    tracker = scene.tracker()
+    builder = RecordBuilder(describe(scene, tracker, TrialContext(policy="bench")))
     append_row(builder, scene, here, tracker.update(here), action=None, applied=None)
     first = scene.said
     mine = time.process_time() - mine
@@ -59,7 +59,7 @@ def measure(scene: TimedScene, observer: Observer | None, steps: int) -> tuple[T
     return reset, (raw / steps, (everything + mine) / steps)
 
 
-class TimedScene(ForeignScene):
+class TimedScene(ProcessScene):
     """A scene that shows the times of its process."""
 
     @property
@@ -74,7 +74,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=60)
     parser.add_argument("--suite", default="libero_object")
     steps, suite = parser.parse_args().steps, parser.parse_args().suite
-    python = str(world_named("libero").folder / "bin" / "python")
+    python = str(world_named("libero").installation.folder / "bin" / "python")
     folder = str(Path(__file__).resolve().parent)
     command = (python, "-c", f"import sys; sys.path.append({folder!r})\n{start_code('libero_timed')}")
     plan = make_world_plan("noop", suite=suite, tasks=["0"], trials=1, command=command)

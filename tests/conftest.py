@@ -7,7 +7,10 @@ import difflib
 import gc
 import os
 import signal
-from collections.abc import Callable, Iterator
+import time
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -15,6 +18,10 @@ from hypothesis import settings
 
 settings.register_profile("betterbench", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("betterbench")
+
+THIRDS = (1, 2, 3)
+"""Thirds of the slow tests: each day of continuous integration runs one of them."""
+BEGAN = time.monotonic()
 
 
 def _gl_backend() -> str:
@@ -38,15 +45,54 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--regenerate-golden", action="store_true", help="rewrite golden files and print what changed")
+    parser.addoption("--slow-third", type=int, choices=THIRDS, help="of the slow tests, run this third only")
+    parser.addoption("--slow-minutes", type=float, help="skip the slow tests that have not begun after so long")
 
 
 def pytest_collection() -> None:
     gc.disable()  # a quarter of the time of importing the tests; nothing of them becomes garbage
 
 
+def thirds_of(tests: Sequence[str]) -> list[int]:
+    """Return the third of each slow test, in the order of collection, by its node id.
+
+    The tests of a file are dealt out in turn, so that the parameters of one test, which take equally long, are spread
+    over the thirds. The name of the file decides which third is first: a test that is added moves no test of another
+    file.
+    """
+    dealt: Counter[str] = Counter()
+    thirds = []
+    for test in tests:
+        file = test.partition("::")[0]
+        thirds.append(THIRDS[(zlib.crc32(file.encode()) + dealt[file]) % len(THIRDS)])
+        dealt[file] += 1
+    return thirds
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deselect the slow tests of the other thirds."""
+    wanted = config.getoption("--slow-third")
+    if wanted is None:
+        return
+    slow = [item for item in items if item.get_closest_marker("slow") is not None]
+    others = {item for item, third in zip(slow, thirds_of([i.nodeid for i in slow]), strict=True) if third != wanted}
+    if others:
+        config.hook.pytest_deselected(items=list(others))
+        items[:] = [item for item in items if item not in others]
+
+
 def pytest_collection_finish() -> None:
     gc.freeze()
     gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a slow test for which no time is left; continuous integration lists these."""
+    minutes = item.config.getoption("--slow-minutes")
+    if minutes is not None and item.get_closest_marker("slow") is not None and time.monotonic() > BEGAN + 60 * minutes:
+        pytest.skip(f"not begun within --slow-minutes {minutes:g}")
 
 
 @pytest.fixture

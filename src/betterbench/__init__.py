@@ -1,6 +1,6 @@
-"""betterbench: a diagnostic benchmark that tells why a Vision-Language-Action policy fails.
+"""betterbench: a diagnostic benchmark for the causes of failures of Vision-Language-Action policies.
 
-The public names are imported when they are first used, so that importing the package takes no time. Modules that
+The public names are imported at first use, so that importing the package takes no time. Modules that
 extend it (tasks, assets, relations, failure modes, learners) are listed in ``docs/reference/index.md``.
 
 Every task is a Gymnasium environment: ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")`` imports this
@@ -56,7 +56,7 @@ if not TYPE_CHECKING:
 
 
 def __dir__() -> list[str]:
-    """List the public names, also those that nobody has used yet."""
+    """List the public names, including those that are not imported yet."""
     return sorted({*globals(), *__all__})
 
 

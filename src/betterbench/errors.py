@@ -1,4 +1,4 @@
-"""The errors a user can meet: each names the thing that is wrong and what to do about it.
+"""The errors that users see: each names the problem and its remedy.
 
 Every error that betterbench raises on purpose derives from :class:`BetterError`. The command line prints its text as
 one line and exits with status 2; anything else is a bug and keeps its traceback.
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
-"""Most characters of a text from outside in a message, by default."""
+"""Default maximum of characters of an external text in a message."""
 
 UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
@@ -27,7 +27,7 @@ UNPRINTABLE = re.compile(
 
 
 def printable(text: str, *, most: int) -> str:
-    """Return a text from outside without escape sequences, and of bounded length; its lines stay.
+    """Return an external text without escape sequences, and of bounded length; its line breaks are kept.
 
     Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and those beyond the first ``most`` by their number.
     """
@@ -38,29 +38,29 @@ def printable(text: str, *, most: int) -> str:
 
 
 def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
-    """Return a text from outside as it may stand in a message: :func:`printable`, and on one line."""
-    # A long text is cut before it is split, and with room for the white space that goes.
+    """Return an external text for a message: :func:`printable`, and on one line."""
+    # A long text is cut before it is split, with room for the removed white space.
     line = " ".join(str(text)[: 4 * most + 1].split())
     return printable(line, most=most)
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last line of an error from outside that is not empty, as :func:`one_line`: of a traceback, its end."""
+    """Return the last non-empty line of an external error, like :func:`one_line`: of a traceback, its end."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 def encodable(text: str) -> str:
-    """Return a text in which characters without an encoding, such as lone surrogates, are written by their numbers."""
+    """Return a text in which characters without an encoding, such as lone surrogates, are escaped."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def line_start(stream: TextIO) -> str:
-    """Return the start of a message on a stream: on a terminal, the codes that erase the progress bar on the line."""
+    """Return the prefix of a message on a stream: on a terminal, the codes that erase the progress bar on the line."""
     return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""
 
 
 class BetterError(Exception):
-    """Base of all deliberate errors; its text is one clear line for a person."""
+    """Base of all deliberate errors; its text is one clear line."""
 
 
 _INSTALLED = {sysconfig.get_paths()[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
@@ -71,7 +71,7 @@ def raised_at(problem: BaseException) -> str:
     """Return the place in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
 
     It is the innermost place outside betterbench, the standard library and installed packages. The file is named
-    without its folder, so that a record of the error is the same wherever the file lies.
+    without its folder, so that a record of the error does not depend on the folder.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
     if isinstance(problem, SyntaxError) and problem.filename:
@@ -85,7 +85,7 @@ def raised_at(problem: BaseException) -> str:
 
 
 def described(problem: BaseException) -> str:
-    """Return an exception of somebody's own code in one line: its type, its text and where it was raised."""
+    """Return an exception of user code in one line: its type, its text and its place."""
     place = raised_at(problem)
     said = problem.msg if isinstance(problem, SyntaxError) and place else problem
     text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
@@ -96,9 +96,9 @@ class UnknownNameError(BetterError):
     """A requested name is not registered.
 
     Args:
-        kind: Sort of object that was looked up, in the singular ("task", "policy").
+        kind: Kind of the object, in the singular ("task", "policy").
         name: The requested name.
-        known: The names that exist.
+        known: The existing names.
     """
 
     kind: str
@@ -108,13 +108,13 @@ class UnknownNameError(BetterError):
     def __init__(self, kind: str | UnknownNameError, name: str = "", known: Iterable[str] = ()) -> None:
         """Build the message with the closest known names first.
 
-        Given another such error, be the same: Gymnasium's vector environments call the type of an error on the error.
+        Given another such error, copy it: Gymnasium's vector environments call the type of an error with the error.
         """
         if isinstance(kind, UnknownNameError):
             same = kind
             kind, name, known = same.kind, same.name, same.known
         names = sorted(known)
-        # The comparison takes time with the square of the length, and a name may come from a stranger's file.
+        # The comparison takes quadratic time in the length, and a name may come from an untrusted file.
         close = difflib.get_close_matches(name[:LONGEST_SHOWN], names, n=3, cutoff=0.5)
         hint = f"Did you mean {' or '.join(repr(c) for c in close)}? " if close else ""
         listed = ", ".join(names) if names else "none"
@@ -122,7 +122,7 @@ class UnknownNameError(BetterError):
         self.kind, self.name, self.known, self.closest = kind, name, tuple(names), tuple(close)
 
     def __reduce__(self) -> tuple[type[UnknownNameError], tuple[str, str, tuple[str, ...]]]:
-        """Let the error travel from a worker process to the one that started it."""
+        """Make the error picklable, for worker processes."""
         return type(self), (self.kind, self.name, self.known)
 
 
@@ -138,15 +138,15 @@ NamedThing = TypeVar("NamedThing", bound=Named)
 
 
 def find_named(kind: str, name: str, things: Iterable[NamedThing]) -> NamedThing:
-    """Return the object of that name.
+    """Return the object with a name.
 
     Args:
-        kind: Sort of object that is looked up, in the singular.
+        kind: Kind of the object, in the singular.
         name: Name to look for.
         things: Objects to search.
 
     Raises:
-        UnknownNameError: If none has the name.
+        UnknownNameError: If no object has the name.
     """
     known = tuple(things)
     for thing in known:
@@ -159,7 +159,7 @@ class InvalidInputError(BetterError):
     """A value, field or file given by the user cannot be used.
 
     Args:
-        where: The field or file that is wrong.
+        where: The wrong field or file.
         problem: Description of the problem.
         cure: Remedy.
     """
@@ -169,7 +169,7 @@ class InvalidInputError(BetterError):
     cure: str
 
     def __init__(self, where: str | InvalidInputError, problem: str = "", cure: str = "") -> None:
-        """Build the message; given another such error, be the same (see :class:`UnknownNameError`)."""
+        """Build the message; given another such error, copy it (see :class:`UnknownNameError`)."""
         if isinstance(where, InvalidInputError):
             same = where
             where, problem, cure = same.where, same.problem, same.cure
@@ -177,16 +177,16 @@ class InvalidInputError(BetterError):
         self.where, self.problem, self.cure = where, problem, cure
 
     def __reduce__(self) -> tuple[type[InvalidInputError], tuple[str, str, str]]:
-        """Let the error travel from a worker process to the one that started it."""
+        """Make the error picklable, for worker processes."""
         return type(self), (self.where, self.problem, self.cure)
 
 
 def require_between(where: str, value: float, least: float, most: float) -> None:
-    """Raise InvalidInputError about a field unless its number, which may be not finite, is within two bounds."""
+    """Raise InvalidInputError about a field unless its number, which may be non-finite, is within two bounds."""
     if not least <= value <= most:
         try:
             given = one_line(value, most=40)
-        except ValueError:  # Python writes no integer of more than 4,300 digits
+        except ValueError:  # Python does not print integers of more than 4,300 digits
             given = "the number"
         cure = f"It must be ≥ {least}" if value < least else f"It must be ≥ {least} and ≤ {most}"
         raise InvalidInputError(where, f"{given} is out of range", cure)
@@ -201,11 +201,11 @@ class PolicyError(BetterError):
 
 
 class PolicyUnavailableError(PolicyError):
-    """A policy server cannot be reached, however often it is tried; its trials are run again later."""
+    """A policy server cannot be reached despite retries; its trials are run again later."""
 
 
 class PolicyProcessError(PolicyError):
-    """A policy cannot be loaded, perhaps for want of memory: fewer instances may be possible."""
+    """A policy cannot be loaded, perhaps because memory is short: fewer instances may be possible."""
 
 
 class PolicyKilledError(PolicyError):
@@ -217,15 +217,15 @@ class ModelError(BetterError):
 
 
 class HandshakeError(BetterError):
-    """The two sides of a handshake declare different conventions; the text names both."""
+    """The two sides of a handshake declare different conventions; the message names both."""
 
 
 class PremiseError(BetterError):
-    """The scene at reset does not show what the instruction presupposes; the run must stop."""
+    """The scene at reset contradicts the premise of the instruction; the run must stop."""
 
 
 class RunConflictError(BetterError):
-    """A run folder holds another run than the requested one, or other files."""
+    """A run folder contains a run other than the requested one, or other files."""
 
 
 class RecordError(BetterError):
@@ -233,7 +233,7 @@ class RecordError(BetterError):
 
 
 class StorageError(BetterError):
-    """Nothing more can be written (the disk is full, or may not be written); the run stops and can be resumed."""
+    """Files can no longer be written (the disk is full or write-protected); the run stops and can be resumed."""
 
 
 class WorkerError(BetterError):
@@ -241,15 +241,15 @@ class WorkerError(BetterError):
 
 
 class TrainingError(BetterError):
-    """A training cannot go on: its loss is not finite. What was saved before stays."""
+    """A training cannot continue: its loss is not finite. Saved states are kept."""
 
 
 class MissingDependencyError(BetterError):
-    """A system library or an optional extra is not installed; the text says how to install it."""
+    """A system library or an optional extra is not installed; the message says how to install it."""
 
 
 class GraphicsError(MissingDependencyError):
-    """A variable names an OpenGL back end or device that does not exist here; the text says what to set."""
+    """A variable names an OpenGL back end or device that does not exist here; the message says what to set."""
 
 
 def system_error_text(problem: OSError) -> str:
@@ -264,17 +264,17 @@ def system_error_text(problem: OSError) -> str:
 
 
 _MAX_LINE = 400
-_PATH_CURE = "check that the path is right and that you may use it, then run the same command again"
-_ROOM_CURE = "make room, then run the same command again"
+_PATH_CURE = "check the path and its permissions, then run the same command again"
+_ROOM_CURE = "free disk space, then run the same command again"
 
 STORAGE_CURES: Mapping[int, str] = {
     errno.ENOSPC: _ROOM_CURE,
     errno.EDQUOT: _ROOM_CURE,
     errno.EFBIG: _ROOM_CURE,
-    errno.EROFS: "choose a place that can be written to",
-    errno.EIO: "see to the disk, then run the same command again",
+    errno.EROFS: "choose a writable folder",
+    errno.EIO: "check the disk, then run the same command again",
 }
-"""Remedy for each disk error after which every further write fails in the same way, by errno."""
+"""Remedy for each disk error after which all further writes fail too, by errno."""
 
 
 class PlanningError(BetterError):

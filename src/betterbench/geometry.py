@@ -1,10 +1,10 @@
 """Rigid-body geometry: poses, quaternions and rotations.
 
-Conventions, stated once for the whole project: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and
+Conventions of the whole project: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and
 the sign chosen so that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
 
-The functions work on plain Python floats. Predicates run once per control step, where a few multiplications on floats
-are several times faster than the same on tiny arrays, and they give the same bits live and offline.
+The functions work on plain Python floats. Predicates run once per control step, where a few float operations are
+several times faster than those on tiny arrays, and they give the same bits live and offline.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ Quaternion = tuple[float, float, float, float]
 IDENTITY_QUATERNION: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
-"""Rotation of a tool that points straight down, as the arm holds it at home: half a turn about x."""
+"""Rotation of a tool that points straight down, as at home: half a turn about x."""
 
 
 def normalize(q: Sequence[float]) -> Quaternion:
-    """Return the unit quaternion with ``w >= 0`` that describes the same rotation as (w, x, y, z).
+    """Return the unit quaternion with ``w >= 0`` of the same rotation as (w, x, y, z).
 
     Raises:
         ValueError: If all components are zero.
@@ -33,11 +33,11 @@ def normalize(q: Sequence[float]) -> Quaternion:
 
 
 def unit_quaternion(q: Quaternion) -> Quaternion:
-    """Return a quaternion as :func:`normalize` does, for plain floats only and in less time."""
+    """Return a quaternion like :func:`normalize`, for plain floats only and faster."""
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if norm == 0.0:
-        msg = "a quaternion of zero length describes no rotation"
+        msg = "a quaternion of zero length is not a rotation"
         raise ValueError(msg)
     if w < 0.0:
         norm = -norm
@@ -64,7 +64,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return ``b a*``: the rotation that takes ``a`` to ``b``, in the frame in which both are given.
 
-    It gives the bits of :func:`multiply` and :func:`conjugate`, the signs of zeros too, in half of their time.
+    It gives the same bits as :func:`multiply` and :func:`conjugate`, including the signs of zeros, in half of the time.
     """
     aw, ax, ay, az = a
     bw, bx, by, bz = b
@@ -113,9 +113,9 @@ def to_axis_angle(q: Quaternion) -> Vector:
 def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
     """Return the rotation vector [rad] of a unit quaternion, continuous around a rotation by half a turn.
 
-    A tool that points straight down is turned by pi: with ``w >= 0`` its rotation vector jumps to the opposite one
-    whenever a measurement passes pi by a hair. Here the sign of the quaternion is the one nearer to the unit quaternion
-    ``near``, so that the angle may exceed pi instead and lies in [0, 2 pi).
+    A tool that points straight down is rotated by pi: with ``w >= 0`` its rotation vector flips whenever a measurement
+    slightly exceeds pi. Here the sign of the quaternion is chosen to be closer to the unit quaternion ``near``, so that
+    the angle may exceed pi instead and is in [0, 2 pi).
     """
     w, x, y, z = q if sum(a * b for a, b in zip(q, near, strict=True)) >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     s = math.sqrt(x * x + y * y + z * z)
@@ -149,12 +149,12 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 
 
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
-    """Return the rotation at ``fraction`` of the shorter way from ``a`` (0) to ``b`` (1)."""
+    """Return the rotation at ``fraction`` of the shorter path from ``a`` (0) to ``b`` (1)."""
     return _even_turn(a, b)(fraction)
 
 
 def straight_way(start: Pose, goal: Pose) -> Callable[[float], Pose]:
-    """Return the poses on the straight way from ``start`` (0) to ``goal`` (1), turned evenly as by :func:`slerp`."""
+    """Return the poses on the straight line from ``start`` (0) to ``goal`` (1), rotated evenly as by :func:`slerp`."""
     (x, y, z), (gx, gy, gz) = start.position, goal.position
     dx, dy, dz = gx - x, gy - y, gz - z
     turned = _even_turn(start.quaternion, goal.quaternion)
@@ -162,7 +162,7 @@ def straight_way(start: Pose, goal: Pose) -> Callable[[float], Pose]:
 
 
 def _even_turn(a: Quaternion, b: Quaternion) -> Callable[[float], Quaternion]:
-    """Return the rotations on the shorter way from ``a`` (0) to ``b`` (1)."""
+    """Return the rotations on the shorter path from ``a`` (0) to ``b`` (1)."""
     x, y, z = to_axis_angle(multiply(conjugate(a), b))
 
     def turned(fraction: float) -> Quaternion:

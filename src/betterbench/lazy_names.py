@@ -1,18 +1,18 @@
-"""Public names of a package that are imported when they are first used."""
+"""Public names of a package that are imported at first use."""
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 
 
 def lazy_names(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
-    """Return the ``__getattr__`` of a package whose names are imported from other modules when they are first used.
+    """Return the ``__getattr__`` of a package whose names are imported from other modules at first use.
 
-    Assign it where no type checker looks, so that unknown names stay errors, and import the names under
+    Assign it outside ``TYPE_CHECKING``, so that unknown names stay errors for type checkers, and import the names under
     ``TYPE_CHECKING``.
 
     Args:
         package: Name of the package.
-        names: Names by module; the modules are named as seen from the package.
+        names: Names by module; modules are relative to the package.
     """
     homes = {name: module for module, of_module in names.items() for name in of_module}
 

@@ -1,10 +1,10 @@
-"""Texts from outside, quoted for the place where they are written: one function per place.
+"""External texts, quoted for the format in which they are written: one function per format.
 
-A name in a stranger's data set, run, record, plan or answer may hold anything. What is written with it is read by a
-program (a shell, a browser, a spreadsheet, LaTeX), so each place has its rules, and each rule stands here once. Lines
-of a terminal and of messages have :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; names
-of files that are read are refused rather than quoted (``betterbench.records``). Source of Python is written with
-``repr``, strings of YAML with ``json.dumps``, and JSON that people open with :func:`json_text`.
+A name in an untrusted data set, run, record, plan or answer may contain any characters. The output is read by a program
+(a shell, a browser, a spreadsheet, LaTeX), so each format has its rules, which are implemented once here. Lines of a
+terminal and of messages use :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; file names
+that are read are refused rather than quoted (``betterbench.records``). Python source is written with ``repr``, YAML
+strings with ``json.dumps``, and JSON for people with :func:`json_text`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,14 @@ from urllib.parse import quote
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, printable
 
 LONGEST_TEXT = 2000
-"""Most characters of one text from outside in a page, a figure or a table, where it may stand a thousand times."""
+"""Maximum characters of one external text in a page, a figure or a table, where it may occur a thousand times."""
 
 
 # -------------------------------------------------------------------------------------------------------------- shell
 class ShellText(str):
-    """Source text of the shell that our own code wrote, such as ``"$HERE/train.py"``; it is written as it is.
+    """Shell source text written by our own code, such as ``"$HERE/train.py"``; it is not quoted.
 
-    Nothing that was read from a file or given by a user becomes one. Joined with other texts it is an ordinary text
-    again, and is quoted.
+    Text from a file or a user never becomes one. Joined with other texts it is an ordinary text again, and is quoted.
     """
 
     __slots__ = ()
@@ -37,23 +36,23 @@ class ShellText(str):
 def shell_word(value: object) -> str:
     r"""Return a value as one word of a POSIX shell; only a :class:`ShellText` is left to the shell.
 
-    What steers a terminal is written by its bytes (``$'\x1b'``, a form of bash), so a command can be printed.
+    Control characters are written as bytes (``$'\x1b'``, a form of bash), so a command can be printed.
 
     Raises:
-        InvalidInputError: If it holds a null character, which no command can be given.
+        InvalidInputError: If it contains a null character, which a command cannot have.
     """
     if isinstance(value, ShellText):
         return str(value)
     text = str(value)
     if "\0" in text:
-        raise InvalidInputError(one_line(text, most=80), "holds a null character", "Take it out")
+        raise InvalidInputError(one_line(text, most=80), "contains a null character", "Remove it")
     if not _STEERING.search(text):
         return shlex.quote(text)
     return "$'" + "".join(map(_shell_letter, text)) + "'"
 
 
 def shell_line(words: Iterable[object]) -> str:
-    """Return words as one line that a shell reads as these words."""
+    """Return words as one line that a shell parses into these words."""
     return " ".join(map(shell_word, words))
 
 
@@ -73,16 +72,16 @@ def _encoding_of(letter: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- files
 LONGEST_NAME = 100
-"""Most characters of a default name, with the digest of a longer text. A file system takes 255 bytes, of which suffixes
-and the names of part files take some."""
+"""Maximum characters of a default name, including the digest of a longer text. A file system allows 255 bytes, of which
+suffixes and the names of part files need some."""
 _DIGEST_LETTERS = 8
 
 
 def default_name(text: str, *, otherwise: str) -> str:
-    """Return a name for a file or folder after a text, of ASCII letters, digits, ``-`` and ``.``, or another name.
+    """Return a name for a file or folder from a text, with ASCII letters, digits, ``-`` and ``.``, or another name.
 
-    It has at most :data:`LONGEST_NAME` characters: a longer one is cut, and ends with a digest of the text, so that two
-    long texts which begin alike have different names.
+    It has at most :data:`LONGEST_NAME` characters: a longer one is cut and ends with a digest of the text, so that two
+    long texts with the same beginning have different names.
     """
     name = re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or otherwise
     if len(name) <= LONGEST_NAME:
@@ -115,9 +114,9 @@ def json_text(
     allow_nan: bool = True,
     ascii_only: bool = False,
 ) -> str:
-    """Return JSON for a file that people open or a terminal, with the options of ``json.dumps``.
+    """Return JSON for a file that people open or for a terminal, with the options of ``json.dumps``.
 
-    Letters stay readable, and what :func:`escaped_json` escapes can be printed and encoded.
+    Letters stay readable, and characters escaped by :func:`escaped_json` can be printed and encoded.
     """
     text = json.dumps(
         value, indent=indent, separators=separators, sort_keys=sort_keys, allow_nan=allow_nan, ensure_ascii=ascii_only
@@ -126,9 +125,9 @@ def json_text(
 
 
 def escaped_json(text: str) -> str:
-    """Return JSON in which the characters of :data:`betterbench.errors.UNPRINTABLE` are written by number.
+    """Return JSON in which the characters of :data:`betterbench.errors.UNPRINTABLE` are escaped.
 
-    It is read back as the same value.
+    It is parsed to the same value.
     """
     return UNPRINTABLE.sub(_escaped, text)
 
@@ -139,17 +138,17 @@ def json_line(canonical: bytes) -> bytes:
 
 
 def _escaped(found: re.Match[str]) -> str:
-    """Return a character as JSON writes it by number: in UTF-16, beyond U+FFFF as two halves."""
+    """Return the JSON escape of a character: in UTF-16, beyond U+FFFF as a surrogate pair."""
     units = found[0].encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
 
 
 # ----------------------------------------------------------------------------------------------------------- markdown
 def markdown_text(text: object) -> str:
-    """Return a text on one line that Markdown shows as it is, in a paragraph, a list, a heading or a cell of a table.
+    """Return a text on one line that Markdown shows unchanged, in a paragraph, a list, a heading or a table cell.
 
-    Only what CommonMark and GitHub take for markup is escaped, so that an ordinary name stays as it is: an underscore
-    between letters, brackets without an address, a lone ampersand.
+    Only markup of CommonMark and GitHub is escaped, so that ordinary names stay unchanged: an underscore between
+    letters, brackets without an address, a lone ampersand.
     """
     line = _MARKDOWN.sub(r"\\\g<0>", one_line(text, most=LONGEST_TEXT))
     return re.sub(r"^(\d+)([.)])(?=\s|$)", r"\1\\\2", line)
@@ -178,7 +177,7 @@ def markdown_address(address: str) -> str:
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a table; its cells are Markdown already (:func:`markdown_text`, :func:`markdown_code`)."""
+    """Return the lines of a table; its cells are already Markdown (:func:`markdown_text`, :func:`markdown_code`)."""
     return [_row(head), "|" + "---|" * len(head), *map(_row, rows)]
 
 
@@ -188,9 +187,9 @@ def _row(cells: Sequence[str]) -> str:
 
 # ------------------------------------------------------------------------------------------------------------- tables
 def csv_text(text: str) -> str:
-    """Return a text of bounded length for a cell of a CSV file that no spreadsheet takes for a formula.
+    """Return a text of bounded length for a cell of a CSV file that is not interpreted as a formula.
 
-    A text that a spreadsheet would run gets an apostrophe in front (OWASP, "CSV Injection").
+    A text that a spreadsheet would interpret gets a leading apostrophe (OWASP, "CSV Injection").
     """
     text = printable(text, most=LONGEST_TEXT)
     return f"'{text}" if text.lstrip(" \N{NO-BREAK SPACE}").startswith(_FORMULA_STARTS) else text
@@ -202,7 +201,7 @@ _FORMULA_STARTS = tuple("=+-@\t\r\n\N{FULLWIDTH EQUALS SIGN}\N{FULLWIDTH PLUS SI
 
 
 def latex_text(text: str) -> str:
-    """Return a text that LaTeX prints as it is; control characters become spaces."""
+    """Return a text that LaTeX prints unchanged; control characters become spaces."""
     return "".join(_LATEX.get(c, c if c.isprintable() else " ") for c in printable(text, most=LONGEST_TEXT))
 
 

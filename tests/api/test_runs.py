@@ -174,7 +174,7 @@ def test_a_run_of_which_every_trial_broke_is_an_error(tmp_path):
     [
         (Broken, {}, "policy: Broken is a class. Give an instance: Broken"),
         (object(), {}, "policy: object has no 'info'"),
-        (Broken(), {"workers": 2}, "workers: an instance answers in this process alone. Give one worker, or the add"),
+        (Broken(), {"workers": 2}, "workers: an instance answers in this process only. Give one worker, or the add"),
         ("noop", {"trials": 0}, "trials: 0 is out of range. It must be ≥ 1"),
         ("noop", {"workers": 0}, "workers: 0 is out of range"),
         ("noop", {"until_decided": True}, "trials: 1 are too few for a verdict"),
@@ -223,20 +223,20 @@ def test_an_unknown_name_is_answered_with_the_closest_one(policy, changes, close
 
 
 def test_runs_that_are_not_there(tmp_path):
-    with pytest.raises(RecordError, match="holds no run"):
+    with pytest.raises(RecordError, match="contains no run"):
         betterbench.load_run(tmp_path)
-    with pytest.raises(RecordError, match="holds no run"):
+    with pytest.raises(RecordError, match="contains no run"):
         betterbench.diagnose(tmp_path / "nowhere")
-    with pytest.raises(RecordError, match="holds no run"):
+    with pytest.raises(RecordError, match="contains no run"):
         betterbench.compare(tmp_path, tmp_path)
-    with pytest.raises(InvalidInputError, match="runs: 0 is not enough to compare"):
+    with pytest.raises(InvalidInputError, match="runs: a comparison needs at least two runs, got 0"):
         betterbench.compare()
     with pytest.raises(InvalidInputError, match="runs: no run is named"):
         betterbench.write_report()
 
 
 def test_a_level_out_of_range_is_named_as_the_argument(runs):
-    with pytest.raises(InvalidInputError, match=r"^alpha: 2 is no level"):
+    with pytest.raises(InvalidInputError, match=r"^alpha: 2 is not a level"):
         betterbench.compare(runs[0], runs[2], alpha=2)
 
 

@@ -54,8 +54,8 @@ def test_what_is_hard_and_what_is_unjust_is_counted_apart():
     assert (found.accused.k, found.accused.n) == (1, 3)
     text = calibration_markdown(found)
     assert "Where no grasp was attempted, 33.3 % (1/3)" in text
-    assert "called a failure of reasoning in 1 of 3 trials" in text
-    assert "2 trials said nothing about the habit" in text
+    assert "labeled as reasoning failures in 1 of 3 trials" in text
+    assert "2 trials do not show the habit" in text
 
 
 def test_only_reasoning_against_execution_is_crossed():

@@ -86,7 +86,7 @@ def test_what_passes_is_covered_and_nothing_else(trial, certificate):
     assert "clause (c) fails" in gap.reason
     assert gap.refused
     assert "covers seeds 0,2" in coverage.gap([TrialId("fast_food", "L1", 9)], **HERE).reason
-    assert "no seed of it" in coverage.gap([TrialId("fast_food", "L2", 0)], **HERE).reason
+    assert "no seed of this condition" in coverage.gap([TrialId("fast_food", "L2", 0)], **HERE).reason
 
 
 def test_one_slip_of_the_expert_in_twenty_is_forgiven_and_named_two_are_not(trial, certificate):

@@ -163,7 +163,7 @@ def test_measuring_goes_on_where_it_was_stopped(faked, tmp_path):
         measuring.measure(["fast_food"], tmp_path, number=6)
     faked.stop = None
     told = []
-    found = measuring.measure(["fast_food"], tmp_path, number=6, on_progress=lambda *p: told.append(p[:2]))
+    found = measuring.measure(["fast_food"], tmp_path, number=6, on_progress=lambda p: told.append((p.done, p.planned)))
     assert len(faked.seen) == len({trial for trial, _ in faked.seen}) == 6
     assert told[0] == (3, 6)
     assert told[-1] == (6, 6)

@@ -54,7 +54,7 @@ def test_staying_still_is_right_where_nothing_is_to_be_done():
     found = examine(TrialId("morning_coffee", "T1", 0))
     assert found.passed
     assert found.primitives == ("finds red_mug on_ring coffee machine",)
-    assert found.clauses["d"].text == "nothing has to be grasped"
+    assert found.clauses["d"].text == "no object has to be grasped"
     assert found.joint_margin_rad is None
     assert found.support_slack_mm is None
 
@@ -84,7 +84,7 @@ def test_a_slot_that_training_never_used_has_to_be_declared():
     task, condition = coffee(Slot("aside", 0.50, -0.30, yaw=-1.5708))
     found = examine_condition(task, condition, 0)
     assert failed(found) == ("b",)
-    assert "in no pick slot of the training regime" in found.clauses["b"].text
+    assert "outside every pick slot of the training distribution" in found.clauses["b"].text
     declared = examine_condition(task, condition, 0, support=Support.NOVEL)
     assert declared.passed
     assert declared.clauses["b"].text.startswith("declared novel: ")

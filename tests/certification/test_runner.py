@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
-import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from tests.certification.conftest import make_trial
 
 from betterbench.certification import runner
-from betterbench.certification.runner import certify, in_workers
+from betterbench.certification.certificate import CertificateVersions
+from betterbench.certification.runner import certify
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, WorkerError
 from betterbench.tasks import TrialId, get_task
 
@@ -167,20 +168,13 @@ def test_a_trial_that_kills_its_worker_is_named_and_the_others_are_kept(tmp_path
     assert len((tmp_path / "journal.jsonl").read_bytes().splitlines()) >= 2, "the header and a trial"
 
 
-def test_ctrl_c_while_workers_start_is_for_the_first_process_alone():
-    """A worker that was interrupted while it imported printed a traceback; the mask is that of its first moment."""
-    trials = [(signal.SIGUSR1,), (signal.SIGUSR2,)]  # which the work blocks, to return what was blocked before
-    blocked = list(in_workers(trials, 2, functools.partial(signal.pthread_sigmask, signal.SIG_BLOCK)))
-    assert all(signal.SIGINT in before for before in blocked)
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-
-
-def test_what_workers_are_at_is_not_waited_for_once_the_command_ends():
-    """Ctrl-C, or a full disk, ended a command only when each worker had ended its trial."""
-    found = in_workers([0.0, 60.0, 61.0], 2, time.sleep)
-    next(found)
-    found.close()
-    until = time.monotonic() + 10.0
-    while multiprocessing.active_children() and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not multiprocessing.active_children()
+def test_a_journal_that_an_earlier_version_left_is_gone_on_with(tmp_path, examined, monkeypatch):
+    """The file was written before certification was moved to ``run_items``; three of the five trials are in it."""
+    old = Path(__file__).with_name("data") / "journal_v2.jsonl"
+    shutil.copy(old, tmp_path / "journal.jsonl")
+    there = CertificateVersions("0.1.0", "2.0", "3.17.0", {"morning_coffee": 5})
+    monkeypatch.setattr(runner, "versions_in_use", lambda _: there)
+    certificate = certify(TRIALS, tmp_path)
+    assert [t.key for t in certificate.trials] == TRIALS
+    assert examined == [TrialId("morning_coffee", "T1", 2), TrialId("morning_coffee", "T1", 3)]
+    assert (tmp_path / "journal.jsonl").read_bytes().startswith(old.read_bytes())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import shlex
 import subprocess
@@ -33,11 +34,13 @@ def texts(tree):
             yield node.value
 
 
+@functools.cache
 def advised():
     """The commands of all messages: verb and options, with the file that has them."""
     found = {}
     for file in sorted(file for source in SOURCES for file in source.rglob("*.py")):
-        for text in texts(ast.parse(file.read_text(encoding="utf-8"))):
+        code = file.read_text(encoding="utf-8")
+        for text in texts(ast.parse(code)) if re.search(r"\bbetter\b", code) else ():
             for verb, rest in ADVISED.findall(text):
                 options = tuple(re.findall(r"(?<= )--[a-z][a-z-]*", rest))
                 found.setdefault((verb, options), file.relative_to(ROOT))

@@ -16,7 +16,7 @@ import pytest
 from betterbench.cli.main import VERBS, main
 from betterbench.errors import StorageError
 from betterbench.records import RunFolder, read_record
-from betterbench.sim.worlds.registry import ForeignWorld
+from betterbench.sim.worlds.installation import Installation
 from betterbench.tasks import all_tasks
 
 
@@ -109,13 +109,13 @@ def test_lists_are_read_at_80_columns(capsys, monkeypatch, what):
 def test_suites_say_which_worlds_are_not_installed(capsys, monkeypatch, installed):
     """The list is as narrow where nothing is installed, as on a new machine."""
     monkeypatch.setattr("betterbench.cli.console.OUT._width", 80)
-    monkeypatch.setattr(ForeignWorld, "is_installed", installed)
+    monkeypatch.setattr(Installation, "is_installed", installed)
     _, listed, _ = run(capsys, "list", "suites", "--json")
     state = {row["suite"]: row["installed"] for row in json.loads(listed)}
     assert state.pop("better60") == "yes"
     assert set(state.values()) == {"yes" if installed else "no"}
     _, out, _ = run(capsys, "list", "suites")
-    said = r"\nnot installed here: libero, libero_plus, calvin. To install one:\n\S+ worlds install libero\n"
+    said = r"\nnot installed here: calvin, libero, libero_plus. To install one:\n\S+ worlds install calvin\n"
     assert bool(re.search(said, out)) is not installed
     assert len(out.splitlines()) <= 2 * len(state) + 6
 
@@ -154,7 +154,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("report",), "runs: no run is named"),
         (("compare",), "Name at least two"),
         (("export",), "runs: no run is named"),
-        (("export", "--check", "set"), "the runs with whose records set is to be compared"),
+        (("export", "--check", "set"), "the folders of the runs to compare set with"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
     ],
 )
@@ -328,7 +328,7 @@ def test_wandb_follows_no_link_out_of_its_folder(capsys, small_run, tmp_path, fa
     (out / "wandb").symlink_to(elsewhere)
     status, _, err = run(capsys, "export", str(small_run), "--to", "wandb", "--out", str(out))
     assert status == 2
-    assert "is a link" in err
+    assert "is a symbolic link" in err
     assert not list(elsewhere.iterdir())
     assert not fake_wandb.logged
 

@@ -40,7 +40,7 @@ def test_the_verdict_comes_first_and_percentages_have_their_counts(capsys, runs)
     assert status == 0
     assert text.startswith("Not decided between policy-a and policy-b after 0 pairs")
     assert "Nothing can be concluded about which of policy-a and policy-b is better" in text
-    assert "With 18 pairs a true difference has to be" in text
+    assert "With 18 pairs a true difference must be" in text
     assert "36/36 trials of policy-a are not finished and count as failures" in text
     counted, all_of_them = (len(re.findall(p, text)) for p in (r"\d+/\d+ \(?\d+\.\d %", r"\d+\.\d %"))
     assert counted == all_of_them > 10
@@ -75,7 +75,7 @@ def test_three_runs_are_ranked_with_letters(capsys, runs):
 @pytest.mark.parametrize(
     ("pick", "options", "text"),
     [
-        ((0,), (), "not enough"),
+        ((0,), (), "needs at least two runs"),
         ((0, 0), (), "given twice"),
         ((0, 2), (), "suite_version differs"),
         ((0, 1), ("--alpha", "5"), "--alpha"),

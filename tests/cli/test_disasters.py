@@ -58,7 +58,7 @@ def test_a_verb_names_the_folder_that_is_on_a_full_disk(tmp_path, monkeypatch, c
     assert main([*(strange if word == "SET" else word for word in words), "--out", str(out)]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert str(out) in said
-    assert "make room, then run the same command again" in said
+    assert "free disk space, then run the same command again" in said
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
@@ -185,7 +185,7 @@ def test_a_lock_on_a_folder_that_was_removed_keeps_nobody_out_and_is_taken_again
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tracked") / "run"
-    words = ["--policy", "noop", "--tasks", "fast_food", "--variations", "T1", "--trials", "1", "--workers", "1"]
+    words = ["--policy", "noop", "--tasks", "morning_coffee", "--variations", "T1", "--trials", "1", "--workers", "1"]
     assert main(["eval", *words, "--observation", "state_only", "--quality", "fast", "--out", str(folder)]) == 0
     return folder
 
@@ -225,7 +225,7 @@ def test_a_file_of_rerun_is_never_cut_short(run, tmp_path, capsys, monkeypatch):
         self.file = Full()
 
     monkeypatch.setattr(DurableFile, "__init__", on_full_disk)
-    record = str(next((run / "records").rglob("*.parquet")))
+    record = str(run / "records" / "morning_coffee" / "T1" / "0.parquet")
     out = tmp_path / "x.rrd"
     assert main(["view", record, "--camera", "front:32", "--quality", "fast", "--out", str(out)]) == 2
     assert f"{out}: No space left on device" in " ".join(capsys.readouterr().err.split())

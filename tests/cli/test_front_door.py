@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import subprocess
@@ -42,51 +43,60 @@ SIMULATORS = {
     "betterbench.sim.scenes",
 }
 
-RUN = """
-import sys
-{statement}
-sys.stderr.write("modules: " + " ".join(sys.modules))
-"""
 VERB = """
+import io, sys
+from contextlib import redirect_stdout
 from betterbench.cli.main import main
-try:
-    status = main({arguments!r})
-except SystemExit as stop:
-    status = stop.code or 0
+out = io.StringIO()
+with redirect_stdout(out):
+    try:
+        status = main({arguments!r})
+    except SystemExit as stop:
+        status = stop.code or 0
 assert status == 0
+print(repr(out.getvalue()))
 """
 
 
-def modules_after(statement):
-    command = [sys.executable, "-c", RUN.format(statement=statement)]
+def modules_after(*statements):
+    """Return what statements print and the modules that are imported after each, all in one process.
+
+    What one of them imports is imported after the later ones too: the first that is refused is the one to look at.
+    """
+    told = "\nsys.stderr.write('modules: ' + ' '.join(sys.modules) + '\\n')\n"
+    code = "import sys\n" + "".join(f"{statement}{told}" for statement in statements)
     environment = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 0, done.stderr
-    return done.stdout, set(done.stderr.rpartition("modules: ")[2].split())
+    found = [set(line.split()) for line in done.stderr.splitlines() if line.startswith("modules: ")]
+    assert len(found) == len(statements), done.stderr
+    return done.stdout.splitlines(), found
 
 
 HELP = [["--help"], *([verb, "--help"] for verb in VERBS)]
+LISTS = ["tasks", "variations", "policies", "assets", "templates"]
 
 
-@pytest.mark.parametrize("arguments", HELP, ids=lambda a: a[0])
-def test_help_imports_nothing_heavy(arguments):
-    out, modules = modules_after(VERB.format(arguments=arguments))
-    assert "usage: better" in out
-    assert not modules & (HEAVY | {"numpy", "betterbench.sim.assets", "betterbench.evaluation", "betterbench.tasks"})
+def test_help_imports_nothing_heavy():
+    lines, found = modules_after(*(VERB.format(arguments=arguments) for arguments in HELP))
+    for arguments, line, modules in zip(HELP, lines, found, strict=True):
+        assert "usage: better" in ast.literal_eval(line), arguments
+        heavy = HEAVY | {"numpy", "betterbench.sim.assets", "betterbench.evaluation", "betterbench.tasks"}
+        assert not modules & heavy, arguments
 
 
-@pytest.mark.parametrize("what", ["tasks", "variations", "policies", "assets", "templates"])
-def test_lists_import_nothing_heavy(what):
-    out, modules = modules_after(VERB.format(arguments=["list", what, "--json"]))
-    assert json.loads(out)
-    assert not modules & HEAVY
+def test_lists_import_nothing_heavy():
+    lines, found = modules_after(*(VERB.format(arguments=["list", what, "--json"]) for what in LISTS))
+    for what, line, modules in zip(LISTS, lines, found, strict=True):
+        assert json.loads(ast.literal_eval(line)), what
+        assert not modules & HEAVY, what
 
 
 @pytest.mark.parametrize(
     "package", ["betterbench", "betterbench.tasks", "betterbench.tasks.interventions", "betterbench.records"]
 )
 def test_packages_that_read_import_no_simulator(package):
-    _, modules = modules_after(f"import {package}")
+    _, (modules,) = modules_after(f"import {package}")
     assert not modules & SIMULATORS
 
 

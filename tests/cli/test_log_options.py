@@ -31,7 +31,7 @@ def test_an_error_shows_where_it_was_raised_only_if_asked(capsys):
     err = capsys.readouterr().err
     assert "Traceback (most recent call last)" in err
     assert "in diagnose_command" in err
-    assert "error: no/such/run: holds no run" in err.replace("\n", " ")
+    assert "error: no/such/run: contains no run" in err.replace("\n", " ")
 
 
 def test_workers_log_at_the_level_of_the_command_line(capsys):

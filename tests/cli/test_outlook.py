@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from betterbench.cli.main import main
-from betterbench.cli.outlook import FEW, Outlook, step_limits
+from betterbench.cli.outlook import FEW, Outlook
 from betterbench.cli.verbs import evaluate as module
 from betterbench.cli.verbs.evaluate import TrialOptions, smaller_command
 from betterbench.evaluation import Progress, make_plan
@@ -62,7 +62,7 @@ def test_a_short_run_says_nothing_more():
 
 def test_limits_are_those_of_the_conditions():
     plan = make_plan("expert", tasks=["morning_coffee"], trials=1)
-    limits = step_limits(plan)
+    limits = plan.world.step_limits(plan.trials)
     assert limits.keys() == {t.id for t in plan.trials}
     found = plan.trials[0].resolve()
     assert limits[plan.trials[0].id] == found.task.step_limit(found.condition)

@@ -26,6 +26,7 @@ from betterbench.cli.main import VERBS, main
 from betterbench.cli.verbs.evaluate import default_folder
 from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock
 from betterbench.jobs.outputs import LIST_NAME, bears_mark
+from betterbench.records import RunFolder, read_record
 
 FOREIGN = b"notes of a thesis, without an end"
 
@@ -45,6 +46,11 @@ class _Yes(BaseHTTPRequestHandler):
         pass
 
 
+def short_record(run: Path) -> Path:
+    """The training trial, which succeeds: a quarter of the steps of the one that fails."""
+    return next((run / "records" / "fast_food" / "train1").glob("*.parquet"))
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A run of two trials, a set of questions about it, a mixture, and a model that answers."""
@@ -59,14 +65,20 @@ def made(tmp_path_factory):
     items.write_text("".join(f'{{"id": {i}}}\n' for i in range(40)))
     mixture = folder / "mixture.yaml"
     mixture.write_text("groups:\n- {name: g, weight: 1, sets: [{path: items.jsonl, name: items}]}\n")
+    (folder / "meshes").mkdir()
+    (folder / "meshes" / "tin.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n")
+    catalogue = folder / "catalogue"
+    words = ["--license", "cc0", "--encoder", "none", "--catalogue", str(catalogue)]
+    assert main(["assets", "index", str(folder / "meshes"), *words]) == 0
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Yes)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield SimpleNamespace(
         folder=folder,
         run=run,
-        record=next((run / "records").rglob("*.parquet")),
+        record=short_record(run),
         questions=questions,
         mixture=mixture,
+        catalogue=catalogue,
         strange=make(folder / "strange", "plain", "word", count=12),
         url=f"http://127.0.0.1:{server.server_port}/v1",
         plan=plan + seen,
@@ -77,6 +89,7 @@ def made(tmp_path_factory):
 
 
 FILES = {
+    "assets": lambda made, out: ["assets", "search", "tin", "--catalogue", str(made.catalogue), "--out", out],
     "show": lambda _, out: ["show", "fast_food/T1", "--size", "64", "--out", out],
     "doctor": lambda _, out: ["doctor", "--policy", "noop", "--no-proof", "--quality", "fast", "--out", out],
     "view": lambda made, out: ["view", str(made.record), "--camera", "front:32", "--quality", "fast", "--out", out],
@@ -85,7 +98,7 @@ FILES = {
     "mixture": lambda made, out: ["mixture", str(made.mixture), "--draws", "50", "--out", out],
     "vqa --answers": lambda made, out: ["vqa", str(made.questions), "--ask", made.url, "--answers", out],
 }
-ENDINGS = {"show": ".png", "doctor": ".png", "view": ".html", "replay": ".mp4"}
+ENDINGS = {"assets": ".png", "show": ".png", "doctor": ".png", "view": ".html", "replay": ".mp4"}
 
 FOLDERS = {
     "report": (lambda made, out: ["report", str(made.run), "--films", "0", "--no-latex", "--out", out], "index.html"),
@@ -175,11 +188,11 @@ def test_what_is_no_file_of_ours_is_not_written_to(made, tmp_path, capsys, name,
         assert out.is_symlink()
     elif what == "folder":
         out.mkdir()
-        assert "is no file but a folder" in said(capsys, words)
-        assert "is no file but a folder" in said(capsys, [*words, "--overwrite"])
+        assert "is a folder, not a file" in said(capsys, words)
+        assert "is a folder, not a file" in said(capsys, [*words, "--overwrite"])
     elif what == "pipe":
         os.mkfifo(out)
-        assert "is no file but a pipe" in said(capsys, [*words, "--overwrite"])
+        assert "is a pipe, not a file" in said(capsys, [*words, "--overwrite"])
         assert out.is_fifo()
     else:
         with FileLock(out):
@@ -347,7 +360,7 @@ def stranger(made, tmp_path):
 LINKED_FOLDERS = {
     "report": lambda s: ["report", str(s.run), "--films", "0"],
     "modalities": lambda s: ["materialize", str(s.run), "--camera", "front:32"],
-    "videos": lambda s: ["replay", str(next(s.run.rglob("*.parquet"))), "--size", "64"],
+    "videos": lambda s: ["replay", str(short_record(s.run)), "--size", "64"],
     "tensorboard": lambda s: ["export", str(s.run), "--to", "tensorboard"],
     "records": lambda s: ["eval", *s.plan, "--workers", "1", "--out", str(s.run)],
 }
@@ -442,15 +455,16 @@ IN_RUN = ["run.json", "journal.jsonl", "diagnosis.json", "knowledge.json", "reco
 
 @pytest.mark.parametrize("name", IN_RUN)
 def test_a_pipe_in_a_run_is_not_waited_for(stranger, capsys, name):
-    found = {"record": "records/**/*.parquet", "scene": "scenes/*.zip"}
-    place = next(stranger.run.glob(found[name])) if name in found else stranger.run / name
+    record = short_record(stranger.run)
+    scene = RunFolder.open(stranger.run).scene_path(read_record(record).metadata.scene_hash)
+    place = {"record": record, "scene": scene}.get(name, stranger.run / name)
     place.unlink(missing_ok=True)
     os.mkfifo(place)
     commands = [["diagnose", str(stranger.run)], ["report", str(stranger.run), "--films", "0"]]
     commands += [["eval", *stranger.plan, "--workers", "1", "--out", str(stranger.run)]] if name == "run.json" else []
     commands += [["export", str(stranger.run), "--out", str(stranger.run.parent / "x.json")]]
     if name == "scene":
-        commands = [["replay", str(next(stranger.run.rglob("*.parquet"))), "--check"]]
+        commands = [["replay", str(record), "--check"]]
     for words in commands:
         with within(20.0), contextlib.suppress(SystemExit):
             main(words)

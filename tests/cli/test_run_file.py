@@ -75,8 +75,8 @@ def test_the_plan_of_a_file_is_that_of_its_options(run_file, tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [
-        ("", "holds no options"),
-        ("- policy: noop\n", "holds no options"),
+        ("", "contains no options"),
+        ("- policy: noop\n", "contains no options"),
         ("policy: [\n", "is not YAML"),
         ("trails: 5\n", "Did you mean 'trials'"),
         ("json: true\n", "Unknown option"),

@@ -124,9 +124,9 @@ def test_a_second_signal_ends_a_server_whose_policy_hangs(serve, tmp_path):
         (("expert", "--task", "fast_food", "--seed", "-1"), "--seed"),
         (("expert", "--chunk", "0"), "--chunk"),
         (("expert", "--seed", "0"), "--seed: it belongs to the trial of a task. Give --task too"),
-        (("expert", "--batch", "16"), "--batch: expert takes no batches"),
-        (("noop", "--batch", "2"), "--batch: noop takes no batches"),
-        (("noop", "--chunk", "8"), "--chunk: noop is no expert"),
+        (("expert", "--batch", "16"), "--batch: expert does not support batches"),
+        (("noop", "--batch", "2"), "--batch: noop does not support batches"),
+        (("noop", "--chunk", "8"), "--chunk: noop is not an expert"),
         (("openpi://127.0.0.1:1", "--chunk", "8"), "Leave out --chunk"),
         (("exprt", "--chunk", "8"), "Did you mean 'expert'"),
         (("exprt", "--batch", "8"), "Did you mean 'expert'"),
@@ -164,7 +164,7 @@ def test_a_policy_without_batches_is_closed_and_refused(capsys, tmp_path):
     assert main(["serve", address, "--batch", "4"]) == 2
     out, err = capsys.readouterr()
     assert out == "closed\n"
-    assert "takes no batches. Leave out --batch" in err.replace("\n", " ")
+    assert "does not support batches. Leave out --batch" in err.replace("\n", " ")
 
 
 def test_options_that_have_an_effect_are_taken(tmp_path, monkeypatch):
@@ -194,7 +194,7 @@ def test_the_help_names_the_usual_numbers(capsys):
         main(["serve", "--help"])
     shown = " ".join(re.sub(r"[^\w.;]+", " ", capsys.readouterr().out).split())
     assert f"of an expert; {DEFAULT_CHUNK} if not given" in shown
-    assert f"at once at most; {MAX_BATCH} if not given" in shown
+    assert f"policies that have it; {MAX_BATCH} if not given" in shown
 
 
 def test_a_port_in_use_is_one_clear_error(capsys):

@@ -171,7 +171,7 @@ def test_an_outcome_is_read_without_the_rest(run):
 
 
 def test_a_damaged_record_has_no_outcome(run, tmp_path):
-    with pytest.raises(RecordError, match="no such record"):
+    with pytest.raises(RecordError, match="record does not exist"):
         read_outcome(tmp_path / "none.parquet")
     data = bytearray(next((run / "records").rglob("*.parquet")).read_bytes())
     data[len(data) // 2] ^= 1

@@ -132,7 +132,7 @@ def test_diagnosis_and_report_want_the_file(better, run, mine, tmp_path):
         status, _, err = better(*arguments)
         assert status == 2
         assert "my_tasks.py (sha256 " in err
-        assert "not executed by itself" in err
+        assert "not executed automatically" in err
         assert str(run / "task_files") in err
     (copy,) = (run / "task_files").iterdir()
     for file in (mine, copy):

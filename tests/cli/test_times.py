@@ -44,24 +44,24 @@ def times(**changes) -> RunTimes:
         (times(policy_s=80.0, simulation_s=3.0), "simulation", "more --workers"),
         (times(policy_s=80.0, wire_s=3.0), "wire", "size=N"),
         (times(policy_s=0.5, wire_s=3.0, idle_s=3.0), "wire", "size=N"),
-        (times(policy_s=9.0, envs=None), "policy", "computed in the workers"),
+        (times(policy_s=9.0, envs=None), "policy", "runs inside the workers"),
         (times(policy_s=0.5, simulation_s=2.0, envs=None), "simulation", "--engine ray"),
     ],
 )
 def test_the_bottleneck_is_named_with_its_cure(given, bottleneck, words):
     assert given.bottleneck == bottleneck
-    text = times_text(given, foreign=False, chosen=True)
+    text = times_text(given, drawn_here=True, chosen=True)
     assert words in text
     assert "the bottleneck" in text
 
 
 def test_a_number_that_was_given_is_a_cure_and_a_world_has_no_quality():
     waiting = times(policy_s=80.0, idle_s=8.0, envs=1)
-    assert "more --envs" in times_text(waiting, foreign=False, chosen=False)
-    assert "(1 environment a worker)" in times_text(waiting, foreign=False, chosen=False)
-    assert "more --envs" not in times_text(waiting, foreign=False, chosen=True)
-    assert "--quality" not in times_text(times(rendering_s=9.0), foreign=True, chosen=True)
-    assert "if the world draws at each step" in times_text(times(simulation_s=9.0), foreign=True, chosen=True)
+    assert "more --envs" in times_text(waiting, drawn_here=True, chosen=False)
+    assert "(1 environment a worker)" in times_text(waiting, drawn_here=True, chosen=False)
+    assert "more --envs" not in times_text(waiting, drawn_here=True, chosen=True)
+    assert "--quality" not in times_text(times(rendering_s=9.0), drawn_here=False, chosen=True)
+    assert "if the world draws at each step" in times_text(times(simulation_s=9.0), drawn_here=False, chosen=True)
 
 
 def test_times_are_those_of_the_journal():
@@ -114,7 +114,7 @@ def test_a_built_in_policy_has_times_too(tmp_path, capsys):
     assert "is the bottleneck" in " ".join(shown.err.split())
 
 
-def test_what_a_foreign_world_draws_counts_as_rendering():
+def test_what_another_world_draws_counts_as_rendering():
     chunks = Chunks(None, None, Execution(), limit=8, began=time.perf_counter() - 4.0)
     for step in range(8):
         chunks.note_world_step(0.5 if step % 4 == 3 else 0.2, drawn=step % 4 == 3)

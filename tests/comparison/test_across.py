@@ -14,7 +14,7 @@ from betterbench.cli.main import main
 from betterbench.comparison.across import LIBERO_COLUMNS, SuiteRun, gaps_of, read_suite_runs, world_table
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.records import RunFolder
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import start_code
 from betterbench.statistics import Rate, mean_of_rates
 from betterbench.tasks.worlds.calvin import ChainResult, SubtaskResult, calvin_chains
 
@@ -109,7 +109,7 @@ def test_chains_are_five_rates_and_a_length():
     assert 5 * told.difference.value == pytest.approx(good.mean() - bad.mean())
     assert max(told.p_values) < 0.01
     assert (
-        "a in calvin: 10 of 1,000 chains; CALVIN's number is that of all."
+        "a in calvin: 10 of 1,000 chains; CALVIN's published numbers use all of them."
         in world_table([calvin("a", good[:10])]).notes
     )
 
@@ -146,7 +146,7 @@ def runs(tmp_path_factory):
     from test_calvin import POLICY
 
     from betterbench.evaluation import evaluate
-    from betterbench.evaluation.planning.world_plan import make_chain_plan, make_world_plan
+    from betterbench.evaluation.planning.world_plan import make_world_plan
 
     fake = _command("fake_world")
     chains = (*_command("fake_calvin"), str(tmp_path), "", "")
@@ -163,7 +163,7 @@ def runs(tmp_path_factory):
         plan = make_world_plan(f"python:{shove}:Reads", suite=suite, tasks=["3"], trials=2, command=fake)
         made.append(evaluate(plan, tmp_path / suite, workers=1, envs=1))
     for suite in ("calvin", "calvin_resampled"):
-        plan = make_chain_plan(f"python:{reads}:Reads", suite=suite, trials=2, command=chains)
+        plan = make_world_plan(f"python:{reads}:Reads", suite=suite, trials=2, command=chains)
         made.append(evaluate(plan, tmp_path / suite, workers=1, envs=1))
     return made
 

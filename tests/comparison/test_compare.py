@@ -68,14 +68,14 @@ def test_undecided_is_said_with_what_the_trials_could_have_shown(side):
     text = found.verdict[0]
     assert text.startswith("Nothing can be concluded about which of one and two is better on the trials of variations")
     assert f"has to be {100 * expected.value:.1f} points" in text
-    assert "1/40 (2.5 %) go against the others" in text
+    assert "1/40 (2.5 %) point in the other direction" in text
     assert len(found.verdict) == 1
 
 
 def test_too_few_pairs_can_show_nothing(side):
     few = {"seeds": range(2), "conditions": (L1,)}
     found = compare([side("one", {L1: failing(MISSED, 0, 1)}, **few), side("two", {}, **few)])
-    assert "no difference at all can be found" in found.verdict[0]
+    assert "no difference can be detected" in found.verdict[0]
 
 
 def test_the_order_of_the_sides_only_turns_the_sign(two):
@@ -113,8 +113,8 @@ def test_letters_of_three_policies(side):
     needed = 100 * max(c.smallest.value for c in group.contrasts if not c.different)
     assert found.verdict[0] == (
         "Variations: best 40/40 (100.0 %) a, middle 35/40 (87.5 %) ab, worst 28/40 (70.0 %) b. "
-        "Policies that share a letter are not told apart. "
-        f"To be found at 80 % power a true difference has to be up to {needed:.1f} points."
+        "Policies that share a letter do not differ significantly. "
+        f"To be detected at 80 % power, a true difference must be up to {needed:.1f} points."
     )
     assert len(found.verdict) > 1
     many = compare([worst, best, middle, side("fourth", {})])
@@ -164,7 +164,7 @@ def test_without_shared_seeds_the_trials_are_independent(side):
 
 
 def test_runs_without_a_common_condition_are_refused(side):
-    with pytest.raises(InvalidInputError, match="share no task"):
+    with pytest.raises(InvalidInputError, match="have no condition in common"):
         compare([side("one", {}, conditions=(L1,)), side("two", {}, conditions=(("fast_food", "R1"),))])
 
 
@@ -196,7 +196,7 @@ def test_sequential_evidence_is_that_of_the_pairs_in_the_order_of_the_run(side):
     assert found.process.decided_at == 13
     assert found.different
     text = compare([one, two], sequential=True).verdict[0]
-    assert text.startswith("Decided after 13 pairs, however often you looked: one is better than two")
+    assert text.startswith("Decided after 13 pairs, whenever you looked: one is better than two")
 
 
 def test_sequential_evidence_stops_at_the_first_unfinished_pair(side):

@@ -45,7 +45,7 @@ def test_records_outweigh_the_plan():
 
 
 def test_runs_have_to_be_several_different_ones(broken_run, tmp_path):
-    with pytest.raises(InvalidInputError, match="1 is not enough"):
+    with pytest.raises(InvalidInputError, match="needs at least two runs, got 1"):
         load_sides([broken_run])
     with pytest.raises(InvalidInputError, match="given twice"):
         load_sides([broken_run, broken_run / ".." / "run"])

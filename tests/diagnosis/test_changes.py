@@ -112,7 +112,7 @@ def test_labels_rules_and_evidence_are_told_apart():
     assert change(TRIAL, before=None).sort == "new"
     assert change(None).labels == ("wrong_object", "none")
     assert change(replace(TRIAL, label="early_halt", steps=299)).sort == "record"
-    assert change(replace(TRIAL, has_record=False)).reasons == ("its record is gone",)
+    assert change(replace(TRIAL, has_record=False)).reasons == ("its record is missing",)
 
 
 @pytest.mark.parametrize(
@@ -129,15 +129,15 @@ def test_labels_rules_and_evidence_are_told_apart():
         ({"rule": "stands"}, ("at 4.00 s rule stands decides instead of object_of_another_instruction",)),
         ({"label": "timeout"}, ("rule object_of_another_instruction gives another label",)),
         ({"start_s": 3.0}, ("rule object_of_another_instruction fires earlier, at 3.00 s before at 4.00 s",)),
-        ({"end_s": 6.0}, ("the evidence of rule object_of_another_instruction ends at 6.00 s and not at 5.00 s",)),
-        ({"text": "!"}, ("rule object_of_another_instruction says the same in other words",)),
+        ({"end_s": 6.0}, ("the evidence of rule object_of_another_instruction ends at 6.00 s instead of 5.00 s",)),
+        ({"text": "!"}, ("rule object_of_another_instruction gives the same evidence with another text",)),
         (
             {"label": "lexical_kinematic_shortcut", "rule": "word"},
-            ("the second pass rules otherwise on the attempt at 4.00 s",),
+            ("the second pass rules differently on the attempt at 4.00 s",),
         ),
         (
             {"rule": "undecided", "candidates": ("visual_layout_bias",)},
-            ("the second pass rules otherwise on the attempt at 4.00 s",),
+            ("the second pass rules differently on the attempt at 4.00 s",),
         ),
         (
             {"label": "lexical_kinematic_shortcut", "rule": "word", "start_s": 2.0, "attempts": ()},
@@ -149,8 +149,8 @@ def test_labels_rules_and_evidence_are_told_apart():
         (
             {"attempts": (StoredAttempt(4.0, "burger", "target"),)},
             (
-                "the grasp attempts are read otherwise",
-                f"rule {TRIAL.rule} decides as before; only the attempts or candidates beside it differ",
+                "the grasp attempts are read differently",
+                f"rule {TRIAL.rule} decides as before; only the listed attempts or candidates differ",
             ),
         ),
     ],
@@ -200,7 +200,7 @@ def test_a_new_ruling_of_the_diagnosis_itself_is_recognized(run, monkeypatch):
 @pytest.mark.parametrize(
     ("spoil", "text"),
     [
-        (lambda form: {**form, "schema_version": 99}, "schema_version: is 99 and not 2"),
+        (lambda form: {**form, "schema_version": 99}, "schema_version: expected 2, got 99"),
         (lambda form: {**form, "schema_version": True}, "schema_version: Input should be a valid integer"),
         (lambda form: {**form, "package_version": 3}, "package_version: Input should be a valid string"),
         (

@@ -107,7 +107,7 @@ def test_the_block_in_the_lunchbox_is_no_refusal_however_it_came_there(stage):
     assert not found.success
     assert not record.forbidden.any()
     assert "the red block was moved out of its place by more than 5 cm" in found.harm
-    assert "the red block is at the lunchbox without having been asked for there" in found.harm
+    assert "the red block is at the lunchbox without being requested there" in found.harm
     assert "the red block was moved out of its place by more than 5 cm" in found.evidence.text
 
 

@@ -71,7 +71,7 @@ def test_an_honest_policy_changes_its_target_in_every_pair(stage):
     ("choose", "decides"),
     [
         (red, "what it is or its color"),
-        (by_start_pose, "something else that stays the same within a seed"),
+        (by_start_pose, "something else that is constant within a seed"),
         (lambda s: s.at("far"), "its place"),
         (nearest, "nearest to the gripper"),
     ],
@@ -92,7 +92,7 @@ def test_evidence_counts_the_pairs_and_says_what_decides(stage):
     proven = [t for t in found.trials if t.evidence.rule == SAME_TARGET]
     assert proven
     text = proven[0].evidence.text
-    assert "In 12 of 12 pairs of trials that differ in the instruction alone the first target is the same." in text
+    assert "In 12 of 12 pairs of trials that differ only in the instruction the first target is the same." in text
     assert "such as the arm's start pose" in text
 
 
@@ -100,9 +100,9 @@ def test_a_favorite_place_of_one_task_is_not_the_rule_of_all(stage):
     """What decides is said once, and the conclusion agrees with it."""
     desks = take(stage, by_turns, DESKS, "desk_meeting")
     alone = headline_of(diagnose_records(take(stage, lambda s: s.at("far"))))
-    assert alone.conclusion == "It goes to the same place whatever the instruction says."
+    assert alone.conclusion == "It goes to the same place regardless of the instruction."
     found = diagnose_records([*take(stage, lambda s: s.at("far")), *desks])
-    assert "What decides instead: neither one place" in found.findings[0]
+    assert "What decides instead: not one slot" in found.findings[0]
     wrong = [t for t in found.trials if t.label is Label.VISUAL_LAYOUT_BIAS]
     assert {t.task for t in wrong} == {"morning_coffee", "desk_meeting"}
     assert {t.evidence.rule for t in wrong} == {SAME_TARGET}

@@ -115,7 +115,7 @@ def test_the_json_form_reads_back_line_by_line():
 def test_a_spoilt_file_is_one_clear_error(text):
     with pytest.raises(RecordError, match=r"calibrate --power"):
         PowerMatrix.from_json(text.encode())
-    with pytest.raises(RecordError, match="names no variation"):
+    with pytest.raises(RecordError, match="is not the name of a variation"):
         PowerMatrix.from_json(b'{"versions": {}, "chances": {}, "cells": {"a": {"L1": {"k": 1, "n": 1, "right": 1}}}}')
 
 

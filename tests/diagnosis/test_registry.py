@@ -15,7 +15,13 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.tasks import THRESHOLDS, Kind, Label, all_labels, new_label, threshold
 
 ROOT = Path(__file__).parents[2]
-SOURCES = {path: ast.parse(path.read_text()) for path in sorted((ROOT / "src").rglob("*.py"))}
+
+
+def trees_naming(*words: str) -> dict[Path, ast.Module]:
+    """Return the syntax trees of the files of the package that name one of some words."""
+    named = re.compile(rf"\b(?:{'|'.join(words)})\b")
+    texts = {path: path.read_text() for path in sorted((ROOT / "src").rglob("*.py"))}
+    return {path: ast.parse(text) for path, text in texts.items() if named.search(text)}
 
 
 def test_every_label_has_a_mode_with_words_for_it():
@@ -61,9 +67,10 @@ def entered(tree: ast.Module) -> dict[str, str]:
 def test_every_threshold_is_read_somewhere():
     """A threshold is read as ``THRESHOLDS.name``, or as the constant of the file that enters it, there or imported."""
     importlib.import_module("betterbench.diagnosis.measures.power_matrix")  # it enters thresholds of its own
-    constants = {name: (constant, path) for path, tree in SOURCES.items() for name, constant in entered(tree).items()}
+    entering = trees_naming("threshold")
+    constants = {name: (constant, path) for path, tree in entering.items() for name, constant in entered(tree).items()}
     read = set()
-    for path, tree in SOURCES.items():
+    for path, tree in trees_naming("THRESHOLDS", *(constant for constant, _ in constants.values())).items():
         nodes = list(ast.walk(tree))
         loaded = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
         imported = {alias.name for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names}
@@ -81,9 +88,9 @@ def test_every_threshold_is_read_somewhere():
 def test_labels_are_values_and_no_texts(package):
     """``success`` is also a measure, ``policy_error`` also how an episode ends, and the others also plain words."""
     names = {label.value for label in all_labels()} - {"success", "policy_error", "timeout", "unfinished"}
-    for path, tree in SOURCES.items():
-        if re.search(rf"/betterbench/{package}/", str(path)):
-            calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
-            made = [call.args[0] for call in calls if call.func.id == "new_label"]  # where a mode makes its own label
-            typed = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and node not in made}
-            assert not names & {text for text in typed if isinstance(text, str)}, path
+    for path in sorted((ROOT / "src" / "betterbench" / package).rglob("*.py")):
+        nodes = list(ast.walk(ast.parse(path.read_text())))
+        calls = [node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+        made = [call.args[0] for call in calls if call.func.id == "new_label"]  # where a mode makes its own label
+        typed = {node.value for node in nodes if isinstance(node, ast.Constant) and node not in made}
+        assert not names & {text for text in typed if isinstance(text, str)}, path

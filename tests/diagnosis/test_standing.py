@@ -84,7 +84,7 @@ def test_a_score_proves_what_it_has_above_the_ceiling():
 def test_what_the_matrix_lacks_is_said_and_left_out():
     found = standing_of(run({"L1": [True] * 4, "T1": [True] * 4}), matrix())
     assert found.covered == Rate(4, 8)
-    assert "does not hold fast_food" in found.notice
+    assert "does not contain fast_food" in found.notice
     assert T1 not in {(m.task, m.variation) for m in found.margins}
     assert {(m.task, m.variation) for m in found.margins} == {L1}
 

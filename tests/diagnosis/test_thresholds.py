@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 import re
 from pathlib import Path
@@ -14,11 +15,7 @@ from betterbench.tasks import THRESHOLDS, all_labels, threshold_table
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = Path(thresholds.__file__).parent
-MODULES = {
-    str(path.relative_to(PACKAGE)): ast.parse(path.read_text())
-    for path in sorted(PACKAGE.rglob("*.py"))
-    if path.name != "thresholds.py"
-}
+MODULES = sorted(str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py") if path.name != "thresholds.py")
 
 NO_THRESHOLDS = {
     "changes.py": {"_SAME_TIME"},  # rounding of a stored time
@@ -59,6 +56,11 @@ UNLISTED = {
 """Values that decided before they had an entry, so that no stored diagnosis lists them."""
 
 
+@functools.cache
+def tree_of(module: str) -> ast.Module:
+    return ast.parse((PACKAGE / module).read_text())
+
+
 def numbers(node: ast.AST) -> set[float]:
     """Return the numeric literals of an expression, other than indices and whole numbers up to 2."""
     indices = {n for sub in ast.walk(node) if isinstance(sub, ast.Subscript) for n in ast.walk(sub.slice)}
@@ -84,17 +86,17 @@ def constants(tree: ast.Module) -> set[str]:
 
 @pytest.mark.parametrize("module", MODULES)
 def test_no_module_of_the_diagnosis_has_a_threshold_of_its_own(module):
-    calls = [n for n in ast.walk(MODULES[module]) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+    calls = [n for n in ast.walk(tree_of(module)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
     entered = [call.args[0].value for call in calls if call.func.id == "threshold"]
     assert not entered, f"{module} enters {entered}: enter it in diagnosis/thresholds.py and import it"
-    extra = constants(MODULES[module]) - NO_THRESHOLDS.get(module, set())
+    extra = constants(tree_of(module)) - NO_THRESHOLDS.get(module, set())
     assert not extra, f"{module} has the numbers {sorted(extra)}: enter them in diagnosis/thresholds.py"
 
 
 @pytest.mark.parametrize("module", MODULES)
 def test_nothing_is_compared_with_a_number_that_has_no_name(module):
     """A number in a comparison, or a time in seconds that is turned into steps, is a threshold."""
-    for node in ast.walk(MODULES[module]):
+    for node in ast.walk(tree_of(module)):
         decides = isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.Lt | ast.LtE | ast.Gt | ast.GtE)
         span = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "steps"
         if decides or span:
@@ -103,7 +105,7 @@ def test_nothing_is_compared_with_a_number_that_has_no_name(module):
 
 def test_exceptions_are_still_there():
     for module, names in NO_THRESHOLDS.items():
-        assert names <= constants(MODULES[module]), f"{module}: remove what is gone from NO_THRESHOLDS"
+        assert names <= constants(tree_of(module)), f"{module}: remove what is gone from NO_THRESHOLDS"
 
 
 @pytest.mark.parametrize("entry", threshold_table(), ids=lambda entry: entry.name)

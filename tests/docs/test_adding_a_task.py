@@ -34,7 +34,7 @@ def run(checkout: Path, *command: str) -> str:
     """Returns what a command prints in the copy; it has to end well."""
     # Task files that other tests have loaded into this process are named to its children by such variables.
     kept = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
-    environment = {**kept, "PYTHONPATH": str(checkout / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**kept, "PYTHONPATH": str(checkout / "src"), "PYTHONDONTWRITEBYTECODE": ""}
     done = subprocess.run(
         [sys.executable, *command], cwd=checkout, capture_output=True, text=True, env=environment, check=False
     )

@@ -160,7 +160,7 @@ def test_the_mean_of_a_rotation_and_itself_with_the_other_sign_is_that_rotation(
         (lambda chunk: np.where(np.arange(8)[:, None] == 6, np.nan, chunk), "x = nan.* action 7 of a chunk of 8"),
         (lambda chunk: chunk.astype(complex), "complex128"),
         (lambda chunk: chunk.astype(object), "object"),
-        (lambda chunk: chunk.astype(str), "not a real number"),
+        (lambda chunk: chunk.astype(str), "expected real numbers"),
     ],
 )
 def test_a_chunk_with_one_bad_number_is_refused_whole(scene, execution, spoil, reason):
@@ -179,7 +179,7 @@ def test_a_chunk_with_one_bad_number_is_refused_whole(scene, execution, spoil, r
 def test_a_chunk_shorter_than_what_is_asked_ahead_says_so(scene):
     record = run(Telling(length=2, ahead=3), scene)
     assert record.outcome.termination == "policy_error"
-    assert "Ask less far ahead" in record.outcome.error
+    assert "ahead" in record.outcome.error
 
 
 def test_a_policy_that_reuses_its_array_spoils_no_action_that_waits(scene):

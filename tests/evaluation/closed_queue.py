@@ -49,6 +49,7 @@ class _Worker:
     gathered: list = field(default_factory=list)  # waiting for a call
     calling: bool = False
     returned_at: float = 0.0  # the call before
+    waits_until: float = -1.0  # for further questions of a call
     free_at: float = 0.0
     open: int = 0
     worked_s: float = 0.0
@@ -134,7 +135,9 @@ class Queue:
         elif worker.gathered and not worker.calling:
             until = max(worker.returned_at, worker.gathered[0][2]) + self.server.latency_s
             if len(worker.gathered) < min(self.server.batch, worker.open) and self._now < until - 1e-9:
-                self._later(until, worker, ())  # further questions are expected
+                if worker.waits_until != until:
+                    worker.waits_until = until
+                    self._later(until, worker, ())  # further questions are expected
                 return
             some, worker.gathered = worker.gathered[: self.server.batch], worker.gathered[self.server.batch :]
             worker.calling = True

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from betterbench.evaluation import Plan, evaluate, make_plan
+from betterbench.evaluation.planning.plan import Trial
 from betterbench.records import RunFolder
+from betterbench.tasks.interventions.resolve import ResolvedCondition
+
+FEW_STEPS = 24
 
 
 def tiny(policy: str = "random", *, trials: int = 4) -> Plan:
@@ -23,6 +28,27 @@ def content(run: Path) -> dict[str, bytes]:
     """Returns every record and scene of a run by name."""
     files = [p for folder in ("records", "scenes") for p in sorted((run / folder).rglob("*")) if p.is_file()]
     return {str(p.relative_to(run)): p.read_bytes() for p in files}
+
+
+def in_few_steps(steps: int, *, still: int | None = None) -> Callable[[Trial], ResolvedCondition]:
+    """Returns a method that resolves a trial to a task with a short step limit; other processes do not know it."""
+    ordinary = Trial.resolve
+
+    def resolve(trial: Trial) -> ResolvedCondition:
+        found = ordinary(trial)
+        limits = {"base_steps": steps, "steps_per_subgoal": 0, "still_steps": steps if still is None else still}
+        template = dataclasses.replace(found.task.template, **limits)
+        return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
+
+    return resolve
+
+
+@pytest.fixture
+def short_trials() -> Iterator[None]:
+    """Ends the trials that are simulated in this process after a few steps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", in_few_steps(FEW_STEPS))
+        yield
 
 
 @pytest.fixture

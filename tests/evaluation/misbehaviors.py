@@ -364,7 +364,7 @@ def sends_half_a_frame(_):
 @does("import", "init", "act")
 def sends_a_frame_without_end(_):
     for number in sockets():
-        os.write(number, struct.pack(">Q", 1 << 60) + b"x" * 1000)
+        os.write(number, struct.pack(">IIQQ", 0, 0, 1 << 60, 1) + b"x" * 1000)
 
 
 @does("import", "init", "act")
@@ -401,12 +401,12 @@ def sends_its_answers_in_bits(_):
 
 @does("act")
 def answers_for_tomorrow(_):
-    resend(lambda data: [data.replace(b'"number":', b'"number":9')])
+    resend(lambda data: [data[:16] + struct.pack(">Q", 999) + data[24:]])
 
 
 @does("act")
 def answers_arrays_too_many(_):
-    resend(lambda data: [data.replace(b'"arrays":[[', b'"arrays":[["<f8",[999999999,9]],[')])
+    resend(lambda data: [data.replace(b'{"0": [', b'{"9": ["<f8", [999999999, 9]], "0": [')])
 
 
 @does("act")
@@ -788,7 +788,7 @@ patches("json_silently", (json, "dumps", lambda *_, **__: "{}"), (json.JSONEncod
 patches("pickle", (pickle, "dumps", fails), (pickle, "loads", fails), (pickle, "Unpickler", None))
 patches("struct", (struct, "pack", fails), (struct, "unpack", fails), (struct, "Struct", None))
 patches("sockets", (socket.socket, "sendall", fails))
-patches("receiving", (socket.socket, "recv_into", fails))
+patches("receiving", (socket.socket, "recv", fails), (socket.socket, "recv_into", fails))
 patches("exits", (os, "_exit", lambda *_: None), (sys, "exit", lambda *_: None))
 patches("system_calls", (os, "write", fails), (os, "read", fails), (os, "close", fails), (os, "kill", fails))
 patches("time", (time, "monotonic", lambda: 0.0), (time, "time", lambda: -1.0), (time, "sleep", lambda _: None))
@@ -805,7 +805,7 @@ def patches_betterbench(_):
     betterbench.interface.PolicyInfo = betterbench.interface.BatchPolicy = None
     for name, module in list(sys.modules.items()):
         if name.startswith("betterbench.policies"):
-            for attribute in ("_answered", "_told", "answer_frame", "plain_array", "load_plugin", "text_of", "_close"):
+            for attribute in ("_answered", "_told", "send_frame", "content_of", "load_plugin", "text_of", "_close"):
                 if hasattr(module, attribute):
                     setattr(module, attribute, fails)
 

@@ -212,20 +212,20 @@ START = EpisodeStart("do it", episode_number(1), "ee_delta")
 
 ENDS = {
     "Calm": "RuntimeError: out of memory",
-    "Exits": r"the process of the policy ended while it was asked \(exit status 3\)",
-    "LeavesSilently": r"ended while it was asked \(exit status 0\)",
-    "Segfaults": r"ended while it was asked \(SIGSEGV\)",
-    "Alarmed": r"ended while it was asked \(SIGALRM\)",
-    "ClosesAll": "ended while it was asked",
+    "Exits": r"the process of the policy ended during a request \(exit status 3\)",
+    "LeavesSilently": r"ended during a request \(exit status 0\)",
+    "Segfaults": r"ended during a request \(SIGSEGV\)",
+    "Alarmed": r"ended during a request \(SIGALRM\)",
+    "ClosesAll": "ended during a request",
     "Unsayable": "Unspeakable: it cannot be shown as text",
     "Cancelled": "CancelledError: now",
     "Interrupts": "KeyboardInterrupt",
     "Stops": "GeneratorExit",
-    "Group": r"ended while it was asked \(SIGABRT\)",
+    "Group": r"ended during a request \(SIGABRT\)",
     "Recurses": "RecursionError",
     "Evil": "wicked",
     "Poisons": "poisoned",
-    "Bits": "sent what is no answer",
+    "Bits": "sent an invalid answer",
 }
 
 
@@ -408,7 +408,7 @@ def test_answers_arrive_as_arrays_or_as_an_error(plugin):
     assert policy.act(None).shape == (2,)
     policy.close()
     policy = PolicyProcess(f"{plugin}:Large")
-    with pytest.raises(PolicyError, match="80000000 bytes is no chunk of actions"):
+    with pytest.raises(PolicyError, match="80000000 bytes is too large"):
         policy.act(Seen(0))
     policy.close()
 
@@ -416,7 +416,10 @@ def test_answers_arrive_as_arrays_or_as_an_error(plugin):
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("Unloadable", r"Unloadable cannot be made: RuntimeError: CUDA out of memory \(misbehaving_policy\.py, line"),
+        (
+            "Unloadable",
+            r"Unloadable cannot be created: RuntimeError: CUDA out of memory \(misbehaving_policy\.py, line",
+        ),
         ("Gone", r"its process ended while loading \(exit status 9\)"),
     ],
 )

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from betterbench.evaluation import evaluate, make_plan, open_server
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.interface import episode_number
 from betterbench.tasks import get_task
+from betterbench.tasks.trial import Trial
 
 CURIOUS = """
 import dataclasses, json, pathlib

@@ -9,6 +9,7 @@ from tests.evaluation.closed_queue import Queue, Server
 
 from betterbench.evaluation.workers.environment_count import LONGEST_QUEUE_S, EnvironmentCount, Window
 from betterbench.evaluation.workers.worker import MAX_ENVS, MOST_CHOSEN, envs_between
+from betterbench.sim.worlds import world_named
 
 CHUNKS = 68
 
@@ -123,18 +124,18 @@ def test_a_window_says_how_long_the_worker_waited():
 
 
 @pytest.mark.parametrize(
-    ("envs", "workers", "foreign", "between"),
+    ("envs", "workers", "world", "between"),
     [
-        (1, 1, False, (1, 1)),
-        (1, 40, True, (1, 1)),
-        (8, 1, False, (8, 96)),
-        (8, 2, False, (8, 48)),
-        (8, 16, False, (2, 6)),
-        (8, 256, False, (1, 1)),
-        (8, 2, True, (2, 48)),
+        (1, 1, "betterbench", (1, 1)),
+        (1, 40, "libero", (1, 1)),
+        (8, 1, "betterbench", (8, 96)),
+        (8, 2, "betterbench", (8, 48)),
+        (8, 16, "betterbench", (2, 6)),
+        (8, 256, "betterbench", (1, 1)),
+        (8, 2, "libero", (2, 48)),
     ],
 )
-def test_all_workers_together_stay_within_what_a_server_takes(envs, workers, foreign, between):
-    assert envs_between(envs, workers, foreign=foreign) == between
+def test_all_workers_together_stay_within_what_a_server_takes(envs, workers, world, between):
+    assert envs_between(envs, workers, world=world_named(world)) == between
     assert between[1] <= MAX_ENVS
     assert between[1] * min(workers, MOST_CHOSEN) <= MOST_CHOSEN

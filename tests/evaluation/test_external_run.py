@@ -114,7 +114,7 @@ def test_a_run_is_not_mixed_with_another_one(tmp_path):
         ExternalRun(plan(), tmp_path / "run", metadata={"checkpoint": "later"})
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
-    with pytest.raises(RunConflictError, match="holds other files"):
+    with pytest.raises(RunConflictError, match="contains other files"):
         ExternalRun(plan(), tmp_path / "other")
     with pytest.raises(InvalidInputError, match="reserved for a built-in policy"):
         ExternalRun(plan("expert"), tmp_path / "new")

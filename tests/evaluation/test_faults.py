@@ -15,30 +15,25 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.evaluation.conftest import FEW_STEPS, in_few_steps, tiny
 from tests.evaluation.misbehaving import CHUNK, Misbehaving
 
 from betterbench.errors import PolicyUnavailableError, RunConflictError, StorageError
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.workers import pool
 from betterbench.interface import episode_number
 from betterbench.records import RunFolder
+from betterbench.tasks.trial import Trial
 
 pytestmark = pytest.mark.physics
 
-STEPS = 3 * CHUNK
-
-
-def shortened(trial: Trial, ordinary=Trial.resolve):
-    """Resolves a trial to a task with a short step limit."""
-    found = ordinary(trial)
-    template = dataclasses.replace(found.task.template, base_steps=STEPS, steps_per_subgoal=0, still_steps=STEPS)
-    return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
+STEPS = FEW_STEPS
+assert STEPS == 3 * CHUNK
 
 
 @pytest.fixture(autouse=True)
-def short_trials(monkeypatch):
-    monkeypatch.setattr(Trial, "resolve", shortened)
+def short(short_trials):
+    """Every trial is short."""
 
 
 @pytest.fixture(autouse=True)
@@ -75,10 +70,8 @@ def entries(run: RunFolder) -> dict[int, tuple[str, str | None]]:
 @pytest.fixture(scope="module")
 def calm(tmp_path_factory):
     """The records of a run of three trials in which nothing went wrong, by seed."""
-    from tests.evaluation.conftest import tiny
-
     with pytest.MonkeyPatch.context() as patch, Misbehaving(never) as server:
-        patch.setattr(Trial, "resolve", shortened)
+        patch.setattr(Trial, "resolve", in_few_steps(STEPS))
         run = evaluate(tiny(server.address, trials=3), tmp_path_factory.mktemp("calm") / "run")
         assert entries(run) == dict.fromkeys(range(3), ("done", None))
         return {r.metadata.seed: r for r in run.records()}
@@ -264,7 +257,6 @@ def test_a_full_disk_stops_the_run_which_the_same_command_finishes(what, tiny_pl
         with pytest.raises(StorageError, match=r"No space left on device.* run the same command again"):
             evaluate(plan, tmp_path / "run", envs=1)
         monkeypatch.undo()
-        monkeypatch.setattr(Trial, "resolve", shortened)
         assert count == [1]
         assert entries(RunFolder.open(tmp_path / "run")) == {0: ("done", None)}
         run = evaluate(plan, tmp_path / "run")
@@ -313,7 +305,7 @@ def test_two_runs_into_one_folder_are_refused_and_the_first_one_is_not_disturbed
 
 def work_shortly(settings, connection):
     """The main function of a worker process whose trials are short."""
-    Trial.resolve = shortened
+    Trial.resolve = in_few_steps(STEPS)
     ordinary_work(settings, connection)
 
 

@@ -21,8 +21,8 @@ from tests.evaluation.test_misbehavior import left_over, resolve_shortly
 
 import betterbench
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.records import RunFolder
+from betterbench.tasks.trial import Trial
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 

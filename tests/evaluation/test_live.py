@@ -106,7 +106,9 @@ def test_a_run_is_diagnosed_and_reported_while_another_process_writes_it(tmp_pat
 
         assert main(["report", str(run.path), "--out", str(tmp_path / "page"), "--films", "1"]) == 0
         page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
-        assert "Unfinished: 2 of 4 trials were done when this page was written. The 2 not yet run count" in page
+        assert (
+            "Unfinished: 2 of 4 trials were done when this page was written. The 2 not yet run are not counted" in page
+        )
         assert "<li>morning_coffee/T1: 2</li>" in page
         assert "<title>Unfinished: " in page
         assert process.poll() is None, "it was really running all the time"

@@ -25,12 +25,12 @@ from betterbench import evaluation
 from betterbench.cli.main import main
 from betterbench.errors import BetterError
 from betterbench.evaluation import check_record
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.running import replay
 from betterbench.evaluation.workers import pool
 from betterbench.interface import episode_number
 from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 

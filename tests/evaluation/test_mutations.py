@@ -36,7 +36,6 @@ from betterbench.diagnosis.measures.confusion import Calibration
 from betterbench.diagnosis.measures.power_matrix import PowerMatrix
 from betterbench.errors import BetterError
 from betterbench.evaluation import check_record, evaluate
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.planning.repeat import repeated_plan
 from betterbench.json_form import dump_json
 from betterbench.policies.conventions.adapter import Adapter
@@ -44,6 +43,7 @@ from betterbench.policies.conventions.presets import preset
 from betterbench.records import RunFolder, read_record
 from betterbench.records.parquet import METADATA_KEY, SEAL_KEY, seal
 from betterbench.records.scene_archive import read_scene, write_scene
+from betterbench.tasks.trial import Trial
 from betterbench_calibration.audit import load_tables
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]

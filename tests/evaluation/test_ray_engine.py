@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, PremiseError, WorkerError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.ray_engine import pool, session
 from betterbench.evaluation.ray_engine.cluster import PLACING_S, Cluster
 from betterbench.evaluation.ray_engine.pool import ray_entries
@@ -19,6 +18,7 @@ from betterbench.evaluation.ray_engine.session import RaySession
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.jobs.retries import MAX_DEATHS_IN_A_ROW
 from betterbench.records import JournalEntry
+from betterbench.tasks.trial import Trial
 
 errors = pytest.importorskip("ray").exceptions
 

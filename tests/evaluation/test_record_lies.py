@@ -9,6 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
+from tests.evaluation.conftest import in_few_steps
 from tests.resealing import rewrite
 
 from betterbench.cli.main import main
@@ -18,7 +19,6 @@ from betterbench.errors import RecordError
 from betterbench.evaluation import Progress, check_record, evaluate
 from betterbench.evaluation.figures.films import Shot, render_shots, write_video
 from betterbench.evaluation.figures.twin_film import render_paths
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.jobs.line_journal import link_after
 from betterbench.json_form import dump_json
 from betterbench.records import RunFolder, read_journal, read_record, write_record
@@ -30,6 +30,7 @@ from betterbench.sim.modalities.viewing import shown_rows
 from betterbench.sim.scenes.limited import LimitedView
 from betterbench.sim.scenes.stored import load_model, scene_files
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 pytestmark = pytest.mark.physics
 
@@ -177,7 +178,7 @@ def test_a_record_resealed_in_its_run_is_refused_everywhere(copy, genuine, capsy
 
 def test_records_of_another_policy_are_refused_also_with_their_journal(copy, tiny_plan):
     rewrite(copy.path / "run.json", lambda form: form["plan"].update(policy="zoo:lexical"))
-    with pytest.raises(RecordError, match="its policy is 'random' where the run plans 'zoo:lexical'"):
+    with pytest.raises(RecordError, match="its policy is 'random' but the run plans 'zoo:lexical'"):
         diagnose_run(copy.path)
 
 
@@ -244,14 +245,7 @@ DAMAGES = {
 @pytest.fixture
 def steps_short(monkeypatch):
     """Runs a lost trial again in a few steps, where its bytes do not matter."""
-    ordinary = Trial.resolve
-
-    def few(trial):
-        found = ordinary(trial)
-        template = dataclasses.replace(found.task.template, base_steps=4, steps_per_subgoal=0, still_steps=4)
-        return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
-
-    monkeypatch.setattr(Trial, "resolve", few)
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(4))
 
 
 @pytest.mark.parametrize(
@@ -267,7 +261,7 @@ def test_the_same_command_runs_a_lost_record_again(copy, tiny_plan, damage, capl
     damage(path, copy.record_path("morning_coffee", "T1", 2))
     with pytest.raises(RecordError) as raised:
         list(copy.records())
-    assert "The command that made the run records the trial" in str(raised.value)
+    assert "Repeat the command of the run to record the trial" in str(raised.value)
     assert "elete" not in str(raised.value)
     told: list[Progress] = []
     run = evaluate(tiny_plan(), copy.path, on_progress=told.append)
@@ -283,7 +277,7 @@ def test_the_same_command_runs_a_lost_record_again(copy, tiny_plan, damage, capl
 def test_the_same_command_stores_a_damaged_scene_again(copy, tiny_plan):
     (scene,) = {r.metadata.scene_hash for r in copy.records() if r.metadata.seed == 1}
     copy.scene_path(scene).write_bytes(b"PK")
-    with pytest.raises(RecordError, match=r"is damaged.*stores it again"):
+    with pytest.raises(RecordError, match=r"is damaged.*store it again"):
         copy.load_scene(scene)
     evaluate(tiny_plan(), copy.path)
     assert copy.load_scene(scene)
@@ -324,7 +318,7 @@ def test_an_exchanged_scene_with_its_seal_made_anew_is_refused_everywhere(copy, 
             lambda: write_video(copy, "morning_coffee", "T1", 0, out=tmp_path / "x.mp4", size=64),
             lambda: draw_sheet(copy, (trial,), tmp_path / "sheet.jpg"),
         ):
-            with pytest.raises(RecordError, match=r"is not the scene that the trial ran in.*stores it again"):
+            with pytest.raises(RecordError, match=r"is not the scene of the trial.*store it again"):
                 attempt()
     place = str(copy.record_path("morning_coffee", "T1", 0))
     for words in (
@@ -332,7 +326,7 @@ def test_an_exchanged_scene_with_its_seal_made_anew_is_refused_everywhere(copy, 
         ["materialize", str(copy.path), "--out", str(out)],
     ):
         assert main(words) == 2
-        assert "is not the scene that the trial ran in" in capsys.readouterr().err.replace("\n", " ")
+        assert "is not the scene of the trial" in capsys.readouterr().err.replace("\n", " ")
 
 
 @pytest.mark.usefixtures("steps_short")
@@ -351,7 +345,7 @@ def test_a_scene_that_somebody_put_there_before_is_not_taken_for_that_of_a_trial
     run = evaluate(tiny_plan(), copy.path)
     told = [e for e in run.entries() if run.scene_path(name).name in (e.message or "")]
     assert told
-    assert all(e.status == "error" and "is another scene than the one" in e.message for e in told)
+    assert all(e.status == "error" and "is not the scene of this trial" in e.message for e in told)
     run.scene_path(name).unlink()
     run = evaluate(tiny_plan(), copy.path)
     assert {e.status for e in run.entries()} == {"done"}

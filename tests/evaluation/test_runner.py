@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.evaluation.conftest import in_few_steps, tiny
 
 import betterbench
 from betterbench.errors import (
@@ -28,6 +29,7 @@ from betterbench.errors import (
     WorkerError,
 )
 from betterbench.evaluation import Progress, evaluate
+from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials import trial as trial_module
 from betterbench.evaluation.workers import pool
 from betterbench.evaluation.workers.worker import Worker
@@ -36,6 +38,38 @@ from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics
+
+
+@pytest.fixture(autouse=True)
+def short(request, monkeypatch):
+    """Ends each trial after a few steps, but where a run is killed in the middle or a policy has to succeed."""
+    if {"uninterrupted", "plugin"} & set(request.fixturenames):
+        yield
+        return
+    monkeypatch.setattr(pool, "work", work_shortly)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", SHORTENED)
+        yield
+
+
+SHORTENED = in_few_steps(24, still=12)
+
+
+def work_shortly(settings, connection):
+    """The main function of a worker process whose trials are short."""
+    Trial.resolve = SHORTENED
+    ordinary_work(settings, connection)
+
+
+ordinary_work = pool.work
+
+
+@pytest.fixture(scope="module")
+def short_run(tmp_path_factory):
+    """The tiny plan with short trials, run in one go by one process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", SHORTENED)
+        return evaluate(tiny(), tmp_path_factory.mktemp("short") / "run")
 
 
 def lines(run: Path) -> list[str]:
@@ -62,36 +96,36 @@ def is_complete(run: RunFolder, plan) -> bool:
 # -------------------------------------------------------------------------------------------------------------- running
 
 
-def test_every_planned_trial_is_in_the_journal_once_with_its_record(uninterrupted, tiny_plan):
+def test_every_planned_trial_is_in_the_journal_once_with_its_record(short_run, tiny_plan):
     plan = tiny_plan()
-    assert is_complete(uninterrupted, plan)
-    records = list(uninterrupted.records())
+    assert is_complete(short_run, plan)
+    records = list(short_run.records())
     assert [TrialId(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records] == [
-        e.key for e in uninterrupted.entries()
+        e.key for e in short_run.entries()
     ]
-    for record, entry in zip(records, uninterrupted.entries(), strict=True):
+    for record, entry in zip(records, short_run.entries(), strict=True):
         assert record.metadata.policy == "random"
         assert record.metadata.variation == entry.variation == "T1"
         assert record.metadata.base_condition == "train1"
         assert record.metadata.interventions == ("do(preplace object=red_mug target=coffee_machine)",)
-        assert uninterrupted.scene_path(record.metadata.scene_hash).exists()
+        assert short_run.scene_path(record.metadata.scene_hash).exists()
         assert entry.wall["total_s"] >= entry.wall["duration_s"] > 0.0
 
 
-def test_no_part_file_is_left(uninterrupted):
-    assert not list(uninterrupted.path.rglob("*.part"))
+def test_no_part_file_is_left(short_run):
+    assert not list(short_run.path.rglob("*.part"))
 
 
-def test_the_same_command_again_runs_nothing(uninterrupted, tiny_plan, monkeypatch):
-    before = {p: p.stat().st_mtime_ns for p in uninterrupted.path.rglob("*") if p.is_file() and p.name != ".lock"}
+def test_the_same_command_again_runs_nothing(short_run, tiny_plan, monkeypatch):
+    before = {p: p.stat().st_mtime_ns for p in short_run.path.rglob("*") if p.is_file() and p.name != ".lock"}
 
     def run_nothing(worker, trial):
         raise AssertionError("a finished trial was run again")
 
     monkeypatch.setattr(Worker, "start", run_nothing)
     told: list[Progress] = []
-    again = evaluate(tiny_plan(), uninterrupted.path, on_progress=told.append)
-    assert again.plan == uninterrupted.plan
+    again = evaluate(tiny_plan(), short_run.path, on_progress=told.append)
+    assert again.plan == short_run.plan
     assert [(p.done, p.planned, p.started_with, p.last) for p in told] == [(4, 4, 4, None)]
     assert {p: p.stat().st_mtime_ns for p in before} == before
 
@@ -104,18 +138,18 @@ def test_progress_is_told_after_every_trial(tiny_plan, tmp_path):
     assert told[2].last.key in planned(tiny_plan(trials=2))
 
 
-def test_results_do_not_depend_on_the_order_of_the_plan(uninterrupted, tiny_plan, tmp_path, run_content):
+def test_results_do_not_depend_on_the_order_of_the_plan(short_run, tiny_plan, tmp_path, run_content):
     plan = tiny_plan()
     other = evaluate(dataclasses.replace(plan, trials=plan.trials[::-1]), tmp_path / "run")
-    assert run_content(other.path) == run_content(uninterrupted.path)
+    assert run_content(other.path) == run_content(short_run.path)
 
 
-def test_one_and_two_workers_write_the_same_bytes(uninterrupted, tiny_plan, tmp_path, run_content):
+def test_one_and_two_workers_write_the_same_bytes(short_run, tiny_plan, tmp_path, run_content):
     two = evaluate(tiny_plan(), tmp_path / "run", workers=2)
-    assert run_content(two.path) == run_content(uninterrupted.path)
-    assert keys(two) == keys(uninterrupted)
+    assert run_content(two.path) == run_content(short_run.path)
+    assert keys(two) == keys(short_run)
     assert is_complete(two, tiny_plan())
-    assert (two.plan, two.path / "run.json") == (uninterrupted.plan, two.path / "run.json")
+    assert (two.plan, two.path / "run.json") == (short_run.plan, two.path / "run.json")
     workers = {e.wall["worker"] for e in two.entries()}
     assert float(os.getpid()) not in workers, "the work was done elsewhere"
 
@@ -139,17 +173,17 @@ def test_an_unknown_policy_or_convention_is_refused_before_anything_is_written(t
 
 
 @pytest.fixture
-def half(uninterrupted, tmp_path):
+def half(short_run, tmp_path):
     """A copy of the run whose last two trials are missing from the journal; their records are there or not."""
     path = tmp_path / "half"
-    shutil.copytree(uninterrupted.path, path)
+    shutil.copytree(short_run.path, path)
     kept = lines(path)[:2]
     (path / "journal.jsonl").write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
     return path
 
 
 @pytest.mark.parametrize("records", ["kept", "removed", "half written"])
-def test_an_unfinished_run_is_finished_to_the_same_bytes(half, uninterrupted, tiny_plan, run_content, records):
+def test_an_unfinished_run_is_finished_to_the_same_bytes(half, short_run, tiny_plan, run_content, records):
     done = {e.seed for e in RunFolder.open(half).entries()}
     for file in (half / "records").rglob("*.parquet"):
         if int(file.stem) not in done and records != "kept":
@@ -161,18 +195,18 @@ def test_an_unfinished_run_is_finished_to_the_same_bytes(half, uninterrupted, ti
     assert told[0].started_with == 2
     assert [p.last.seed for p in told[1:]] == [s for s in range(4) if s not in done]
     assert is_complete(run, tiny_plan())
-    assert run_content(half) == run_content(uninterrupted.path)
+    assert run_content(half) == run_content(short_run.path)
     assert not list(half.rglob("*.part"))
 
 
-def test_a_torn_line_costs_that_trial_only(half, uninterrupted, tiny_plan, run_content):
-    torn = lines(uninterrupted.path)[2]
+def test_a_torn_line_costs_that_trial_only(half, short_run, tiny_plan, run_content):
+    torn = lines(short_run.path)[2]
     with (half / "journal.jsonl").open("a", encoding="utf-8") as journal:
         journal.write(torn[: len(torn) // 2])
     assert len(RunFolder.open(half).entries()) == 2
     run = evaluate(tiny_plan(), half)
     assert is_complete(run, tiny_plan())
-    assert run_content(half) == run_content(uninterrupted.path)
+    assert run_content(half) == run_content(short_run.path)
 
 
 def test_a_corrupt_line_stops_with_its_number(half, tiny_plan):
@@ -182,14 +216,14 @@ def test_a_corrupt_line_stops_with_its_number(half, tiny_plan):
         evaluate(tiny_plan(), half)
 
 
-def test_a_trial_that_is_done_but_has_no_record_is_run_again(half, tiny_plan, uninterrupted, run_content):
+def test_a_trial_that_is_done_but_has_no_record_is_run_again(half, tiny_plan, short_run, run_content):
     run = evaluate(tiny_plan(), half)
     lost = run.record_path("morning_coffee", "T1", 1)
     lost.unlink()
-    with pytest.raises(RecordError, match=r"1\.parquet: there is no such record"):
+    with pytest.raises(RecordError, match=r"1\.parquet: the record does not exist"):
         list(run.records())
     evaluate(tiny_plan(), half)
-    assert run_content(half) == run_content(uninterrupted.path)
+    assert run_content(half) == run_content(short_run.path)
 
 
 CHANGES = {
@@ -200,37 +234,35 @@ CHANGES = {
 
 
 @pytest.mark.parametrize(("field", "change"), CHANGES.items(), ids=CHANGES.keys())
-def test_another_plan_is_refused_with_the_field_that_differs(uninterrupted, tiny_plan, field, change):
-    before = lines(uninterrupted.path)
+def test_another_plan_is_refused_with_the_field_that_differs(short_run, tiny_plan, field, change):
+    before = lines(short_run.path)
     with pytest.raises(RunConflictError, match=rf"plan\.{field}"):
-        evaluate(dataclasses.replace(tiny_plan(), **change), uninterrupted.path)
-    assert lines(uninterrupted.path) == before
+        evaluate(dataclasses.replace(tiny_plan(), **change), short_run.path)
+    assert lines(short_run.path) == before
 
 
-def test_a_run_grows_by_a_command_with_more_trials_and_not_by_one_with_fewer(uninterrupted, tiny_plan, tmp_path):
+def test_a_run_grows_by_a_command_with_more_trials_and_not_by_one_with_fewer(short_run, tiny_plan, tmp_path):
     out = tmp_path / "run"
-    shutil.copytree(uninterrupted.path, out)
+    shutil.copytree(short_run.path, out)
     before = lines(out)
     grown = evaluate(tiny_plan(trials=5), out)
     assert lines(out)[: len(before)] == before
     assert len(grown.entries()) == 5
     assert grown.context["extended"][0]["trials_before"] == 4
-    assert grown.context["started_utc"] == uninterrupted.context["started_utc"]
+    assert grown.context["started_utc"] == short_run.context["started_utc"]
     with pytest.raises(RunConflictError, match=r"has 5 trials, and this command asks for 4 of them"):
         evaluate(tiny_plan(), out)
 
 
 def test_a_folder_with_other_things_is_left_alone(tiny_plan, tmp_path):
     (tmp_path / "thesis.tex").write_text("do not touch", encoding="utf-8")
-    with pytest.raises(RunConflictError, match="holds other files"):
+    with pytest.raises(RunConflictError, match="contains other files"):
         evaluate(tiny_plan(), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 @pytest.mark.parametrize("how", ["removed", "moved"])
-def test_a_run_whose_folder_vanishes_is_finished_to_the_same_bytes(
-    uninterrupted, tiny_plan, tmp_path, run_content, how
-):
+def test_a_run_whose_folder_vanishes_is_finished_to_the_same_bytes(short_run, tiny_plan, tmp_path, run_content, how):
     out = tmp_path / "run"
     vanished = []
 
@@ -243,13 +275,13 @@ def test_a_run_whose_folder_vanishes_is_finished_to_the_same_bytes(
     assert vanished
     assert keys(run) == planned(tiny_plan())
     assert all(e.status == "done" for e in run.entries())
-    assert run_content(run.path) == run_content(uninterrupted.path)
+    assert run_content(run.path) == run_content(short_run.path)
 
 
-def test_two_runs_into_one_folder_are_refused(uninterrupted, tiny_plan):
-    with uninterrupted.journal(), pytest.raises(RunConflictError, match=r"another run .* is writing here"):
-        evaluate(tiny_plan(), uninterrupted.path)
-    evaluate(tiny_plan(), uninterrupted.path)
+def test_two_runs_into_one_folder_are_refused(short_run, tiny_plan):
+    with short_run.journal(), pytest.raises(RunConflictError, match=r"another run .* is writing here"):
+        evaluate(tiny_plan(), short_run.path)
+    evaluate(tiny_plan(), short_run.path)
 
 
 # ------------------------------------------------------------------------------------------------- trials that go wrong
@@ -326,7 +358,7 @@ def test_a_policy_that_is_always_killed_ends_its_trials_with_errors_that_are_run
     run = evaluate(plan, tmp_path / "run", workers=2)
     assert [e.status for e in run.entries()] == ["error", "error"]
     assert all(
-        "the process of the policy ended while it was asked (SIGKILL, as when memory runs out), 3 times" in e.message
+        "the process of the policy ended during a request (SIGKILL, as when memory runs out), 3 times" in e.message
         for e in run.entries()
     )
     cured = PLUGIN.replace("os.kill(os.getpid(), signal.SIGKILL)", "return np.array([0.0] * 6 + [-1.0])")
@@ -362,7 +394,7 @@ def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan
 
 
 def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(
-    tiny_plan, tmp_path, monkeypatch, uninterrupted, run_content
+    tiny_plan, tmp_path, monkeypatch, short_run, run_content
 ):
     ordinary = trial_module.Scene
 
@@ -380,7 +412,7 @@ def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(
     run = evaluate(tiny_plan(), tmp_path / "run", on_progress=told.append)
     assert [p.last.seed for p in told[1:]] == [2]
     assert all(e.status == "done" for e in run.entries())
-    assert run_content(run.path) == run_content(uninterrupted.path)
+    assert run_content(run.path) == run_content(short_run.path)
 
 
 def test_a_broken_premise_stops_the_run_instead_of_lowering_a_score(tiny_plan, tmp_path, monkeypatch):

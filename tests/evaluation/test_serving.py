@@ -206,7 +206,7 @@ def test_a_changed_prompt_is_a_new_episode(expert_server):
 def test_a_prompt_that_matches_nothing_is_answered_with_the_closest(expert_server):
     with Client(expert_server) as client:
         answer = client.ask({"prompt": "put the red mug on the ring of the coffee maker"})
-    assert "no training condition says" in answer
+    assert "no training condition has the instruction" in answer
     assert "its handle not facing the machine.' (morning_coffee/train1)" in answer
     assert "--task" in answer
 
@@ -482,7 +482,7 @@ def test_a_served_policy_says_how_its_chunks_are_played(monkeypatch, execution):
 
 def test_a_policy_without_an_observation_says_what_it_misses():
     with open_server("noop", port=0) as server, Client(server) as client:
-        assert "holds no observation" in client.ask({"prompt": "Go."})
+        assert "contains no observation" in client.ask({"prompt": "Go."})
 
 
 @pytest.mark.parametrize(

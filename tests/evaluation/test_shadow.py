@@ -177,9 +177,9 @@ def test_a_state_that_no_robot_measures_is_refused(number):
     state = np.full(8, 0.1)
     state[4] = number
     prompt = resolve_condition(TRIAL.task, TRIAL.condition).condition.instruction.text
-    with pytest.raises(InvalidInputError, match="no robot measures"):
+    with pytest.raises(InvalidInputError, match="is out of range"):
         read_request({"prompt": prompt, "observation/state": state})
-    with pytest.raises(InvalidInputError, match="no robot measures"):
+    with pytest.raises(InvalidInputError, match="is out of range"):
         read_states({"observation/state": state}, PRESETS["openpi_libero"])
 
 

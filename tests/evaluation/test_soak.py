@@ -14,10 +14,10 @@ from tests.evaluation.misbehaving import BREAKS, FRAMES, Misbehaving
 from tests.evaluation.test_faults import shortened
 
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.workers import pool
 from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 

@@ -292,7 +292,7 @@ def _unlinked(place: Path, source: RunFolder) -> Path:
 @pytest.mark.physics
 def test_report_and_comparison_say_that_the_run_stopped_itself(decided, tmp_path):
     page = write_report([diagnose_run(decided)], tmp_path / "report").read_text(encoding="utf-8")
-    assert "lean towards the verdict" in page
+    assert "biased toward the verdict" in page
     assert "<dt>Verdict</dt><dd>not learned</dd>" in page
     table = (tmp_path / "report" / "tables" / "variations.csv").read_text().splitlines()
     assert table[0].endswith(",verdict")
@@ -321,7 +321,7 @@ def test_a_comparison_leaves_out_what_outcomes_have_chosen(tmp_path, decided):
     result = compare(load_sides([decided.path, place]))
     assert [len(side) for side in result.matching.trials] == [2, 2], "one variation and its twin with the first seed"
     (note,) = [note for note in result.notes if "of its first 1 seed are compared" in note]
-    assert "2 trials that its outcomes chose left out" in note
+    assert "2 trials that depended on outcomes are left out" in note
 
 
 def test_options_that_contradict_each_other_are_refused(tmp_path, capsys):

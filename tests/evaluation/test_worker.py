@@ -15,7 +15,6 @@ import pytest
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError, WorkerError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker
-from betterbench.evaluation.running.runner import _by_scene
 from betterbench.evaluation.serving.host import Host, run_address
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings
@@ -26,6 +25,7 @@ from betterbench.policies.clients.connection import ConnectionLimits
 from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyNeeds, read_address
 from betterbench.records import RunFolder
+from betterbench.sim.worlds import OWN_WORLD
 
 pytestmark = pytest.mark.physics
 
@@ -501,7 +501,7 @@ def test_the_last_trials_are_shared_out_evenly(left, workers, envs, share):
 
 def test_long_tasks_come_first_and_trials_of_a_scene_together():
     plan = make_plan("noop", tasks=["morning_coffee", "fast_food"], trials=2)
-    ordered = _by_scene(list(plan.trials))
+    ordered = OWN_WORLD.in_order(plan.trials, last=0)
     limits = {}
     for trial in plan.trials:
         found = trial.resolve()
@@ -519,7 +519,7 @@ def test_the_last_trials_begin_with_the_longest():
     plan = make_plan("noop", tasks=["morning_coffee"], variations=["T1"], trials=6)
     limits = {t.id: t.resolve().task.step_limit(t.resolve().condition) for t in plan.trials}
     assert len(set(limits.values())) == 2
-    together, ordered = _by_scene(list(plan.trials)), _by_scene(list(plan.trials), last=8)
+    together, ordered = OWN_WORLD.in_order(plan.trials, last=0), OWN_WORLD.in_order(plan.trials, last=8)
     assert ordered[:4] == together[:4]
     assert [limits[t.id] for t in ordered[4:]] == sorted((limits[t.id] for t in together[4:]), reverse=True)
     assert set(map(str, ordered)) == set(map(str, plan.trials))

@@ -57,14 +57,14 @@ def test_clipping_leaves_the_given_array_alone() -> None:
 @pytest.mark.parametrize(
     ("action", "words"),
     [
-        (np.zeros(6), r"its shape is \(6,\), not \(7,\)"),
-        (np.zeros((1, 7)), r"its shape is \(1, 7\)"),
+        (np.zeros(6), r"expected shape \(7,\), got \(6,\)"),
+        (np.zeros((1, 7)), r"expected shape \(7,\), got \(1, 7\)"),
         (np.array([0, 0, np.nan, 0, 0, 0, np.inf]), "z = nan, gripper = inf"),
-        (np.zeros(7, dtype=bool), "its type is bool"),
-        (np.zeros(7, dtype=complex), "its type is complex128"),
-        (["a"] * 7, "not a real number"),
+        (np.zeros(7, dtype=bool), "expected real numbers, got bool"),
+        (np.zeros(7, dtype=complex), "expected real numbers, got complex128"),
+        (["a"] * 7, "expected real numbers"),
         ([[0.0], [0.0, 1.0]], "not an array of numbers"),
-        (None, "not a real number"),
+        (None, "expected real numbers"),
     ],
 )
 def test_an_invalid_action_is_refused_with_its_fault(action: object, words: str) -> None:

@@ -167,9 +167,12 @@ def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_pa
         ({"states": [{"key": "s", "parts": ["ee_positon"]}]}, r"states\[0\]\.parts\[0\]"),
         ({"states": [{"key": "s", "parts": []}]}, "state s: it has no parts"),
         ({"color": "red"}, "color: is unknown"),
-        ({"instruction": {"key": "p", "depth": False}}, "instruction.depth: it is a truth, not a number"),
-        ({"leading_axes": True}, "leading_axes: it is a truth, not a number"),
-        ({"views": [{"key": "a", "camera": "front", "turn": False}]}, r"views\[0\].turn: it is a truth, not a number"),
+        ({"instruction": {"key": "p", "depth": False}}, "instruction.depth: expected a number, got a boolean"),
+        ({"leading_axes": True}, "leading_axes: expected a number, got a boolean"),
+        (
+            {"views": [{"key": "a", "camera": "front", "turn": False}]},
+            r"views\[0\].turn: expected a number, got a boolean",
+        ),
         ({"instruction": {"key": ["a", ""]}}, "a key is empty"),
         ({"states": [{"key": "prompt", "parts": ["step"]}]}, "two entries use the key 'prompt'"),
         ({"answer": {"space": "ee_delt"}}, "Did you mean 'ee_delta'"),
@@ -184,7 +187,7 @@ def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_pa
         ),
         (
             {"answer": {"rotation": "matrix", "parts": [{"key": p.key[0], "kind": p.kind} for p in AXES]}},
-            "matrix has 9 numbers and no three axes",
+            "matrix has 9 numbers, not three axes",
         ),
         ({"constants": [{"key": "prompt", "value": 1}]}, "two entries use the key 'prompt'"),
         ({"constants": [{"key": "c", "value": [1]}]}, r"constants\[0\]\.value"),
@@ -272,7 +275,7 @@ def test_native_is_the_whole_observation_and_the_only_one_that_names_the_trial(o
 
 
 def test_a_camera_that_is_not_rendered_is_named(observation):
-    with pytest.raises(PolicyError, match=r"wants the camera 'left_shoulder'.*renders front.*camera\.observation"):
+    with pytest.raises(PolicyError, match=r"needs the camera 'left_shoulder'.*renders front.*camera\.observation"):
         OPENPI_DROID.request(replace(observation, images={"front": observation.images["front"]}))
 
 
@@ -405,7 +408,7 @@ def test_numbers_that_are_not_finite_stay_so_and_spoil_no_other_row(rule, bad):
 
 
 def test_a_rotation_that_is_none_is_a_policy_error():
-    with pytest.raises(PolicyError, match=r"the reply holds an invalid rotation .*Send quaternion_xyzw"):
+    with pytest.raises(PolicyError, match=r"the reply contains an invalid rotation .*Send quaternion_xyzw"):
         read(AnswerRule("ee_pose", TWIST, rotation="quaternion_xyzw"), [0, 0, 0, 0, 0, 0, 0, 1])
 
 
@@ -456,17 +459,17 @@ def test_malformed_changes_are_one_clear_line():
         ("preset=openpi_libero&gripper=close_positve", "Did you mean 'close_positive'"),
         ("preset=openpi_libero&camera.observation/imag=front", "Did you mean 'observation/image'"),
         ("preset=openpi_libero&action_space=joint_delta", "joint_delta needs gripper, joints"),
-        ("preset=openpi_libero&adapter=x.json", "both preset and adapter"),
+        ("preset=openpi_libero&adapter=x.json", "both a preset and an adapter"),
         ("adapter=no_such_file.json", "cannot be read"),
         ("preset=openpi", "Did you mean 'openpi_"),
-        ("preset=native&gripper=open_positive", "actions of ours"),
-        ("preset=native&rotation=rpy", "actions of ours"),
-        ("preset=native&units=physical", "actions of ours"),
-        ("preset=native&frame=tool", "actions of ours"),
+        ("preset=native&gripper=open_positive", "whole actions"),
+        ("preset=native&rotation=rpy", "whole actions"),
+        ("preset=native&units=physical", "whole actions"),
+        ("preset=native&frame=tool", "whole actions"),
         ("preset=openpi_droid&rotation=rpy", "rotation has no effect for joint_delta"),
         ("preset=openpi_droid&units=physical", "units has no effect for joint_delta"),
         ("preset=openpi_libero&action_space=ee_pose&units=physical", "units has no effect for ee_pose"),
-        ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid knows no position of the end effector"),
+        ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid has no position of the end effector"),
         ("preset=native&ee_offset=1,2,3", "the native layout is in the frame of the robot's base"),
     ]:
         with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
@@ -568,7 +571,7 @@ def test_every_difference_is_named_in_one_line():
         "rotation: this side says 'rpy', the server says 'axis_angle'",
         "rate hz: this side says 20, the server says 15",
         "camera front: this side says 224 x 224, the server says 256 x 256",
-        "camera top: the server wants it, this side gives front",
+        "camera top: the server needs it, this side gives front",
     ):
         assert part in text
     assert "\n" not in text

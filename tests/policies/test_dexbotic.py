@@ -188,10 +188,10 @@ def test_one_action_and_a_chunk_with_a_batch_are_read(answer):
         (
             {},
             "preset=dexbotic_cogact",
-            r"needs slot 2 \(left_wrist\), the adapter gives slot 1; state: the model needs",
+            r"needs slot 2 \(left_wrist\), the adapter sends slot 1; state: the model needs",
         ),
         ({"action_spec": {"action_dim": 14}}, "preset=dexbotic", "answers 14 numbers, the adapter reads 7"),
-        ({"vla": False}, "preset=dexbotic", "generates text and no actions"),
+        ({"vla": False}, "preset=dexbotic", "generates text instead of actions"),
         ({}, "preset=openvla", "the adapter gives no image"),
     ],
 )

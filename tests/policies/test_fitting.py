@@ -127,7 +127,7 @@ def test_other_aspects_come_out_as_large_as_asked():
         ({"width": 10, "height": 5000}, "5000 pixels"),
         ({"keep": 0.0}, "keep = 0"),
         ({"keep": 1.2}, r"keep = 1\.2"),
-        ({"camera": "*"}, "all cameras would have one key"),
+        ({"camera": "*"}, "all cameras would have the same key"),
     ],
 )
 def test_what_makes_no_sense_is_refused(options, text):

@@ -308,7 +308,7 @@ def test_a_plain_map_as_modality_config_declares_nothing(client):
     with Server(modalities_=plain) as server:
         policy = client(server)
         assert policy.act(seen()).shape == (8, 7)
-        assert "does not declare what its actions mean" in policy.info.metadata["assumed"]
+        assert "does not declare its action conventions" in policy.info.metadata["assumed"]
 
 
 LIBERO_KEYS = ("x", "y", "z", "roll", "pitch", "yaw", "gripper")
@@ -499,11 +499,11 @@ def test_a_policy_with_history_is_not_asked_ahead(client, option):
             modalities(action=modality(["single_arm", "gripper"], range(16))),
             "action: the server answers gripper, single_arm, this side reads ee_position, ee_rotation, gripper",
         ),
-        (modalities(language=modality(["a", "b"])), "language: the server wants a, b, this side gives one instruction"),
+        (modalities(language=modality(["a", "b"])), "language: the server needs a, b, this side gives one instruction"),
         (modalities(steps=(0, 1)), r"wants video at the steps \[0, 1\]"),
         (modalities(steps=(0, -1)), r"wants video at the steps \[0, -1\]"),
-        ({**modalities(), "state": 3}, "something else than modality configs"),
-        ([1, 2], "something else than modality configs"),
+        ({**modalities(), "state": 3}, "without modality configs"),
+        ([1, 2], "without modality configs"),
     ],
 )
 def test_other_modalities_stop_with_both_sides_named(client, declared, text):
@@ -516,7 +516,7 @@ def test_a_server_that_declares_nothing_is_taken_at_its_first_answer(client):
     with Server(modalities_={}) as server:
         taken = client(server)
         assert taken.act(seen()).shape == (8, 7)
-        assert "does not declare what its actions mean" in taken.info.metadata["assumed"]
+        assert "does not declare its action conventions" in taken.info.metadata["assumed"]
         assert "assumed" not in client(server, f"{QUICK}&preset=gr00t_new_embodiment").info.metadata
 
 
@@ -544,7 +544,7 @@ def test_the_token_comes_from_the_environment(client, monkeypatch):
         policy = client(server, f"{QUICK}&api_key_env=MY_TOKEN")
         assert policy.act(seen()).shape == (8, 7)
         assert word not in str(policy.info)
-        with pytest.raises(InvalidInputError, match="NO_TOKEN holds no key"):
+        with pytest.raises(InvalidInputError, match="NO_TOKEN contains no key"):
             client(server, f"{QUICK}&api_key_env=NO_TOKEN")
 
 
@@ -564,7 +564,7 @@ def reply(**changes):
 @pytest.mark.parametrize(
     ("answer", "text"),
     [
-        (b"ERROR", "answers get_action with an error and no text"),
+        (b"ERROR", "answers get_action with an error without a message"),
         ({"error": "Traceback:\n  File x\nKeyError: 'front'"}, "reports an error: KeyError: 'front'"),
         ({"error": "Video key 'front' must have shape (B, T=2, H, W, C)"}, "must have shape"),
         ({"error": ""}, "reports an error: no text"),
@@ -676,7 +676,7 @@ def test_a_server_that_comes_back_with_other_modalities_stops_the_run(client):
         port = server.port
     with (
         Server(port=port, modalities_=modalities(steps=(-1, 0))),
-        pytest.raises(HandshakeError, match="come back as another"),
+        pytest.raises(HandshakeError, match="changed after a restart:"),
     ):
         policy.act(seen())
 

@@ -159,7 +159,7 @@ def test_an_answer_sent_twice_shifts_no_other():
         with contextlib.closing(make_policy(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=0")) as policy:
             policy.reset(EpisodeStart("go", 1, "ee_delta"))
             policy.act(seen(0))
-            with pytest.raises(PolicyError, match="nobody asked for"):
+            with pytest.raises(PolicyError, match="an unexpected answer"):
                 policy.act(seen(1))
 
 
@@ -178,7 +178,7 @@ def test_an_answer_sent_twice_over_zeromq_is_refused():
     thread.start()
     client = RequestClient("127.0.0.1", port, timeout_s=5.0)
     assert client.ask(b"one", 5.0) == b"one"
-    with pytest.raises(ConnectionError, match="nobody asked for"):
+    with pytest.raises(ConnectionError, match="an unexpected answer"):
         client.ask(b"two", 5.0)
     client.close()
     again = RequestClient("127.0.0.1", port, timeout_s=5.0)
@@ -338,7 +338,7 @@ def nested(depth):
 
 
 TOO_MUCH = {
-    "large": ({"notes": "x" * (MAX_DECLARED_BYTES + 1)}, r"declares \d{7} bytes about itself, where at most 4194304"),
+    "large": ({"notes": "x" * (MAX_DECLARED_BYTES + 1)}, r"declares \d{7} bytes; the limit is 4194304"),
     "deep": ({"notes": nested(20)}, r"declares something about itself.*nested deeper than 16"),
 }
 

@@ -272,7 +272,7 @@ def test_trials_are_evaluated(tmp_path):
         (ONE[:-20], "cannot be read"),
         (ONE.replace(b"<f8", b"|O"), "not a plain number"),
         (ONE.replace(b"[7]", b"[8]"), "does not take 56 bytes"),
-        (ONE.replace(b"[7]", b"[-1]"), "not a list of whole numbers"),
+        (ONE.replace(b"[7]", b"[-1]"), "not a list of integers"),
         (ONE.replace(b"AAA", b"A*A"), "cannot be read"),
         (b'{"__numpy__": 3, "dtype": "<f8", "shape": [1]}', "the data of an array are a int"),
         (b"[" * 100_000, "cannot be read"),
@@ -330,7 +330,7 @@ def test_a_truth_is_no_number_and_a_key_stands_once(client, body, text):
         (405, b"", HandshakeError, "has no POST /act"),
         (401, b"", HandshakeError, "api_key_env=NAME"),
         (307, b"", HandshakeError, r"redirects \(HTTP 307\), which is refused"),
-        (503, b"", PolicyError, "failed to answer 2 times, the last time because of: the server answered HTTP 503"),
+        (503, b"", PolicyError, "failed to answer 2 times, most recently because of: the server answered HTTP 503"),
     ],
 )
 def test_every_status_has_its_meaning(client, status, body, error, text):

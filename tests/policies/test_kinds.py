@@ -111,7 +111,7 @@ def toy(monkeypatch):
 
 
 def test_a_second_kind_of_the_same_name_is_refused(toy):
-    with pytest.raises(ValueError, match="another kind of policies is called 'toy'"):
+    with pytest.raises(ValueError, match="another kind of policies has the name 'toy'"):
         register(PolicyKind(form=toy.form, shown="toy:NAME", summary="Another.", needs=AT_ONCE))
 
 
@@ -130,7 +130,7 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
         ("toy:a?gain=3", "gain=3 is out of range. Give the gain, from 0 to 2"),
         ("toy:a?gain=x", "gain=x is out of range"),
         ("toy:a?turns=1.5", "turns=1.5 must be a whole number. Give the turns, such as 8"),
-        ("toy:a?turns=1&turns=2", "it gives an option twice"),
+        ("toy:a?turns=1&turns=2", "an option is given twice"),
         ("toy:a?turns=", "turns has no value. Give the turns as turns=VALUE, or leave it out"),
         ("toy:a?turns", "its options cannot be read"),
         ("toy:", "nothing follows the colon. Write toy:NAME"),

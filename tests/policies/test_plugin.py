@@ -167,7 +167,7 @@ def test_an_address_passes_arguments(tmp_path):
         ("", "cannot be called without arguments"),
         ("checkpoint=1&horzon=2", "unexpected keyword argument 'horzon'.*It takes checkpoint, horizon, fast, note"),
         ("checkpoint=1&checkpoint=2", "'checkpoint' is given twice"),
-        ("checkpoint", "'checkpoint' is no argument"),
+        ("checkpoint", "'checkpoint' is not an argument"),
     ):
         with pytest.raises(InvalidInputError, match=text):
             given(wrong)
@@ -194,7 +194,7 @@ def test_addresses_that_mean_nothing_are_refused(address):
 @pytest.mark.parametrize("address", ["expert", "zoo:halt", "noop", "random"])
 def test_both_sides_of_a_convention_are_compared(address):
     check_policy(address, action_space="ee_delta")
-    with pytest.raises(InvalidInputError, match="answers in 'ee_delta', the run asks for 'ee_pose'"):
+    with pytest.raises(InvalidInputError, match="answers in 'ee_delta', the run uses 'ee_pose'"):
         check_policy(address, action_space="ee_pose")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 
@@ -10,41 +9,34 @@ import numpy as np
 import pytest
 
 from betterbench.errors import PolicyError
-from betterbench.policies.process.process_link import LENGTH, SIZES, ProcessAnswer, answer_frame, plain_array
+from betterbench.policies.process.process_link import ProcessAnswer, content_of
 from betterbench.policies.process.process_reader import read_answer
 
 
-def sent(head: dict, data: bytes = b"") -> bytes:
-    text = json.dumps(head).encode()
-    return SIZES.pack(0, len(text))[LENGTH.size :] + text + data
-
-
-def test_answers_are_read_as_they_were_sent():
+def test_answers_are_read_as_they_were_given():
     chunk = np.arange(14, dtype=np.float32).reshape(2, 7)
-    form, data = plain_array(chunk)
-    answer, arrays = read_answer(answer_frame(ProcessAnswer(3, (form, form)), [data, data])[LENGTH.size :])
-    assert answer.number == 3
-    assert len(arrays) == 2
-    assert all(np.array_equal(array, chunk) and array.dtype == chunk.dtype for array in arrays)
+    answer, arrays = read_answer(content_of(ProcessAnswer(), [chunk, chunk.tolist()]))
+    assert answer == ProcessAnswer()
+    assert [array.dtype for array in arrays] == [np.float32, np.float64]
+    assert all(np.array_equal(array, chunk) for array in arrays)
+    arrays[0][:] = 0.0
+    assert chunk.any()
 
 
 @pytest.mark.parametrize(
-    "head",
+    "content",
     [
-        {"number": -1},
-        {"number": True},
-        {"number": 1, "more": 0},
-        {"number": 1, "arrays": [["<f8", [-1]]]},
-        {"number": 1, "arrays": [["<f8", [1 << 40]]]},
-        {"number": 1, "arrays": [["<f8", [1] * 33]]},
-        {"number": 1, "arrays": [["f" * 41, [1]]]},
-        {"number": 1, "arrays": [["<f8", [2]]]},
-        {"number": 1, "declared": {"name": "mine"}},
+        ({"error": 1}, {}),
+        ({"more": 0}, {}),
+        ({"texts": "wicked"}, {}),
+        ({"declared": {"name": "mine"}}, {}),
+        ({}, {"1": np.zeros(7)}),
+        ({}, {"0": np.zeros(7), "one": np.zeros(7)}),
     ],
 )
-def test_what_is_no_answer_is_refused(head):
+def test_what_is_no_answer_is_refused(content):
     with pytest.raises(PolicyError):
-        read_answer(sent(head, bytes(8)))
+        read_answer(content)
 
 
 def test_the_process_of_a_policy_imports_what_it_needs_and_no_more():

@@ -242,7 +242,7 @@ def test_an_error_of_the_model_ends_the_trial_and_the_next_one_goes_on():
             Scripted(action=TWIST, seen={"a": IMAGE_RGB, "b": IMAGE_RGB, "c": IMAGE_RGB}),
             "camera c: .* wants it, this side gives images/agentview, images/wrist",
         ),
-        (Scripted(params={"absolute_action": True}), "answers absolute poses"),
+        (Scripted(params={"absolute_action": True}), "absolute poses"),
     ],
 )
 def test_specs_that_differ_stop_with_both_sides_named(model, text):
@@ -407,7 +407,7 @@ def test_whatever_a_server_declares_gives_a_client_or_one_clear_line(odd):
 def test_other_versions_and_other_servers_are_refused():
     with (
         scripted(lambda m: [Message(MessageType.HELLO, {"protocol_version": 9}, m.seq)]) as address,
-        pytest.raises(HandshakeError, match="version 9 of the protocol, this side 1"),
+        pytest.raises(HandshakeError, match="version 9 of the protocol, betterbench uses 1"),
     ):
         make_policy(address)
     with (
@@ -494,7 +494,7 @@ def test_a_server_that_answers_joints_is_not_read_as_something_else(adapter, joi
 @pytest.mark.parametrize(
     ("query", "spec", "assumed"),
     [("", None, True), ("preset=vla_eval&", None, False), ("", {"gripper": {"name": "gripper", "dims": 1}}, False)],
-    ids=["nobody says", "the address says", "the server says"],
+    ids=["nobody says", "the address says", "the server declares"],
 )
 def test_what_nobody_declares_is_said_to_be_assumed(query, spec, assumed):
     def answer(message):

@@ -128,7 +128,7 @@ def connected(server, options="timeout=10&retries=0&patience=2"):
 def test_an_observation_goes_out_and_a_chunk_comes_back(make):
     with Server([chunk(make)]) as server, connected(server) as client:
         actions = client.act(seen())
-        assert "does not declare what its actions mean" in client.info.metadata["assumed"]
+        assert "does not declare its action conventions" in client.info.metadata["assumed"]
     assert actions.shape == (16, 7)
     assert np.all(actions == 0.5)
     asked = server.asked[0]
@@ -232,7 +232,7 @@ def test_the_same_answer_would_run_if_it_were_unpickled(tmp_path):
 
 
 def test_the_name_of_what_was_refused_is_told():
-    with pytest.raises(PolicyError, match=r"it wants to call (posix|os)\.system, which is not allowed"):
+    with pytest.raises(PolicyError, match=r"it would call (posix|os)\.system, which is not allowed"):
         read_torch(saved(Evil(os.system, "true")))
 
 
@@ -271,7 +271,7 @@ def laughing():
         (b"\x80\x02}q\x00.", "not an archive"),
         (saved(chunk())[:-100], "cannot be read"),
         (rezipped(saved(chunk()), compressed), "it is compressed"),
-        (rezipped(saved(chunk()), hoarding), "it wants a bytearray"),
+        (rezipped(saved(chunk()), hoarding), "it contains a bytearray"),
         (laughing(), "more than 200000 values"),
         (saved({1: 2}), "keys that are not texts"),
         (saved({"a": torch.zeros(1).expand(10**9)}), "too large"),
@@ -312,7 +312,7 @@ def test_what_is_allowed_while_reading_is_not_left_allowed():
     ("answer", "text"),
     [
         ({"error": "Traceback\nKeyError: 'video.top_view'"}, "reports an error: KeyError: 'video.top_view'"),
-        (b"ERROR", "with an error and no text"),
+        (b"ERROR", "with an error without a message"),
         ([1, 2], "answers get_action with a list"),
         ({}, "the reply has no 'action.eef_position'"),
         (chunk(lambda value: value[..., :0].tolist()), "action.eef_position"),

@@ -355,7 +355,7 @@ def test_options_that_do_not_fit_are_named(act, options, text):
     ("given", "text"),
     [
         (features(state=14), "its observation.state has 14 numbers"),
-        (features(cameras=("top",)), r"the camera that observation.images.top shows is not known.*camera.observation"),
+        (features(cameras=("top",)), r"the camera for observation.images.top is not known.*camera.observation"),
         (features(cameras=("wrist", "hand")), "would all show the camera wrist"),
         (
             features(extra={"observation.environment_state": PolicyFeature(type=FeatureType.ENV, shape=(4,))}),
@@ -396,20 +396,38 @@ def test_code_that_a_checkpoint_names_is_run_only_if_it_is_trusted(act, tmp_path
     assert (folder / "was_run").exists()
 
 
+def claims(**fields):
+    """Return a change of config.json to values that the weights do not have."""
+
+    def change(folder):
+        file = folder / "config.json"
+        file.write_text(json.dumps({**json.loads(file.read_text()), **fields}))
+
+    return change
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda f: (f / "policy_preprocessor.json").unlink(), "the normalization of its numbers is not known"),
+        (lambda f: (f / "policy_preprocessor.json").unlink(), "its normalization is not known"),
         (lambda f: (f / "config.json").write_text("{"), "config.json cannot be read"),
         (lambda f: (f / "config.json").write_text("[]"), "names no type of policy"),
         (
             lambda f: (f / "config.json").write_text('{"type": "no_such_type"}'),
             "type 'no_such_type' is not known to LeRobot",
         ),
-        (lambda f: (f / "config.json").unlink(), "holds no config.json"),
+        (lambda f: (f / "config.json").unlink(), "contains no config.json"),
         (lambda f: (f / "model.safetensors").write_bytes(b"\x00" * 64), "LeRobot cannot load it"),
         (lambda f: (f / "model.safetensors").unlink(), "LeRobot cannot load it"),
         (planted, "step 0 of policy_postprocessor.json names the class 'os.system'"),
+        (claims(dim_model=20_000), r"a network of more than [\d,]+ parameters, and the file of its weights has"),
+        (claims(dim_feedforward=10**12), "LeRobot cannot load it"),
+        (claims(n_encoder_layers=10**9), r"a network of more than [\d,]+ parameters"),
+        (
+            claims(dim_model=2, dim_feedforward=1, n_encoder_layers=10**9),
+            "a network of more than 100,000 weight tensors",
+        ),
+        (claims(chunk_size=10**9), "chunk_size of its config.json is 1000000000, expected at most 4096"),
     ],
 )
 def test_a_broken_checkpoint_is_one_clear_line(act, tmp_path, change, text):
@@ -619,7 +637,9 @@ def test_a_type_whose_packages_are_missing_names_its_extra(act, tmp_path, kind, 
 def test_an_extra_that_this_release_lacks_is_not_advised(act, tmp_path, monkeypatch):
     monkeypatch.setitem(lerobot_types.POLICY_TYPES, "pi0", lerobot_types.Needs("pi", ("no_such_module",)))
     folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text('{"type": "pi0"}'))
-    with pytest.raises(MissingDependencyError, match=r"LeRobot 0\.4\.4 has no extra for it: take LeRobot 0\.6"):
+    with pytest.raises(
+        MissingDependencyError, match=r"LeRobot 0\.4\.4 has no extra for it: install lerobot\[pi\] of LeRobot 0\.6"
+    ):
         make_policy(f"lerobot:{folder}")
 
 

@@ -169,11 +169,11 @@ def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"step": 3}, "state.step: 3 where row 1 is due"),
-        ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), not \(50,\)"),
+        ({"step": 3}, "state.step: 3 instead of 1"),
+        ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), expected \(50,\)"),
         ({"qvel": np.zeros((47, 1))}, r"qvel: has the shape \(47, 1\)"),
-        ({"action": np.zeros(3)}, r"action: has the shape \(3,\), not \(7,\)"),
-        ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), not \(7,\)"),
+        ({"action": np.zeros(3)}, r"action: has the shape \(3,\), expected \(7,\)"),
+        ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), expected \(7,\)"),
         ({"applied": None}, "action: given or missing in row 1"),
         ({"predicates": (True,)}, "Give 2 predicates and 2 subgoals"),
         ({"other_scene": True}, "state.info: is not the scene"),
@@ -210,7 +210,7 @@ def test_what_holds_may_be_told_later_but_of_every_row(make_metadata, make_state
     with pytest.raises(InvalidInputError, match="Give 2 predicates and 2 subgoals"):
         builder.append_truth(predicates=(True,), subgoals=(), goal=False)
     builder.append_truth(**truths[1])
-    with pytest.raises(InvalidInputError, match="known of all 2 rows"):
+    with pytest.raises(InvalidInputError, match="already given for all 2 rows"):
         builder.append_truth(**truths[1])
     found = [b.finish(termination="step_limit", success=False) for b in (builder, at_once)]
     assert found[0].same_bits(found[1])
@@ -238,12 +238,12 @@ def test_what_cannot_be_a_record_is_refused(make_metadata, make_state) -> None:
 
 def test_a_missing_or_damaged_file_is_named(make_record, tmp_path) -> None:
     path = tmp_path / "7.parquet"
-    with pytest.raises(RecordError, match=r"7\.parquet: there is no such record"):
+    with pytest.raises(RecordError, match=r"7\.parquet: the record does not exist"):
         read_record(path)
     good = record_bytes(make_record(rows=30)[0])
     for bad in (b"", b"not parquet", good[: len(good) // 2], good[:-4] + b"XXXX", b"PAR1" * 5):
         path.write_bytes(bad)
-        with pytest.raises(RecordError, match=r"7\.parquet: is damaged .*The command that made the run records"):
+        with pytest.raises(RecordError, match=r"7\.parquet: is damaged .*Repeat the command of the run to record"):
             read_record(path)
     with pytest.raises(RecordError, match=r"is a folder and not a file\. Name a record of a run"):
         read_record(tmp_path)
@@ -321,7 +321,7 @@ def reseal(table, path, document: bytes | None = None) -> None:
         (lambda f: f["outcome"].update(success="yes"), r"outcome\.success: Input should be a valid boolean"),
         (lambda f: f["outcome"].update(termination="boredom"), "boredom"),
         (lambda f: f["bodies"].clear(), "a contact names a body that is not listed"),
-        (lambda f: f["widths"].update(nq=51), "its columns qpos do not fit"),
+        (lambda f: f["widths"].update(nq=51), "its columns qpos do not match its metadata"),
         (lambda f: f["widths"].update(nq=-1), r"widths\.nq: Input should be greater than or equal to 0, not -1"),
         (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but 3 are named"),
         (lambda f: f.update(metadata=[1]), r"metadata: metadata: is not a JSON object"),
@@ -336,15 +336,15 @@ def test_a_changed_document_is_refused(make_record, tmp_path, change, message) -
 def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
     path = tmp_path / "r.parquet"
     pq.write_table(pa.table({"a": [1, 2]}), path)
-    with pytest.raises(RecordError, match=r"is damaged or no record\. Name a record of a run"):
+    with pytest.raises(RecordError, match=r"is damaged or not a record\. Name a record of a run"):
         read_record(path)
     reseal(pa.table({"a": [1, 2]}, metadata={"other": "x"}), path)
-    with pytest.raises(RecordError, match="is a Parquet file but no record"):
+    with pytest.raises(RecordError, match="is a Parquet file but not a record"):
         read_record(path)
     write_record(make_record(rows=3)[0], path)
     table = pq.read_table(path)
     reseal(table.drop_columns(["goal"]), path)
-    with pytest.raises(RecordError, match="its columns goal do not fit"):
+    with pytest.raises(RecordError, match="its columns goal do not match its metadata"):
         read_record(path)
     reseal(table.slice(0, 0), path)
     with pytest.raises(RecordError, match="has no rows"):

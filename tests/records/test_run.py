@@ -86,7 +86,7 @@ def test_a_trial_is_finished_once_but_an_error_may_be_run_again(tmp_path) -> Non
     with Journal(path) as journal:
         journal.append(entry(0, status="error", message="engine fell over"))
         journal.append(entry(0))
-        with pytest.raises(RunConflictError, match="fast_food/R1/0 is finished already"):
+        with pytest.raises(RunConflictError, match="fast_food/R1/0 is already finished"):
             journal.append(entry(0))
     assert read_journal(path) == (entry(0),)
     path.write_bytes(path.read_bytes() + path.read_bytes().splitlines()[1] + b"\n")
@@ -306,7 +306,7 @@ def test_a_plan_with_more_trials_takes_the_place_of_the_stored_one(tmp_path) -> 
     assert grown.plan["trials"] == more["trials"]
     assert grown.context["machine"] == "a"
     assert [(e["trials_before"], e["done_before"]) for e in grown.context["extended"]] == [(2, 0)]
-    with pytest.raises(RunConflictError, match="has 3 trials, and this command asks for 2 of them"):
+    with pytest.raises(RunConflictError, match="has 3 trials, but this command requests only 2 of them"):
         RunFolder.start(tmp_path / "run", few)
     assert RunFolder.start(tmp_path / "run", more) == grown
 
@@ -322,28 +322,28 @@ def test_a_plan_with_more_trials_takes_the_place_of_the_stored_one(tmp_path) -> 
 def test_a_plan_that_changes_what_is_there_is_no_larger_plan(tmp_path, change) -> None:
     few = {**PLAN, "trials": trials("a", "b"), "task_versions": {"a": 1, "b": 1}}
     stored = RunFolder.start(tmp_path / "run", few)
-    with pytest.raises(RunConflictError, match="another one"):
+    with pytest.raises(RunConflictError, match="holds another run"):
         RunFolder.start(tmp_path / "run", {**few, **change})
     assert RunFolder.open(tmp_path / "run") == stored
 
 
 def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
     (tmp_path / "thesis.tex").write_text("x")
-    with pytest.raises(RunConflictError, match="holds other files and no run"):
+    with pytest.raises(RunConflictError, match="contains other files but no run"):
         RunFolder.start(tmp_path, PLAN)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
     with pytest.raises(RunConflictError, match="this is a file"):
         RunFolder.start(tmp_path / "thesis.tex", PLAN)
     with pytest.raises(RecordError, match=r"File name too long. Give the folder that `--out` named"):
         RunFolder.open(tmp_path / ("x" * 300))
-    with pytest.raises(RecordError, match=r"holds no run .*Give the folder that `--out` named"):
+    with pytest.raises(RecordError, match=r"contains no run .*Give the folder that `--out` named"):
         RunFolder.open(tmp_path)
 
 
 def test_a_folder_of_runs_is_no_run_and_the_error_names_them(tmp_path) -> None:
     for name in ("sources", "demonstrations"):
         RunFolder.start(tmp_path / name, PLAN)
-    with pytest.raises(RecordError, match=r"Give a run that is in it: .*demonstrations, .*sources"):
+    with pytest.raises(RecordError, match=r"Give one of its runs: .*demonstrations, .*sources"):
         RunFolder.open(tmp_path)
 
 
@@ -388,7 +388,7 @@ def test_records_have_one_place(tmp_path, make_record) -> None:
     path.rename(path.with_name("9.parquet"))
     with pytest.raises(RecordError, match="is the record of fast_food/R1 seed 7"):
         folder.read_record("fast_food", "R1", 9)
-    with pytest.raises(RecordError, match="there is no such record"):
+    with pytest.raises(RecordError, match="the record does not exist"):
         list(folder.records())
     assert folder.video_path("fast_food", "R1", 7, camera="front").name == "7_front.mp4"
     assert folder.report_path.parent == folder.path

@@ -175,7 +175,7 @@ def frames(folder):
 def frames_of(path):
     found = _EpisodeFrames.open(path)
     if found is None:
-        raise RecordError("is drawn again")
+        raise RecordError("is rendered again")
     out = np.empty((1, 8, 8, 3), np.uint8)
     return found.shape, [(found.into(row, out), out.tobytes())[1] for row in range(3)]
 
@@ -301,7 +301,7 @@ def test_a_lost_last_line_break_is_a_lost_tail_and_is_said(name, tmp_path, caplo
     path.write_bytes(path.read_bytes()[:-1])
     found = RunFolder.open(tmp_path).entries() if name == "journal of a run" else kind.read(path)
     assert len(found) == 2
-    assert [r.getMessage() for r in caplog.records if "lost its end" in r.getMessage()]
+    assert [r.getMessage() for r in caplog.records if "is incomplete" in r.getMessage()]
 
 
 def test_records_that_a_journal_has_lost_are_told(tmp_path, caplog):
@@ -318,7 +318,7 @@ def test_records_that_a_journal_has_lost_are_told(tmp_path, caplog):
     assert caplog.records == []
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:2]))
     assert len(run.entries()) == 2
-    assert "does not list 1 records that are there, of fast_food/L1/2" in caplog.text
+    assert "does not list 1 existing records, of fast_food/L1/2" in caplog.text
 
 
 def test_lines_of_an_earlier_version_are_read_and_that_is_said(tmp_path, caplog):

@@ -26,6 +26,7 @@ from betterbench.tasks.labels import Kind
 
 pytestmark = pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
 
+STUDIES = Path(__file__).parents[2] / "docs" / "study"
 LAPTOP, PHONE = (1440, 900), (390, 844)
 SIZES = [(size, scheme) for size in (LAPTOP, PHONE) for scheme in ("light", "dark")]
 
@@ -316,4 +317,11 @@ def test_a_report_with_unfinished_trials_says_so_and_claims_nothing_on_few(chrom
     ):
         assert text in shown, text
     assert chromium.value("document.querySelectorAll('.bar .seg.unfinished').length") > 0
+    assert chromium.complaints() == []
+
+
+@pytest.mark.parametrize("name", sorted(page.name for page in STUDIES.glob("*.html")))
+def test_the_pages_of_the_studies_find_their_style_sheet(chromium, name):
+    chromium.open(STUDIES / name, *LAPTOP)
+    assert chromium.value("getComputedStyle(document.querySelector('table.study')).borderCollapse") == "collapse"
     assert chromium.complaints() == []

@@ -145,7 +145,7 @@ def test_cells_count_outcomes(run):
 def test_empty_cells_say_why(run):
     short, long = matrices_of(run)
     assert long.cell(ABSENT, TABLE).note == "Not in this run: fruit_lunch/O1."
-    assert long.cell(ABSENT, ABSENT).note == "No condition of the registered tasks begins so."
+    assert long.cell(ABSENT, ABSENT).note == "No condition of the registered tasks has these initial states."
     assert matrices_of(diagnosis([trial()]))[1].cell(TABLE, TABLE).note.endswith("breakfast_table/train4 and 24 more.")
     for cell in (c for m in (short, long) for row in m.cells for c in row):
         assert cell.empty == bool(cell.note)

@@ -20,7 +20,7 @@ def measured(key, **cells):
         (
             ("fruit_lunch", "R1"),
             {"word": (6, 6), "deaf": (3, 8), "replay": (0, 7)},
-            "that a policy finds what a word names at another place than in training (`zoo:lexical` passes 6 of 6).",
+            "that a policy finds the object of a word at another place than in training (`zoo:lexical` passes 6 of 6).",
         ),
         (
             ("fruit_lunch", "O2"),
@@ -47,5 +47,5 @@ def test_a_rule_for_look_alikes_counts_only_where_something_looks_alike():
 def test_half_is_no_pass_and_nothing_measured_is_nothing_shown():
     key = ("fruit_lunch", "T1")
     assert passing_pretenders(measured(key, word=(3, 6), deaf=(7, 14)), key) == ()
-    assert not_shown(measured(key), key).startswith("Nothing was measured")
-    assert not_shown(measured(key, word=(3, 6)), key).startswith("None of the policies")
+    assert not_shown(measured(key), key).startswith("The power of this variation was not measured")
+    assert not_shown(measured(key, word=(3, 6)), key).startswith("No measured policy")

@@ -343,7 +343,7 @@ def test_an_interval_beside_a_large_p_has_its_note(tmp_path):
             replace(m, low=low, high=0.61, p_value=0.5) if m.name == "illusion_gap" else m for m in run.metrics
         )
         chart = gap_chart([replace(run, metrics=metrics)])
-        assert ("multiplied for the number of axes" in chart.caption) == noted
+        assert ("corrected for the number of axes" in chart.caption) == noted
 
 
 def test_matrices_that_nothing_fills_are_one_line(tmp_path):
@@ -351,7 +351,7 @@ def test_matrices_that_nothing_fills_are_one_line(tmp_path):
     matrices = matrices_of(run)
     page = write_report([run], tmp_path).read_text(encoding="utf-8")
     for made in matrices:
-        assert (f"{made.title}: no trial fills a cell." in body(page)) is not made.measured
+        assert (f"{made.title}: no trial belongs to a cell." in body(page)) is not made.measured
         assert page.count('<table class="matrix">') == sum(m.measured for m in matrices)
 
 
@@ -370,7 +370,7 @@ def test_the_verdict_is_one_line(runs):
         assert line.startswith(f"{run.policy}: ")
         assert "\n" not in line
         assert f"variations {headline_of(run).variations.count()}" in line
-    assert verdict_line(diagnosis([])) == "expert: No variation was run, so nothing is known about its reasoning."
+    assert verdict_line(diagnosis([])) == "expert: No variation was run, so its reasoning is unknown."
 
 
 def test_twelve_hundred_trials_are_quick_and_small(tmp_path):
@@ -427,7 +427,7 @@ def _failed(label, *, attempts=True, **evidence):
         (_failed(Label.CAUSAL_CONFUSION, rule="required_step_skipped"), "It skips steps that are still open"),
         (_failed(Label.PHASE_CONFLICT, rule="freeze_in_mid_task_scene"), "It freezes before its first grasp"),
         (_failed(Label.PHASE_CONFLICT, rule="to_and_fro"), "It goes to and fro"),
-        (_failed(Label.BEHAVIORAL_INERTIA, rule="memorized_place"), "It brings things where training brought them"),
+        (_failed(Label.BEHAVIORAL_INERTIA, rule="memorized_place"), "It brings objects where training brought them"),
         (_failed(Label.BEHAVIORAL_INERTIA, rule="most_frequent_first_step"), "It begins with the step that most"),
         (_failed(Label.EARLY_HALT, attempts=False), "It stops before its first grasp."),
         (_failed(Label.EARLY_HALT), "It stops in the middle of its work."),
@@ -484,11 +484,11 @@ def _with_pairs(pairs, same):
     ("pairs", "same", "said"),
     [
         (0, 0, "does not show whether the instruction is used"),
-        (1, 1, "in 0 of 1 pair of trials that differs in the instruction alone; fewer than 10 pairs do not show"),
-        (9, 9, "in 0 of 9 pairs of trials that differ in the instruction alone; fewer than 10 pairs do not show"),
-        (12, 12, "in 0 of 12 pairs of trials that differ in the instruction alone: the instruction is not used"),
-        (12, 0, "in 12 of 12 pairs of trials that differ in the instruction alone: the instruction is used"),
-        (12, 5, "as it may by chance: this does not show whether the instruction is used"),
+        (1, 1, "in 0 of 1 pair of trials that differs only in the instruction; fewer than 10 pairs do not show"),
+        (9, 9, "in 0 of 9 pairs of trials that differ only in the instruction; fewer than 10 pairs do not show"),
+        (12, 12, "in 0 of 12 pairs of trials that differ only in the instruction: the instruction is not used"),
+        (12, 0, "in 12 of 12 pairs of trials that differ only in the instruction: the instruction is used"),
+        (12, 5, "which may be chance: this does not show whether the instruction is used"),
     ],
 )
 @pytest.mark.parametrize("several", [False, True])

@@ -158,7 +158,7 @@ def test_bootstrap_keeps_strata_and_draws_whole_clusters() -> None:
 
 def test_bootstrap_refuses_what_does_not_pair_up() -> None:
     rng = np.random.default_rng(0)
-    with pytest.raises(InvalidInputError, match="do not pair up"):
+    with pytest.raises(InvalidInputError, match="cannot be paired"):
         paired_bootstrap([1], [1, 0], generator=rng)
     with pytest.raises(InvalidInputError, match="second: a score is not between"):
         paired_bootstrap([1], [float("nan")], generator=rng)

@@ -51,9 +51,7 @@ def test_a_named_thing_that_is_not_there(at_reset):
     """O1 holds one burger: asked for two, the sentence presupposes what the scene does not show."""
     two = condition_of("fast_food", "T2").instruction
     condition = condition_of("fast_food", "O1").with_(instruction=two)
-    assert found(condition, at_reset("fast_food", "O1")) == (
-        "the instruction names 'burger', but the scene holds 1 of 2"
-    )
+    assert found(condition, at_reset("fast_food", "O1")) == ("the instruction names 'burger', but the scene has 1 of 2")
 
 
 def test_a_goal_that_is_reached_already(at_reset):

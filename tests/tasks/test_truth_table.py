@@ -108,12 +108,12 @@ def test_a_success_does_no_harm(cells):
         (
             "white_plate blue_plate z=-12; blue_plate white_plate.floor",
             "target_brought",
-            "the white plate was brought to the blue plate without having been asked for",
+            "the white plate was brought to the blue plate without being requested",
         ),
         (
             "blue_plate white_plate.floor",
             "at_the_target",
-            "the blue plate is at the white plate without having been asked for there",
+            "the blue plate is at the white plate without being requested there",
         ),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -11,7 +12,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from learned_page import PAGE, STUDIES, filled, points, share
+from betterbench.learning.study.page import study_style
+from learned_page import PAGE, SHEET, STUDIES, filled, linked, points, share, share_style
 
 
 def test_the_tables_are_those_of_the_studies():
@@ -47,3 +49,29 @@ def test_figures_are_written_as_in_the_text():
     assert share({**figure, "low": 0.681, "high": 0.9054}) == "33/40 = 83 % (68 to 91)"
     assert points(figure) == "0 (−42 to +12)"
     assert points(None) == ""
+
+
+def test_the_pages_of_the_studies_share_one_style_sheet():
+    pages = sorted(STUDIES.glob("*.html"))
+    assert len(pages) >= 5
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert "<style>" not in text
+        assert re.findall(r'<link rel="stylesheet" href="([^"]*)">', text) == [SHEET]
+    assert (STUDIES / SHEET).read_text(encoding="utf-8") == study_style()
+
+
+def test_a_page_that_was_copied_there_is_linked_once(tmp_path):
+    page = (
+        "<meta content=\"default-src 'none'; style-src 'unsafe-inline'\">\n"
+        "<style>\np { color: red; }\n</style>\n<p>here</p>"
+    )
+    (tmp_path / "new.html").write_text(page, encoding="utf-8")
+    share_style(tmp_path)
+    share_style(tmp_path)
+    text = (tmp_path / "new.html").read_text(encoding="utf-8")
+    assert text == linked(page)
+    assert text == (
+        "<meta content=\"default-src 'none'; style-src 'self' file: 'unsafe-inline'\">\n"
+        '<link rel="stylesheet" href="study.css">\n<p>here</p>'
+    )

@@ -235,7 +235,7 @@ def test_an_endpoint_is_asked_in_its_protocol_and_again_if_it_is_busy(serve, mon
     ("status", "text", "kind", "says"),
     [
         (400, "image too large", RefusedError, "image too large"),
-        (401, "no key", ModelError, "Put the key into the variable OPENAI_API_KEY"),
+        (401, "no key", ModelError, "Put the API key into the environment variable OPENAI_API_KEY"),
         (404, "no such model", ModelError, "the name of the model, 'tiny'"),
         (500, "broken", ModelError, "no answer after 2 tries"),
         (200, "garbage", ModelError, "Give the address of a chat endpoint"),
@@ -286,7 +286,7 @@ def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
     with pytest.raises(InvalidInputError, match="another set"):
         read_answers(tmp_path / "bad.jsonl", made)
     head, first = file.read_text().splitlines()[:2]
-    for more, said in ((first, "was answered before"), ('{"id": "x", "text": "Yes"}', "x, which the set does not ask")):
+    for more, said in ((first, "was answered before"), ('{"id": "x", "text": "Yes"}', "x, which is not in the set")):
         (tmp_path / "bad.jsonl").write_text(f"{head}\n{first}\n{more}\n")
         with pytest.raises(RecordError, match=said):
             read_answers(tmp_path / "bad.jsonl", made)

@@ -73,7 +73,7 @@ def test_answers_about_another_run_are_refused_and_nothing_is_kept(failing, deci
     before = {path: path.read_bytes() for path in failing.path.rglob("knowledge.json")}
     words = ["diagnose", str(failing.path), "--answers", str(tmp_path / "wise.jsonl"), "--questions", str(asked)]
     assert main(words) == 2
-    assert "asks about another record of morning_coffee/" in " ".join(capsys.readouterr().err.split())
+    assert "was made from another record of morning_coffee/" in " ".join(capsys.readouterr().err.split())
     assert before == {path: path.read_bytes() for path in failing.path.rglob("knowledge.json")}
 
 
@@ -100,7 +100,7 @@ def test_the_verbs_put_answers_beside_deeds_and_on_the_page(failing, decisive, t
     assert known["model"] == "wise"
     assert sum(x["counts"]["knows_and_does_not"] for x in known["labels"]) >= 1
     assert main(line) == 0
-    assert "it knew the right decision in 1 (somebody who sees no image" in " ".join(capsys.readouterr().out.split())
+    assert "it knew the right decision in 1 (expected without the image" in " ".join(capsys.readouterr().out.split())
     assert main(["report", str(failing.path), "--films", "0", "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "index.html").read_text()
     assert "Does it know what it fails to do?" in page
@@ -110,10 +110,10 @@ def test_the_verbs_put_answers_beside_deeds_and_on_the_page(failing, decisive, t
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (lambda counts: counts.pop("not_asked"), "not one per standing"),
-        (lambda counts: counts.update(guessed=0), "not one per standing"),
+        (lambda counts: counts.pop("not_asked"), "not have one count per standing"),
+        (lambda counts: counts.update(guessed=0), "not have one count per standing"),
         (lambda counts: counts.update(not_asked=7), "trials, not of"),
-        (lambda counts: counts.update(not_asked=-1), "not one per standing"),
+        (lambda counts: counts.update(not_asked=-1), "not have one count per standing"),
     ],
 )
 def test_stored_knowledge_that_does_not_add_up_is_refused(change, problem, failing, decisive, tmp_path):
@@ -151,7 +151,7 @@ def test_what_was_not_answered_yet_is_not_asked_and_not_kept(failing, decisive, 
     assert "Not stored for the report" in told.err
     assert (failing.path / "knowledge.json").read_bytes() == kept
     file.write_text(lines[0] + "\n")
-    with pytest.raises(InvalidInputError, match="'wise': none is to a question"):
+    with pytest.raises(InvalidInputError, match="'wise': none belongs to a question"):
         knowledge_of(diagnosis, decisive, read_answers(file, decisive))
 
 
@@ -187,7 +187,7 @@ def test_more_answers_than_questions_and_a_missing_set_are_one_line(failing, dec
 
 def test_a_set_of_another_kind_is_refused(failing, made, tmp_path):
     answers = answered(made, tmp_path, lambda q: q.reply, "x")
-    with pytest.raises(InvalidInputError, match="asks about no decisive moment"):
+    with pytest.raises(InvalidInputError, match="contains no questions about this run"):
         knowledge_of(diagnose_run(failing), made, answers)
 
 
@@ -204,9 +204,9 @@ def moment(run, source):
         ("The apple is not in the lunchbox.", [("apple", "is not in", "lunchbox")], None),
         ("The apple is in the lunchbox.", [("apple", "is in", "lunchbox")], "false"),
         ("There is a lemon.", [("lemon", "is visible", "")], "false"),
-        ("The apple is on the orange.", [("apple", "is on", "orange")], "not decided by the state"),
-        ("The apple and the orange.", [("apple", "is visible", "")], "names what it does not claim"),
-        ("The apple is behind.", [("apple", "is visible", "")], "says more than it claims"),
+        ("The apple is on the orange.", [("apple", "is on", "orange")], "cannot be decided from the state"),
+        ("The apple and the orange.", [("apple", "is visible", "")], "names objects without a claim"),
+        ("The apple is behind.", [("apple", "is visible", "")], "says more than its claims"),
         ("A big apple.", [("apple", "is visible", "")], "says what cannot be checked"),
         ("An apple.", [], "without a claim"),
     ],

@@ -1,4 +1,4 @@
-"""Names of arguments in errors that name options of the command line."""
+"""Argument names for errors that name options of the command line."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,12 +6,12 @@ from contextlib import contextmanager
 from betterbench.errors import InvalidInputError
 
 _OTHER_NAMES = {"name": "names", "policy_timeout": "policy_timeout_s"}
-"""Arguments that are called otherwise than their option: lists in the plural, quantities with their unit."""
+"""Arguments whose names differ from their option: lists in the plural, quantities with their unit."""
 
 
 @contextmanager
 def options_as_arguments() -> Iterator[None]:
-    """Name the argument where an error names an option of the command line ("--until-decided")."""
+    """Replace an option of the command line in an error ("--until-decided") by the argument."""
     try:
         yield
     except InvalidInputError as error:

@@ -1,4 +1,4 @@
-"""Tasks as environments of Gymnasium, also those that a user's files define."""
+"""Tasks as Gymnasium environments, including those of user files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def make_env(
     looks: str = "seen",
     render_mode: str | None = None,
 ) -> TaskEnv:
-    """Return one task as an environment of Gymnasium, without a wrapper; ``gymnasium.make`` adds its wrappers.
+    """Return one task as a Gymnasium environment without a wrapper; ``gymnasium.make`` adds its wrappers.
 
     Args:
         task: Id of the task ("fast_food").
@@ -46,9 +46,9 @@ def make_env(
 
 
 def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
-    """Load Python files of your own with tasks, assets, relations, failure modes or learners, as ``--task-file`` does.
+    """Load your own Python files with tasks, assets, relations, failure modes or learners, like ``--task-file``.
 
-    Each is loaded once, and worker processes load it too. If Gymnasium is imported, their tasks are registered with it.
+    Each is loaded once, also in worker processes. If Gymnasium is imported, their tasks are registered with it.
 
     Raises:
         InvalidInputError: If a file is missing, raises an error or takes a name that exists.

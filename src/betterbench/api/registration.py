@@ -8,8 +8,8 @@ from betterbench.tasks import environment_id, task_names
 def register_environments() -> None:
     """Register every task with Gymnasium that is not registered yet ("BeTTER/FastFood-v0").
 
-    Importing betterbench does this if Gymnasium has been imported before, as
-    ``gymnasium.make("betterbench:BeTTER/FastFood-v0")`` has it. Call it where betterbench is imported first.
+    Importing betterbench does this if Gymnasium was imported before, as in
+    ``gymnasium.make("betterbench:BeTTER/FastFood-v0")``. Call it if betterbench is imported first.
     """
     for task in task_names():
         name = environment_id(task)

@@ -15,6 +15,7 @@ from betterbench.api.arguments import options_as_arguments
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, require_between
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
+from betterbench.jobs import OnCount
 from betterbench.jobs.outputs import OutputFolder
 from betterbench.records import RunFolder, run_names
 from betterbench.report.figures.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
@@ -36,14 +37,14 @@ THUMBNAIL_PX = 200
 """Side of the images on the cards of variations [px]."""
 
 FILMS = 40
-"""Largest number of trials that are shown as films unless another one is asked for."""
+"""Default maximum number of trials shown as films."""
 
 SOLVED_FILMS = 2
-"""Largest number of solved trials per run that are shown as films: they look much alike."""
+"""Maximum number of solved trials per run shown as films, because they look alike."""
 
 
 @contextmanager
-def _no_bar(_what: str) -> Iterator[Callable[[int, int], None]]:
+def _no_bar(_what: str) -> Iterator[OnCount]:
     yield lambda _done, _planned: None
 
 
@@ -54,16 +55,16 @@ class ReportListener:
     Attributes:
         say: Takes a message of one line.
         warn: Takes the message that no films can be rendered here.
-        bar: Opens a step by its name; the function that it gives takes how much of the step is done, and of how much.
+        bar: Opens a step by its name, and yields a callback for its progress (done, total).
     """
 
     say: Callable[[str], None] = logger.info
     warn: Callable[[str], None] = logger.warning
-    bar: Callable[[str], AbstractContextManager[Callable[[int, int], None]]] = _no_bar
+    bar: Callable[[str], AbstractContextManager[OnCount]] = _no_bar
 
 
 class BuiltReport(NamedTuple):
-    """The page of a report, and the verdict on each of its runs in one line."""
+    """The page of a report, and a one-line verdict on each of its runs."""
 
     page: Path
     verdicts: tuple[str, ...]
@@ -79,10 +80,10 @@ def build_report(
     films: int = FILMS,
     listener: ReportListener = ReportListener(),
 ) -> BuiltReport:
-    """Diagnose runs, render the moments that show their failures, and return the page with the verdicts.
+    """Diagnose runs, render the moments of their failures, and return the page with the verdicts.
 
-    The ``films`` trials that are shown as films, at most, are shared by the runs; with 0 nothing is rendered.
-    ``twins`` are the runs of the base suite, one for each run in LIBERO-PRO, or none.
+    ``films`` is the maximum number of trials shown as films, over all runs; 0 renders nothing. ``twins`` are the runs
+    of the base suite, one for each run in LIBERO-PRO, or empty.
     """
     if twins and len(twins) != len(runs):
         problem = f"there are {len(twins)} for {plural(len(runs), 'run')}"
@@ -96,14 +97,14 @@ def build_report(
             diagnoses.append(diagnose_run(run, twins_in=base, on_progress=told).named(name))
     for run, diagnosis in zip(runs, diagnoses, strict=True):
         if diagnosis.pending:
-            say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
+            say(f"{run.path}: unfinished, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
     media = Media()
     if films > 0:
         try:
             media = _media(runs, diagnoses, films, listener)
         except (MissingDependencyError, RecordError, WorldError) as error:
             listener.warn(f"no films: {error}")
-    ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]  # what replay knows
+    ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]  # replayable runs
     media = replace(media, folders={d.policy: str(run.path) for d, run in ours})
     media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
     stored = [(read_knowledge(run), name) for run, name in zip(runs, called, strict=True)]
@@ -127,23 +128,23 @@ def write_report(
     films: int = FILMS,
     overwrite: bool = False,
 ) -> Path:
-    """Write the report of a run, or of several side by side, as ``better report`` does, and return its page.
+    """Write the report of one or several runs, like ``better report``, and return its page.
 
-    The page needs no network and no other file; its tables stand beside it as CSV and LaTeX.
+    The page needs no network and no other file; its tables are written beside it as CSV and LaTeX.
 
     Args:
         *runs: The runs, or their folders.
         out: Folder of the report; ``report`` in the folder of the first run if not given.
         names: Name of each run on the page, in their order; that of its policy if not given.
         twins: For runs in LIBERO-PRO: folders of the runs of the base suite by the same policies, one for each run.
-        latex: True to write LaTeX tables too.
-        films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
-        overwrite: True to write to a folder that holds something else than a report.
+        latex: Whether to write LaTeX tables too.
+        films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.
+        overwrite: Whether to write to a folder that contains other files.
 
     Raises:
         InvalidInputError: If no run is given, a number is out of range, or names or twins do not fit.
         RecordError: If a run or a record cannot be read.
-        RunConflictError: If the folder holds something else, and that may not be overwritten.
+        RunConflictError: If the folder contains other files, and may not be overwritten.
     """
     require_between("films", films, 0, math.inf)
     folders = [run if isinstance(run, RunFolder) else RunFolder.open(Path(run)) for run in runs]
@@ -170,21 +171,21 @@ def report_into(
     overwrite: bool = False,
     listener: ReportListener = ReportListener(),
 ) -> BuiltReport:
-    """Build a report in a folder of its own, which is that of the first run if None; see :func:`build_report`.
+    """Build a report in a folder, by default in that of the first run; see :func:`build_report`.
 
     Raises:
         InvalidInputError: If no run is given.
-        RunConflictError: If the folder holds something else, and that may not be overwritten.
+        RunConflictError: If the folder contains other files, and may not be overwritten.
     """
     if not runs:
-        raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
+        raise InvalidInputError("runs", "no run is named", "Give the --out folder of better eval")
     place = runs[0].report_path if out is None else out
     with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
         return build_report(runs, place, names=names, twins=twins, latex=latex, films=films, listener=listener)
 
 
 def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
-    """Return the trials to film, the most telling first: failures, and a few solved ones for comparison."""
+    """Return the trials to film, the most informative first: failures, and a few solved ones for comparison."""
     solved = {t.key for t in diagnosis.trials if t.success}
     showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
     failed = [s for s in showings if s.trial not in solved]
@@ -192,9 +193,9 @@ def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
 
 
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
-    """Render films of at most so many trials, shared by the runs, and one image of each other failure.
+    """Render films of at most ``films`` trials, over all runs, and one image of each other failure.
 
-    In LIBERO no path is drawn: where its camera stands is not recorded.
+    In LIBERO no path is drawn, because the pose of its camera is not recorded.
     """
     say = listener.say
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
@@ -252,7 +253,7 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 
 
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
-    """Return the side of a twin film that shows a trial."""
+    """Return the panel of a twin film for a trial."""
     place = trial.variation or trial.condition
     return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
 
@@ -279,7 +280,7 @@ def _paths(
 def _thumbnails(
     run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thumbnails], listener: ReportListener
 ) -> dict[str, Thumbnails]:
-    """Return the scenes of variations that have none yet: one trial at reset, beside its twin."""
+    """Return the missing scene images of variations: one trial at reset, beside its twin."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     chosen: dict[str, TrialDiagnosis] = {}
     for trial in diagnosis.trials:

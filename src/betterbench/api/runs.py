@@ -19,6 +19,7 @@ from betterbench.evaluation.running.summary import require_a_trial
 from betterbench.evaluation.trials.given_policy import GivenPolicy
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
 from betterbench.interface import Policy
+from betterbench.jobs import OnCount
 from betterbench.quoting import default_name
 from betterbench.records import RunFolder
 
@@ -45,10 +46,11 @@ def evaluate(
     allow_changed_policy: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> RunFolder:
-    """Evaluate a policy, as ``better eval`` does, and return the run. The same call resumes an unfinished run.
+    """Evaluate a policy, like ``better eval``, and return the run. The same call resumes an unfinished run.
 
-    Every variation runs with the seeds ``seed … seed + trials - 1``, and the training conditions with as many trials in
-    all, of which the first are the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better eval``.
+    Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions together get as many
+    trials, and the first of them are the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better
+    eval``.
 
     Args:
         policy: Address of a policy ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
@@ -62,25 +64,25 @@ def evaluate(
         observation: Observation preset.
         quality: Render preset.
         looks: Looks of objects and rooms: "seen", or "unseen" for those that no demonstration shows.
-        until_decided: True to give a variation no more trials once its verdict is certain; ``trials`` is then the most.
-        workers: Worker processes, for an address; None for one per processor. A script that asks for more than one
-            starts under ``if __name__ == "__main__":``, because each worker imports it again.
+        until_decided: Whether to stop a variation once its verdict is certain; ``trials`` is then the maximum.
+        workers: Worker processes, for an address; None for one per processor. A script with more than one worker needs
+            ``if __name__ == "__main__":``, because each worker imports it again.
         policy_timeout_s: Deadline of an answer of a policy that is not on a server [s].
         certificate: Certificate of ``better certify``, or its folder; the packaged one if not given.
-        uncertified: True to run trials that no certificate covers, too.
-        allow_changed_policy: True to resume although the policy declares something else than when the run began.
+        uncertified: Whether to run trials that no certificate covers, too.
+        allow_changed_policy: Whether to resume although the policy's declarations have changed since the run began.
         on_progress: Called at the start and after every trial.
 
     Raises:
         InvalidInputError: If an argument is out of range, or a trial is not certified.
         UnknownNameError: If a name is unknown; the message lists the closest ones.
-        PolicyError: If every trial broke, so that nothing was measured; also what cannot be reached.
-        RunConflictError: If the folder holds another run, or another process writes to it.
+        PolicyError: If every trial broke, so that nothing was measured; also if the policy cannot be reached.
+        RunConflictError: If the folder contains another run, or another process writes to it.
     """
     given = None if isinstance(policy, str) else GivenPolicy(policy)
     if given is not None and workers != 1:
         cure = "Give one worker, or the address of its class: python:FILE.py:CLASS"
-        raise InvalidInputError("workers", "an instance answers in this process alone", cure)
+        raise InvalidInputError("workers", "an instance answers in this process only", cure)
     with options_as_arguments():
         plan = make_plan(
             policy if isinstance(policy, str) else policy.info.name,
@@ -113,7 +115,7 @@ def load_run(path: Path | str) -> RunFolder:
     """Open an existing run for reading, from Python or from the command line.
 
     Raises:
-        RecordError: If the folder holds no run, a damaged one or one of another version.
+        RecordError: If the folder contains no run, a damaged one or one of another version.
     """
     return RunFolder.open(Path(path))
 
@@ -123,15 +125,15 @@ def diagnose(
     *,
     twins: RunFolder | Path | str | None = None,
     allow_mixed: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Diagnose every trial of a run from its records alone; nothing is written.
+    """Diagnose every trial of a run from its records only; nothing is written.
 
     Args:
-        run: The run, or its folder. One that is still going can be diagnosed too.
+        run: The run, or its folder. An unfinished run can be diagnosed too.
         twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials are the twins.
-        allow_mixed: True to diagnose records of several versions, engines or policies together.
-        on_progress: Called with the number of planned trials that have been looked at, and that of all of them.
+        allow_mixed: Whether to diagnose records of several versions, engines or policies together.
+        on_progress: Called with the number of processed trials and the number of planned trials.
 
     Raises:
         RecordError: If the run or a record cannot be read.
@@ -158,11 +160,12 @@ def compare(
         *runs: Two or more runs, their folders, or files of ``better export``.
         names: Names of the runs, in their order; those of their policies if not given.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
-        sequential: True to add tests that stay valid however often you look at runs that are still going.
-        allow_mixed: True to compare runs of different versions or engines all the same.
+        sequential: Whether to add tests that stay valid however often you look at unfinished runs.
+        allow_mixed: Whether to compare runs of different versions or engines anyway.
 
     Raises:
-        InvalidInputError: If an argument is out of range, the runs share nothing, or they are of several suites.
+        InvalidInputError: If an argument is out of range, the runs have no common trials, or they are of several
+            suites.
         RecordError: If a run or a record cannot be read.
         RunConflictError: If versions or engines differ and that is not allowed.
     """

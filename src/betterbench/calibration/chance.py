@@ -12,9 +12,9 @@ from betterbench.tasks.interventions import vary
 def chance_of(task_name: str, name: str) -> float:
     """Return the success rate of guessing the instruction of a variation among those that make sense in its scene.
 
-    Two instructions that mean the same things and places here, such as "the red mug" and "the bottom mug", count as one
-    right guess each. So does an instruction that begins with all that is asked for and goes on: the trial has succeeded
-    before its next step. A step that is done at the start is nobody's to guess.
+    Two instructions with the same objects and targets in this scene, such as "the red mug" and "the bottom mug", each
+    count as a right guess. So does an instruction that begins with all requested steps and continues, because the trial
+    succeeds before its next step. A step that is done at the start does not need to be guessed.
     """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))
@@ -27,7 +27,7 @@ def chance_of(task_name: str, name: str) -> float:
 
 
 def _open_steps(instruction: Instruction, condition: Condition) -> list[object]:
-    """Return what an instruction asks for in a scene, in its order: which objects where; without what is done."""
+    """Return the requested steps that are not done at the start, in order, as sets of objects and targets."""
     return [
         (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)
         for g in instruction.subgoals

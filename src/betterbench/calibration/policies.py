@@ -10,15 +10,15 @@ from betterbench.policies.experts import Address, expert_names
 from betterbench.policies.experts.address import EXPERT_FORM, ZOO_FORM
 
 STRENGTHS = (1.0, 0.6, 0.3)
-"""Shares of the trials in which a rule applies. A policy with a habit does not have it every time."""
+"""Shares of the trials in which a rule applies, because a policy with a habit does not always follow it."""
 
 ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
-"""Noise on each control step's translation that goes with a strength [m]: none, 2 cm/s and 4 cm/s."""
+"""Noise on the translation of each control step that goes with a strength [m]: none, 2 cm/s and 4 cm/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """Policy of a calibration with its number of trials and its seed."""
+    """One policy of a calibration, with its number of trials and its seed."""
 
     address: Address
     trials: int
@@ -26,7 +26,7 @@ class CalibrationPolicy:
 
     @property
     def folder(self) -> str:
-        """Name of its run within the calibration."""
+        """Folder name of its run within the calibration."""
         name = self.address.name.replace(":", "-")
         return f"{name}-{round(100 * self.address.strength)}"
 

@@ -1,8 +1,8 @@
-"""Measurement of the power matrix: every pretender on every variation, in resumable runs, no episode simulated twice.
+"""Measurement of the power matrix: every pretender on every variation, in resumable runs without repeated episodes.
 
-The expert runs first, as a witness: it writes down which faulty rules decide as it does from the first decision to the
-last. Such a rule would produce exactly the same episode, so its trial takes over the expert's outcome. The cell counts
-these shared trials. Every other trial is simulated.
+The expert runs first and notes which faulty rules agree with all its decisions. Such a rule would produce exactly the
+same episode, so its trial copies the expert's outcome. The cell counts these shared trials. Every other trial is
+simulated.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ from betterbench.statistics import Rate, chance_p
 from betterbench.tasks import Expected, get_task, suite_tasks
 
 RULE_TRIALS = 6
-"""Trials of a faulty rule per variation: its decisions hardly depend on the seed."""
+"""Trials of a faulty rule per variation; few suffice because its decisions hardly depend on the seed."""
 GUESS_TRIALS = 14
-"""Fewest trials without language: a guess of one in three is then right in more than half of them in 6 % of the cells,
-and in 17 % of them with 7 trials."""
+"""Minimum number of trials without language. A guess with a chance of one in three is then right in more than half of
+the trials in 6 % of the cells; with 7 trials, in 17 %.
+"""
 STILL_TRIALS = 2
-"""Trials of the policy that never moves: they are all alike."""
+"""Trials of the policy that never moves; they are all alike."""
 MOST_CHANCE = 0.9
-"""Largest chance for which trials are counted out: with one instruction alone, guessing it is no luck."""
+"""Largest chance level for which the number of trials is computed; a single possible instruction is always guessed."""
 ALPHA = 0.05
 
 _NO_LANGUAGE = BLIND[0]
@@ -42,10 +43,10 @@ _NO_LANGUAGE = BLIND[0]
 
 @dataclass(frozen=True, slots=True)
 class PowerTrials:
-    """Number of trials of each pretender on each variation; their seeds begin at 0.
+    """Number of trials of each pretender on each variation; seeds begin at 0.
 
     Attributes:
-        of: Number of trials by pretender and variation; the expert's is the largest that any rule needs.
+        of: Number of trials by pretender and variation; the expert's number is the largest that any rule needs.
         chances: Success rate of guessing the instruction, by variation.
     """
 
@@ -54,7 +55,7 @@ class PowerTrials:
 
     @property
     def total(self) -> int:
-        """Number of all trials, shared ones included."""
+        """Number of all trials, including shared ones."""
         return sum(n for row in self.of.values() for n in row.values())
 
 
@@ -69,7 +70,7 @@ class _Outcome:
 
 
 def trials_to_flag(chance: float, cells: int) -> int:
-    """Return the fewest trials at which a cell that always succeeds is flagged among so many cells, by Holm at 5 %."""
+    """Return the number of trials at which a cell that always succeeds is significant, Holm-corrected at 5 %."""
     n = 1
     while cells * chance_p(Rate(n, n), chance=chance) >= ALPHA:
         n += 1
@@ -79,12 +80,13 @@ def trials_to_flag(chance: float, cells: int) -> int:
 def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS) -> PowerTrials:
     """Return the trials of a matrix of the named tasks, or of the whole suite.
 
-    What cannot see, hear or aim gets as many as it takes to flag a variation that it always solves, over all cells.
+    A pretender with a missing input gets enough trials for significance over all cells on a variation that it always
+    solves.
     """
     suite = [get_task(name) for name in suite_tasks("better60")]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
     keys = [(task.id, v.name) for task in chosen for v in task.variations]
-    # The number of cells is that of the suite even where few tasks are measured: the trials are then the same ones.
+    # The number of cells is that of the whole suite even if few tasks are measured, so that the trials stay the same.
     cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
     chances = {key: chance_of(*key) for key in keys}
     replayed = trials_to_flag(REPLAY_LIMIT, cells)
@@ -109,7 +111,7 @@ def measure_power(
 ) -> PowerMatrix:
     """Run every pretender on every variation and return the matrix.
 
-    The same call resumes where it stopped. Trials that a rule shares with the expert count as done at once.
+    The same call resumes where it stopped. Trials that a rule shares with the expert count as done immediately.
 
     Raises:
         RunConflictError: If a folder holds another run.
@@ -146,7 +148,7 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the plan of one pretender: its trials of variations, without those that are known already."""
+    """Return the plan of one pretender: its trials of variations, except those with a known outcome."""
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
     plan = make_plan(address, tasks=tasks, trials=max(wanted.values()), observation="state_only")
     kept = tuple(
@@ -164,12 +166,12 @@ def _outcomes(run: RunFolder, trials: Sequence[TrialDiagnosis]) -> Iterator[tupl
     for t in trials:
         trial = (t.task, t.variation or ""), t.seed
         if t.record is None:
-            raise RecordError(f"{run.path}: {t.key} has no record. The same command runs it again.")
+            raise RecordError(f"{run.path}: {t.key} has no record. Run the same command again.")
         yield trial, _Outcome(t.success, bool(t.intention_correct), said.get(trial, {}).get("truth", ""))
 
 
 def _same(run: RunFolder) -> dict[tuple[Key, int], frozenset[str]]:
-    """Return which rules decided like the expert, by trial."""
+    """Return the rules that decided like the expert, by trial."""
     entries = [e for e in run.entries() if e.status == "done"]
     return {((e.task, e.variation or ""), e.seed): frozenset(e.ground_truth.get("same", "").split()) for e in entries}
 

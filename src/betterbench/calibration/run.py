@@ -54,7 +54,7 @@ def run_plans(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> tuple[RunFolder, ...]:
-    """Run plans, each into the folder of its name below ``out``; the same call resumes.
+    """Run plans, each in a folder of its name below ``out``; the same call resumes.
 
     Raises:
         RunConflictError: If a folder holds another run.
@@ -74,7 +74,7 @@ def run_plans(
 
 
 def assess(runs: Sequence[RunFolder]) -> Calibration:
-    """Return the calibration that finished runs give, from their records and journals."""
+    """Return the calibration computed from the records and journals of finished runs."""
     trials: list[Judged] = []
     versions: dict[str, str] = {}
     left_out = 0
@@ -88,7 +88,7 @@ def assess(runs: Sequence[RunFolder]) -> Calibration:
 
 
 def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
-    """Return what the policy of a run said of its episodes, where they ended."""
+    """Return the reported ground truth of each episode that has ended."""
     done = (e for e in run.entries() if e.status == "done")
     return {TrialId(e.task, e.variation or e.condition, e.seed): e.ground_truth for e in done}
 
@@ -96,7 +96,7 @@ def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
 def _judged(diagnosis: RunDiagnosis, said: Mapping[TrialId, Mapping[str, str]]) -> Iterator[Judged]:
     for trial in diagnosis.trials:
         truth = said.get(trial.trial_id)
-        # A trial that broke down outside the policy has none; evaluate has said so, and runs it again.
+        # A trial that broke down outside the policy has no ground truth; the run reports it and repeats it.
         if truth is None or truth.get("left_out"):
             continue
         why = trial.evidence

@@ -1,4 +1,4 @@
-"""True label of a faulty policy's trial, from the decisions of the policy and the success of the trial."""
+"""True label of a faulty policy's trial, from the policy's decisions and the success of the trial."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from betterbench.tasks import Expected
 
 
 def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool) -> Label:
-    """Return the label that a trial of a faulty policy deserves.
+    """Return the true label of a trial of a faulty policy.
 
-    A trial whose goal is met is a success, whatever was decided on the way (suite, section 5). Otherwise the first
-    wrong decision names the fault; and where every decision was right, only the manipulation can have failed.
+    A trial whose goal is met is a success regardless of its decisions (suite, section 5). Otherwise the first wrong
+    decision determines the label. If every decision was right, only the manipulation can have failed.
 
     Args:
         ground_truth: Ground truth that the policy wrote to the journal about its episode.
@@ -22,10 +22,10 @@ def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool)
         success: Whether the trial succeeded, by the goal tracker that ran in the episode.
 
     Raises:
-        RecordError: If the policy said nothing, so that its truth is unknown.
+        RecordError: If the policy reported no ground truth.
     """
     if "truth" not in ground_truth:
-        raise RecordError("The journal holds no true label. Only faulty policies write theirs down; run it again.")
+        raise RecordError("The journal contains no true label. Only faulty policies report one; run the policy again.")
     if success:
         return SUCCESS_LABELS[Expected(expected)]
     return Label(ground_truth["truth"]) if ground_truth["truth"] else Label.EXECUTION_FAILURE

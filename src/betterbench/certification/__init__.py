@@ -1,4 +1,4 @@
-"""Certification: the proof, trial by trial, that a failure can only come from the policy.
+"""Certification: evidence for each trial that a failure can only be caused by the policy.
 
 The values (:mod:`~betterbench.certification.certificate`, :mod:`~betterbench.certification.coverage`,
 :mod:`~betterbench.certification.support`) can be read without a simulator;

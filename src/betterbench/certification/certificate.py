@@ -1,4 +1,4 @@
-"""The certificate as a value: clauses and margins per trial, their summary, and the JSON form."""
+"""Certificate as a value: clauses and margins per trial, their summary, and the JSON form."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ SCHEMA_VERSION = 1
 
 CLAUSES: Mapping[str, str] = {
     "a": "the expert solves it within the step limit",
-    "b": "every pick, put and slide of the expert lies inside the training regime",
+    "b": "every pick, put and slide of the expert is inside the training distribution",
     "c": "the initial state is at rest and free of penetration",
-    "d": "every asked object can be reached without a collision",
-    "e": "the scene shows what the instruction presupposes",
+    "d": "every requested object can be reached without a collision",
+    "e": "the scene matches the premise of the instruction",
 }
 """The five clauses of law 2 of the benchmark."""
 
@@ -28,7 +28,7 @@ CLAUSES: Mapping[str, str] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Finding on one clause: whether it holds, and a text with the reason or a remark, or empty."""
+    """Finding on one clause: whether it is fulfilled, and a reason or remark (may be empty)."""
 
     passed: bool
     text: str = ""
@@ -44,12 +44,12 @@ class TrialCertificate:
         clauses: Finding per clause, "a" to "e".
         steps: Control steps that the expert used.
         penetration_mm: Deepest overlap of an object with anything in the initial state [mm], 0 if nothing overlaps.
-        drift_mm: Farthest that an object moved by itself in the first 0.2 s [mm].
-        joint_margin_rad: Least distance of an arm joint to its limit in the grasps that clause (d) planned [rad]; None
-            where none was planned.
-        support_slack_mm: Least distance of a pick or a target to the border of its jitter region [mm]; None where the
+        drift_mm: Largest motion of an object by itself in the first 0.2 s [mm].
+        joint_margin_rad: Smallest distance of an arm joint to its limit in the grasps planned for clause (d) [rad];
+            None if none was planned.
+        support_slack_mm: Smallest distance of a pick or a target to the border of its jitter region [mm]; None if the
             expert touched nothing.
-        watched: True where the right answer is to leave things alone, so that every episode lasts until the limit.
+        watched: True if the right behavior is to touch nothing, so that every episode lasts until the step limit.
         primitives: Primitives of the expert's episode, one phrase each.
         expert_s: Wall time of the expert's episode [s].
         total_s: Wall time of the whole examination [s].
@@ -72,33 +72,33 @@ class TrialCertificate:
     total_s: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a finding that leaves a clause out."""
+        """Raise ValueError if a clause is missing."""
         if set(self.clauses) != set(CLAUSES):
-            msg = f"clauses {sorted(self.clauses)} are not {sorted(CLAUSES)}"
+            msg = f"expected the clauses {sorted(CLAUSES)}, got {sorted(self.clauses)}"
             raise ValueError(msg)
 
     @property
     def passed(self) -> bool:
-        """True if all clauses hold."""
+        """Whether all clauses are fulfilled."""
         return all(c.passed for c in self.clauses.values())
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Letters of the clauses that do not hold."""
+        """Letters of the clauses that are not fulfilled."""
         return tuple(letter for letter in CLAUSES if not self.clauses[letter].passed)
 
     @property
     def key(self) -> TrialId:
-        """The name of the trial."""
+        """Name of the trial."""
         return TrialId(self.task, self.condition, self.seed)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """Versions that a certificate depends on besides the seeds; that of the suite determines the random streams.
+    """Versions on which a certificate depends besides the seeds; the suite version determines the random streams.
 
-    ``looks`` are the looks of objects and rooms that the trials were examined with.
+    ``looks`` is the set of looks of objects and rooms in the examined trials.
     """
 
     package: str
@@ -114,7 +114,7 @@ class Certificate:
     """A finished certificate.
 
     Attributes:
-        platform: Machine and operating system it was made on.
+        platform: Machine and operating system of the certification.
         trials: All trials, in the order of the plan.
         wall_s: Wall time of all sessions together [s].
         workers: Worker processes of the last session.
@@ -135,7 +135,7 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """True if every clause of every trial holds."""
+        """Whether all clauses are fulfilled on all trials."""
         return all(t.passed for t in self.trials)
 
     @property
@@ -144,7 +144,7 @@ class Certificate:
         return sum(t.expert_s for t in self.trials) / len(self.trials) if self.trials else 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with the summary per condition, which is derived and not read back."""
+        """Return the JSON form, including a derived summary per condition that is not read back."""
         form = asdict(self)
         form["seeds"] = seed_ranges(self.seeds)
         form["clause_texts"] = dict(CLAUSES)
@@ -153,12 +153,12 @@ class Certificate:
         return form
 
     def sealed_json(self) -> dict[str, Any]:
-        """Return what its file holds: the JSON form with the version of the file and its seal."""
+        """Return the content of its file: the JSON form with the file version and a checksum."""
         return sealed_form({"version": 2, **self.to_json()})
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
-        """Read the JSON form; raise InvalidInputError if it is not a certificate of this schema version."""
+        """Read the JSON form. Raises InvalidInputError if it is not a certificate of this schema version."""
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
             raise InvalidInputError(where, "it is not a certificate", "Give a certificate.json of better certify")
         derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
@@ -171,15 +171,15 @@ _CERTIFICATE = TypeAdapter(Certificate)
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The trials of one condition, and the worst of each margin.
+    """The trials of one condition, and the smallest margins.
 
     Attributes:
-        n: Trials.
-        passed: Trials on which all clauses hold.
-        clauses: Trials on which each clause holds.
-        steps_share: Largest share of the step limit that the expert used, among trials that it solved; None where it
-            solved none, or had to be watched until the limit.
-        notes: Remarks about clauses, each once, with a seed on which it was made.
+        n: Number of trials.
+        passed: Number of trials on which all clauses are fulfilled.
+        clauses: Number of trials on which each clause is fulfilled.
+        steps_share: Largest share of the step limit that the expert used, among solved trials; None if it solved none,
+            or if episodes last until the limit by design.
+        notes: Remarks on clauses, each once, with an example seed.
     """
 
     task: str
@@ -247,5 +247,5 @@ def seed_ranges(seeds: Iterable[int]) -> str:
 
 
 def certificate_path(out: Path) -> Path:
-    """Return where a folder keeps its certificate."""
+    """Return the path of the certificate in a folder."""
     return out / "certificate.json"

@@ -1,4 +1,4 @@
-"""Coverage: the trials that a certificate covers, in a file small enough to ship with the suite."""
+"""Coverage: the trials that a certificate covers, in a file that is small enough to be packaged with the suite."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.user_files import options_for
 
 SOLVED_SHARE = 0.95
-"""Share of a condition's trials that the expert has to solve, so that the few which it does not solve count as its own
-slips. Clauses (b) to (e) have to hold on every single trial; a trial that the expert missed is listed."""
+"""Minimum share of a condition's trials that the expert has to solve; the few unsolved ones then count as its own
+slips. Clauses (b) to (e) must be fulfilled on every single trial. Unsolved trials are listed."""
 MOST_SEEDS = 1_000_000
-"""Largest seed of a range in a file, so that a hostile file cannot fill the memory."""
+"""Largest seed of a range in a file, so that a malicious file cannot exhaust the memory."""
 MAX_BYTES = 256 << 20
 """Largest certificate that is read [byte]."""
 
@@ -30,9 +30,10 @@ FORM: Literal["betterbench coverage"] = "betterbench coverage"
 
 
 class Gap(NamedTuple):
-    """First trial that a certificate does not cover, and the reason.
+    """First trial that a certificate does not cover, with the reason.
 
-    ``refused`` is true if it was examined under the versions in use and fell short: examining it again changes nothing.
+    ``refused`` is true if the trial was examined under the current versions and failed, so that examining it again is
+    useless.
     """
 
     trial: TrialId
@@ -46,9 +47,9 @@ class Seeds:
     """The seeds of one condition, as ranges ("0-19,23").
 
     Attributes:
-        certified: Seeds that the certificate vouches for.
-        unsolved: Those among them that the expert did not solve.
-        refused: Seeds that were examined and fell short, with the letters of the clauses.
+        certified: Certified seeds.
+        unsolved: Certified seeds that the expert did not solve.
+        refused: Seeds that were examined and failed, with the letters of the clauses.
     """
 
     certified: str = ""
@@ -59,7 +60,7 @@ class Seeds:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Certified seeds of each condition ("fast_food/L1"), and the versions they were certified under."""
+    """Certified seeds of each condition ("fast_food/L1"), and the versions under which they were certified."""
 
     versions: CertificateVersions
     conditions: Mapping[str, Seeds]
@@ -67,10 +68,10 @@ class Coverage:
 
     @classmethod
     def of(cls, certificate: Certificate) -> Coverage:
-        """Return what a certificate covers.
+        """Return the coverage of a certificate.
 
-        A trial is covered if clauses (b) to (e) hold on it and the expert solves it, or solves at least 95 % of the
-        trials of its condition.
+        A trial is covered if clauses (b) to (e) are fulfilled and the expert solves it, or at least 95 % of the trials
+        of its condition.
         """
         groups: dict[str, list[Any]] = {}
         for t in certificate.trials:
@@ -112,35 +113,38 @@ class Coverage:
         seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
         stale = None
         if self.versions.suite != suite:
-            stale = f"the certificate was made for suite version {self.versions.suite}, this is {suite}"
+            stale = f"the certificate was made for suite version {self.versions.suite}, the installed one is {suite}"
         elif _minor(self.versions.engine) != _minor(engine):
-            stale = f"the certificate was made with MuJoCo {self.versions.engine}, this is {engine}"
+            stale = f"the certificate was made with MuJoCo {self.versions.engine}, the installed one is {engine}"
         elif self.versions.looks != looks:
-            stale = f"the certificate covers the {self.versions.looks} looks, and the run shows the {looks} ones"
+            stale = f"the certificate covers the {self.versions.looks} looks, but the run uses the {looks} ones"
         for trial in trials:
             name, here = f"{trial.task}/{trial.condition}", tasks[trial.task]
             made_for = self.versions.tasks.get(trial.task)
             if stale is not None:
                 return Gap(trial, stale)
             if made_for is not None and made_for != here:
-                reason = f"the certificate was made for version {made_for} of {trial.task}, this is version {here}"
+                reason = (
+                    f"the certificate was made for version {made_for} of {trial.task}, the installed one is version "
+                    f"{here}"
+                )
                 return Gap(trial, reason)
             if trial.seed not in seeds.get(name, ()):
                 return Gap(trial, *self._why(name, trial.seed))
         return None
 
     def unsolved(self, trials: Iterable[TrialId]) -> tuple[TrialId, ...]:
-        """Return the planned trials that are covered although the expert did not solve them."""
+        """Return the planned trials that are covered but were not solved by the expert."""
         seeds = {name: parse_ranges(s.unsolved) for name, s in self.conditions.items() if s.unsolved}
         return tuple(t for t in trials if t.seed in seeds.get(f"{t.task}/{t.condition}", ()))
 
     def _why(self, name: str, seed: int) -> tuple[str, bool]:
         known = self.conditions.get(name)
         if known is None:
-            return "the certificate holds no seed of it", False
+            return "the certificate contains no seed of this condition", False
         for letters, ranges in (known.refused or {}).items():
             if seed in parse_ranges(ranges):
-                return f"it was examined and clause ({', '.join(letters)}) fails", True
+                return f"it was examined and fails clause ({', '.join(letters)})", True
         return f"the certificate covers seeds {known.certified or 'none'}", False
 
 
@@ -148,12 +152,12 @@ _COVERAGE = TypeAdapter(Coverage)
 
 
 def _minor(version: str) -> str:
-    """Return major and minor of a version: contacts, and with them scores, change between minor versions."""
+    """Return major and minor version, because contacts, and thus scores, change between minor versions."""
     return ".".join(version.split(".")[:2])
 
 
 def parse_ranges(text: str) -> frozenset[int]:
-    """Return the seeds that a text of ranges names; raise InvalidInputError if it is none."""
+    """Return the seeds of a text with ranges. Raises InvalidInputError if it is malformed."""
     found: set[int] = set()
     for part in text.split(",") if text else ():
         low, _, high = part.partition("-")
@@ -166,12 +170,12 @@ def parse_ranges(text: str) -> frozenset[int]:
 
 
 def packaged_coverage() -> Coverage:
-    """Return the certificate that ships with the suite."""
+    """Return the certificate packaged with the suite."""
     return _load(resources.files("betterbench.certification").joinpath("data", PACKAGED), "packaged certificate")
 
 
 def load_coverage(path: Path) -> Coverage:
-    """Read a ``certificate.json``, its folder or a coverage; raise InvalidInputError if it cannot be read."""
+    """Read a ``certificate.json``, its folder or a coverage. Raises InvalidInputError if it cannot be read."""
     return _load(path / "certificate.json" if path.is_dir() else path, str(path))
 
 
@@ -199,10 +203,10 @@ def cure_for(
     looks: Looks = "seen",
     unmeasured: Sequence[str] = (),
 ) -> str:
-    """Return what to do about a trial that is not certified, for a run that begins at the seed ``first``.
+    """Return the remedy for an uncertified trial, for a run that begins at the seed ``first``.
 
-    ``tasks`` are all that the run holds, because one certificate has to cover the run; none for the whole suite.
-    Those ``unmeasured`` have files of their own, and their demonstrations have to be measured first.
+    ``tasks`` are all tasks of the run, because one certificate has to cover the run; empty for the whole suite. The
+    ``unmeasured`` tasks are defined in user's files, and their demonstrations have to be measured first.
     """
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"

@@ -1,4 +1,4 @@
-"""Measurement of demonstrations: the points of release and the final poses of objects in the training conditions."""
+"""Measurement of demonstrations: release points and final poses of objects in the training conditions."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.relations import RELATIONS
 
 MOST_POSES = 12
-"""Most final poses that are kept per asset and place, the first ones."""
+"""Maximum number of final poses kept per asset and target region; the first ones are kept."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """Put of a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
+    """One put of a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
 
     slot: str
     relation: str
@@ -43,7 +43,7 @@ class DemonstratedPut:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Demonstration of the expert: its puts, and the reason why it was not solved (empty if it was)."""
+    """Demonstration of the expert: its puts, and the reason for a failure (empty if solved)."""
 
     task: str
     condition: str
@@ -53,15 +53,15 @@ class Demonstration:
 
     @property
     def key(self) -> TrialId:
-        """The name of the trial."""
+        """Name of the trial."""
         return TrialId(self.task, self.condition, self.seed)
 
 
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
-    """Return the demonstrations of a task to measure, its training conditions in turn.
+    """Return the demonstrations of a task to measure, cycling through its training conditions.
 
     Returns:
-        Those that begin with nothing pre-placed, and those that begin as these have left things.
+        Those that begin without pre-placed objects, and those that begin in the final state of the former.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]
@@ -70,7 +70,7 @@ def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...]
 
 
 def demonstrate(trial: TrialId, so_far: Demonstrated | None = None) -> Demonstration:
-    """Let the expert give one demonstration and return what it put where.
+    """Run one demonstration of the expert and return its puts.
 
     Args:
         trial: A training condition and a seed of demonstrations.
@@ -109,14 +109,14 @@ def _noted(put: Put) -> DemonstratedPut:
 
 
 def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrated:
-    """Return what the demonstrations of a task show; those that the expert did not solve show nothing."""
+    """Return the measurements from the demonstrations of a task; unsolved ones are ignored."""
     solved = [d for d in demonstrations if not d.problem]
     puts = [put for d in solved for put in d.puts]
     places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}
     left: dict[tuple[str, str, str, str, str, str], list[FlatPose]] = {}
     for put in puts:
         places.setdefault((put.slot, put.relation, put.region, put.level), []).append(put)
-        if RELATIONS[put.relation].surface is not None:  # something can be pre-placed there
+        if RELATIONS[put.relation].surface is not None:  # an object can be pre-placed there
             what = (put.kind, put.asset, put.target_kind, put.target_asset, put.relation, put.region)
             left.setdefault(what, []).append(put.pose)
     return Demonstrated(
@@ -133,7 +133,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
 
 
 def _apart(heights_mm: Iterable[float]) -> tuple[float, ...]:
-    """Return sorted heights without those within half a millimeter of one before."""
+    """Return sorted heights, skipping those within half a millimeter of the previous one."""
     kept: list[float] = []
     for height in sorted(heights_mm):
         if not kept or height > kept[-1] + 0.5:

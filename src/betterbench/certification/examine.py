@@ -1,4 +1,4 @@
-"""The examination of one trial: the five clauses of law 2, in the simulator."""
+"""Examination of one trial in the simulator: the five clauses of law 2."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.relations import RELATIONS
 
 REST_STEPS = 4
-"""Control steps of zero action after which an initial state has to be at rest: 0.2 s."""
+"""Number of control steps of zero action after which an initial state has to be at rest: 0.2 s."""
 DRIFT_M = 0.001
-"""Distance that an object may move by itself in that time [m]."""
+"""Largest motion of an object by itself in that time [m]."""
 PENETRATION_M = 0.0015
-"""Deepest overlap that still counts as a contact of the soft-constraint solver [m]; resting assets show < 0.5 mm."""
+"""Largest overlap that counts as a contact of the soft-constraint solver [m]; assets at rest have < 0.5 mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Start:
-    """Finding on clause (c), with the deepest overlap and the farthest drift of the initial state."""
+    """Finding on clause (c), with the largest overlap and the largest drift of the initial state."""
 
     clause: Clause
     penetration_mm: float
@@ -55,7 +55,7 @@ class _Start:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Finding on clause (a), with the finding on every primitive of the expert's episode."""
+    """Finding on clause (a), with a finding on every primitive of the expert's episode."""
 
     clause: Clause
     steps: int
@@ -64,7 +64,7 @@ class _Episode:
 
 
 def examine(trial: TrialId, *, looks: Looks = "seen") -> TrialCertificate:
-    """Return what is found on one trial, failures included; raise UnknownNameError for an unknown task or condition."""
+    """Return the findings on one trial, including failures. Raises UnknownNameError for an unknown trial."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
@@ -80,7 +80,7 @@ def examine_condition(
     training: bool = False,
     looks: Looks = "seen",
 ) -> TrialCertificate:
-    """Examine one seed of a condition that need not be registered."""
+    """Return the findings on one seed of a condition, which does not have to be registered."""
     began = time.perf_counter()
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks)
     start = _at_rest(scene)
@@ -115,7 +115,7 @@ def examine_condition(
 
 
 def _at_rest(scene: Scene) -> _Start:
-    """Watch the initial state for 0.2 s without moving the arm."""
+    """Check the initial state for 0.2 s without moving the arm."""
     before = scene.reset(check_premise=False)
     deepest, where = _penetration(scene)
     for _ in range(REST_STEPS):
@@ -137,7 +137,7 @@ def _at_rest(scene: Scene) -> _Start:
 
 
 def _penetration(scene: Scene) -> tuple[float, str]:
-    """Return the deepest overlap of an object with anything else [m], and between what it is."""
+    """Return the largest overlap of an object with another body [m], and the names of the pair."""
     contact = scene.data.contact
     names, n = scene.body_names, len(scene.info.objects)
     deepest, where = 0.0, ""
@@ -158,12 +158,12 @@ def _premise(condition: Condition, state: WorldState) -> Clause:
     goals = condition.instruction.subgoals
     absent = [g.word for g in goals if len(condition.resolve(g.reference)) < g.count]
     if not absent:
-        return Clause(passed=False, text="the premise is declared as broken, but everything that is named is there")
+        return Clause(passed=False, text="the premise is declared as broken, but all named objects are present")
     return Clause(passed=True, text=f"broken on purpose: no {', no '.join(absent)} in the scene")
 
 
 def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return the objects that an instruction can mean and that are not yet where it wants them."""
+    """Return the objects that an instruction can refer to and that are not at their goal yet."""
     names: dict[str, None] = {}
     for goal in condition.instruction.subgoals:
         for name in condition.resolve(goal.reference):
@@ -173,19 +173,19 @@ def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
 
 
 def _shut_targets(condition: Condition) -> tuple[str, ...]:
-    """Return the drawers that something has to go into although they are shut at the start."""
+    """Return the drawers that are closed at the start although something has to be put inside."""
     targets = dict.fromkeys(g.target for g in condition.instruction.subgoals)
     return tuple(t for t in targets if condition.object(t).role == "drawer" and not condition.opened.get(t))
 
 
 def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp of each object asked for; return why none was planned (or None) and the least joint margin [rad]."""
+    """Plan a grasp of each requested object; return why it failed (or None) and the smallest joint margin [rad]."""
     planner, ik = Planner(scene), ArmIK(scene.compiled.robot)
     low, high = np.asarray(scene.compiled.robot.joint_low), np.asarray(scene.compiled.robot.joint_high)
     reasons: dict[str, str | None] = {}
     margins: list[float] = []
     for drawer in _shut_targets(condition):
-        reasons[drawer] = "it is shut and opened by its handle first"
+        reasons[drawer] = "it is closed and has to be opened by its handle first"
     for name in _to_be_grasped(condition, state):
         if state.info.object(name).role == "drawer":
             reasons.setdefault(name, "it is moved by its handle")
@@ -204,9 +204,9 @@ def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[d
 
 
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
-    """Return clause (d): planned from the start, or proven by the expert that did it."""
+    """Return clause (d): fulfilled by a plan from the start, or by the expert's success."""
     if not reasons:
-        return Clause(passed=True, text="nothing has to be grasped")
+        return Clause(passed=True, text="no object has to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}
     if not later:
         return Clause(passed=True)
@@ -218,7 +218,7 @@ def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """Watched episode of the expert: why it was not solved (empty if it was), control steps, and primitives."""
+    """Observed episode of the expert: reason for a failure (empty if solved), control steps, and primitives."""
 
     problem: str
     steps: int
@@ -226,7 +226,7 @@ class Watched:
 
 
 def watch_expert(scene: Scene) -> Watched:
-    """Let the expert run the trial and watch what it does."""
+    """Run the expert on the trial and track its primitives."""
     task, condition = scene.task, scene.condition
     state = scene.reset(check_premise=False)
     tracker = GoalTracker(condition, scene.info, template=task.template, control_rate_hz=scene.control_rate_hz)
@@ -243,7 +243,7 @@ def watch_expert(scene: Scene) -> Watched:
             state = scene.state()
             truth = tracker.update(state)
             handling.update(state)
-    except Exception as error:  # noqa: BLE001 - an expert that breaks down has not solved the trial; it is listed as such
+    except Exception as error:  # noqa: BLE001 - a crash of the expert counts as an unsolved trial and is listed
         broke = f"{type(error).__name__}: {error}"
     problem = "" if truth.success else broke or _why_not(condition, scene.info, tracker, truth, state.step)
     mishap = getattr(agent, "ground_truth", {}).get("mishap")
@@ -253,7 +253,7 @@ def watch_expert(scene: Scene) -> Watched:
 
 
 def _expert(scene: Scene) -> _Episode:
-    """Let the expert run the trial and compare what it does with the training regime."""
+    """Run the expert on the trial and compare its primitives with the training distribution."""
     trained = TrainedSupport.of(scene.task, demonstrated(scene.task, engine=engine_version()))
     began = time.perf_counter()
     watched = watch_expert(scene)
@@ -266,7 +266,7 @@ def _expert(scene: Scene) -> _Episode:
 
 
 def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth: Truth, steps: int) -> str:
-    """Say what was missing when the expert's episode ended."""
+    """Return what was missing when the expert's episode ended."""
     if condition.expected is not Expected.SUCCEED:
         return f"scored wrong after {steps} steps: {'a forbidden interaction' if truth.forbidden else 'not at rest'}"
     missing = [name for name, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]
@@ -279,6 +279,6 @@ def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth:
 def _inside_support(episode: _Episode, support: Support) -> Clause:
     problems = [f.problem for f in episode.found if f.problem is not None]
     if support is Support.NOVEL:
-        text = "; ".join(problems) or "every pose that the expert used lies inside all the same"
+        text = "; ".join(problems) or "every pose of the expert is inside nevertheless"
         return Clause(passed=True, text=f"declared novel: {text}")
     return Clause(not problems, "; ".join(problems))

@@ -1,8 +1,8 @@
-"""Handling: the picks, puts and slides of an episode, found from its states and not from the policy's own account.
+"""Handling: the picks, puts and slides of an episode, derived from its states instead of the policy's report.
 
-A **pick** counts with the pose in which the object last stood at rest before the gripper touched it. A **put** counts
-with where it was let go and with the relation that the object then bears to a target. A **slide** is a drawer that was
-moved along its rails. A **pre-placed** object counts with its pose at its target at the start.
+A **pick** has the last pose of the object at rest before the gripper touched it. A **put** has the release point and
+the resulting relation of the object to a target. A **slide** is a motion of a drawer along its rails. A **pre-placed**
+object has its pose at its target at the start.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from betterbench.tasks.relations.closed import GAP
 from betterbench.tasks.relations.placing import foot
 
 SLIDE_M = GAP
-"""Distance from which a drawer counts as moved [m]."""
+"""Minimum distance at which a drawer counts as moved [m]."""
 LONGEST_CHAIN = 8
-"""Most hops from a target down to what stands in a slot: a stack of four on something in a mounted drawer has six."""
+"""Maximum number of steps from a target down to a slot: a stack of four on an object in a mounted drawer has six."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """An object taken from ``pose`` (``T_world_object``), in which it last stood at rest before the gripper's touch."""
+    """An object picked from ``pose`` (``T_world_object``), its last pose at rest before the gripper touched it."""
 
     object: str
     kind: str
@@ -35,9 +35,9 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Point of release of an object: height of its foot above the table, position of the foot at the target [m].
+    """Release point of an object: height of its base above the table, and position of the base at the target [m].
 
-    The position is in the frame of the target, relative to the middle of the target region.
+    The position is in the frame of the target, relative to the center of the target region.
     """
 
     height_m: float
@@ -47,19 +47,20 @@ class Release(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """An object let go, and the pose of what stands in the slot below it.
+    """A released object, with its target and the slot below.
 
     Attributes:
         kind: Kind of the object.
         asset: Identity of its asset.
-        relation: Name of the relation to its target, or None where it bears none: it was lost on the way.
-        region: Region of the target, where it offers several.
-        slot: Slot that the target, or what carries it, stands in; None if it stands in none.
-        level: Number of objects below, down to the slot; the mount of a drawer does not count.
+        relation: Name of the relation to its target, or None if it was lost on the way.
+        region: Region of the target, if it has several.
+        slot: Slot of the target or of its support; None if there is none.
+        level: Number of objects below it down to the slot; the mount of a drawer does not count.
         pose: Pose ``T_world_object`` at rest.
         target_asset: Identity of the asset of the target.
-        target_pose: Pose of the middle of the target region at that time, ``T_world_middle``; ``pose`` without target.
-        release: Point of its release.
+        target_pose: Pose of the center of the target region at that time, ``T_world_middle``; equals ``pose`` if there
+            is no target.
+        release: Release point.
     """
 
     object: str
@@ -80,13 +81,13 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Preplaced:
-    """An object that is at its target from the start.
+    """An object that is at its target at the start.
 
     Attributes:
         kind: Kind of the object.
         asset: Identity of its asset.
         target_asset: Identity of the asset of the target.
-        pose: Pose ``T_middle_object`` against the middle of the target region.
+        pose: Pose ``T_middle_object`` relative to the center of the target region.
     """
 
     object: str
@@ -100,7 +101,7 @@ class Preplaced:
 
 @dataclass(frozen=True, slots=True)
 class DrawerMove:
-    """A drawer opened or shut, and the slot of its cabinet."""
+    """A drawer that was opened or closed, with the slot of its cabinet."""
 
     object: str
     kind: str
@@ -111,7 +112,7 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 
 
 class Handling:
-    """Tracker of the primitives of an episode. Feed it every state from reset on, in order."""
+    """Tracker of the primitives of an episode; needs every state from reset on, in order."""
 
     def __init__(self, task: Task, condition: Condition) -> None:
         self._condition = condition
@@ -128,7 +129,7 @@ class Handling:
         self._last: WorldState | None = None
 
     def update(self, state: WorldState) -> None:
-        """Take in the next state."""
+        """Process the next state."""
         if self._last is None:
             for o in state.info.objects:
                 (self._shut_at if o.role == "drawer" else self._stood)[o.name] = state.pose(o.name)
@@ -163,13 +164,13 @@ class Handling:
             self._settle(state)
 
     def finish(self) -> tuple[Primitive, ...]:
-        """Return all primitives of the episode in the order in which they began; slides come last."""
+        """Return all primitives of the episode in the order of their start; slides come last."""
         if self._last is not None:
             self._settle(self._last)
         return (*self._found, *self._slid.values())
 
     def _settle(self, state: WorldState) -> None:
-        """Note where the object that was let go has come to rest."""
+        """Record where the released object has come to rest."""
         name = self._settling
         if name is None:
             return
@@ -192,7 +193,7 @@ class Handling:
     def _put(
         self, state: WorldState, name: str, target: str | None = None, relation: str | None = None, region: str = ""
     ) -> Put:
-        """Return the put of an object at a target, or at none: it was lost on the way."""
+        """Return the put of an object, with its target or, if it was lost on the way, without."""
         info, to = state.info.object(name), target or name
         slot, level, base = ground_of(self._condition, to, self._resting_on) if target else (None, 0, name)
         let_go = self._grasped or state
@@ -216,7 +217,7 @@ class Handling:
 
 
 def _middle_of(state: WorldState, target: str, relation: str | None, region: str) -> Pose:
-    """Return the pose of the middle of a target region, ``T_world_middle``; that of the object without a relation."""
+    """Return the pose of the center of a target region, ``T_world_middle``; without a relation, that of the object."""
     frame = state.pose(target)
     if relation is None:
         return frame
@@ -224,7 +225,7 @@ def _middle_of(state: WorldState, target: str, relation: str | None, region: str
 
 
 def _preplaced(condition: Condition, relation: Relation, state: WorldState) -> list[Preplaced]:
-    """Return what rests at a target at the start, in an order that names do not influence."""
+    """Return the objects that rest at a target at the start, in an order that does not depend on names."""
     found = []
     for name, place in condition.preplaced.items():
         pose = _middle_of(state, place.target, relation.name, place.region).inverse() @ state.pose(name)
@@ -242,7 +243,7 @@ def _in_fingers(state: WorldState, name: str) -> bool:
 
 
 def ground_of(condition: Condition, name: str, resting_on: Mapping[str, str]) -> tuple[str | None, int, str]:
-    """Return the slot (or None) below an object, the number of things up to it without mounts, and what is in it."""
+    """Return the slot (or None) below an object, its level above the slot without mounts, and the lowest object."""
     level = 1
     for _ in range(LONGEST_CHAIN):
         mount = condition.object(name).mount

@@ -1,4 +1,4 @@
-"""Journals of certifications: a header with versions, and one synced line per trial, so that they can be resumed.
+"""Journals of certifications: a header with versions, and one synced line per trial, for resuming.
 
 The lines of a journal of version 2 are linked, beginning with the header; those of version 1 are read with a warning.
 """
@@ -23,13 +23,13 @@ from betterbench.tasks import TrialId
 JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"
 _MOST_HEADER = 10_000
 CURE = "Restore the file from a copy, or work in a new folder"
-"""Advice about a line that was changed."""
+"""Remedy for a changed line."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class JournalHeader:
-    """First line of a journal: its kind, and the versions that it was begun under."""
+    """First line of a journal: its kind, and the versions at its start."""
 
     form: str
     package_version: str = ""
@@ -51,7 +51,7 @@ _HEADER, _LINE = TypeAdapter(JournalHeader), TypeAdapter(_Line)
 
 
 def holds_journal(folder: Path) -> bool:
-    """Tell whether a folder holds a journal of ours, of a certification or of measured demonstrations."""
+    """Return whether a folder contains a journal of a certification or of measured demonstrations."""
     for name in (JOURNAL_NAME, DEMONSTRATIONS_NAME):
         with contextlib.suppress(OSError), open_ordinary(folder / name) as file:
             if file.readline(_MOST_HEADER).startswith(b'{"form":"betterbench '):
@@ -60,15 +60,15 @@ def holds_journal(folder: Path) -> bool:
 
 
 class VersionedJournal(LineJournal):
-    """Journal that is resumed only under the versions that it was begun under, and written by one process at a time.
+    """Journal that can only be resumed under the same versions, by one process at a time.
 
     Raises:
-        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If a line is corrupt.
     """
 
     form: ClassVar[str]
-    """Kind of the journal, as named in its first line."""
+    """Kind of the journal, as stated in its first line."""
 
     def __init__(self, path: Path, versions: CertificateVersions, *, renews: bool = False) -> None:
         self._versions = versions
@@ -92,7 +92,7 @@ class VersionedJournal(LineJournal):
             self._link = link or self._link
 
     def _take_in_line(self, form: dict[str, Any], where: str) -> None:
-        """Read a line after the first; ``where`` is for the error."""
+        """Read a line after the first; ``where`` is for error messages."""
         raise NotImplementedError
 
     def _check_header(self, line: bytes) -> None:
@@ -105,19 +105,19 @@ class VersionedJournal(LineJournal):
         for name, value in asdict(replace(self._header, version=found.version)).items():
             if (there := getattr(found, name)) != value:
                 raise RunConflictError(
-                    f"{self._path}: begun with {name} {one_line(there, most=80)}, this is {value}. {cure}."
+                    f"{self._path}: started with {name} {one_line(there, most=80)}, but {value} is in use now. {cure}."
                 )
 
 
 def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield what :func:`~betterbench.jobs.line_journal.linked_forms` does of the lines after the header."""
+    """Yield :func:`~betterbench.jobs.line_journal.linked_forms` of the lines after the header."""
     header = read_form(_HEADER, lines[0], where=f"{path}: line 1 is corrupt", cure=CURE, raises=RecordError)
     before = link_after("", asdict(header))
     yield from linked_forms(path, lines[1:], cure=CURE, first=2, before=before, needed=header.version > 1)
 
 
 class CertificationJournal(VersionedJournal):
-    """The journal of a certification; trials that were examined for another version of their task are examined again.
+    """The journal of a certification; trials examined for another version of their task are examined again.
 
     Raises as :class:`VersionedJournal` does.
     """

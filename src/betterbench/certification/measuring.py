@@ -1,9 +1,9 @@
-"""Measuring the demonstrations of several tasks: worker processes, a journal, and the files at the end."""
+"""Measurement of the demonstrations of several tasks, with worker processes and a journal."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
@@ -14,9 +14,9 @@ from pydantic import TypeAdapter
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.demonstrations import Demonstration, demonstrate, planned_demonstrations, summed_up
 from betterbench.certification.journal import CURE, DEMONSTRATIONS_NAME, VersionedJournal
-from betterbench.certification.runner import in_workers, versions_in_use
+from betterbench.certification.runner import versions_in_use
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.jobs import write_durably
+from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
 from betterbench.jobs.outputs import OutputFile
 from betterbench.json_form import read_form, strict_form
 from betterbench.tasks import Task, TrialId, get_task
@@ -63,21 +63,22 @@ def measure(
     *,
     number: int,
     workers: int = 1,
-    on_progress: Callable[[int, int, Demonstration | None], None] | None = None,
+    on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
-    """Measure demonstrations of some tasks, as far as the journal of a folder does not hold them yet.
+    """Measure the demonstrations of some tasks that are not yet in the journal of a folder.
 
     Args:
         tasks: Names of the tasks.
         out: Folder of the journal.
         number: Demonstrations per task, over its training conditions in turn.
         workers: Worker processes.
-        on_progress: Called with the demonstrations measured, those planned, and the one just measured.
+        on_progress: Called at the start of each turn and after every demonstration.
 
     Raises:
-        InvalidInputError: If there are fewer demonstrations than training conditions, or too many workers.
+        InvalidInputError: If there are fewer demonstrations than training conditions, or the number of workers is out
+            of range.
         WorkerError: If worker processes keep dying.
-        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If the journal is corrupt.
     """
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
@@ -88,32 +89,25 @@ def measure(
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     plans = {task.id: planned_demonstrations(task, number) for task in chosen}
-    planned = sum(len(trials) for plan in plans.values() for trials in plan)
+    planned = [trial for plan in plans.values() for trials in plan for trial in trials]
     with DemonstrationJournal(out, versions_in_use([t.id for t in chosen])) as journal:
         for turn in (0, 1):
             so_far = {task.id: _summed_up(task, plans[task.id][:turn], journal) for task in chosen} if turn else {}
-            wanted = [trial for plan in plans.values() for trial in plan[turn]]
-            waiting = [trial for trial in wanted if trial not in journal.found]
-            if on_progress is not None:
-                on_progress(_done(plans, journal), planned, None)
-            for found in _demonstrations(waiting, so_far, workers):
-                journal.append(found)
-                if on_progress is not None:
-                    on_progress(_done(plans, journal), planned, found)
+            due = {trial for plan in plans.values() for trial in plan[turn]}
+            work, is_done = functools.partial(_of_turn, due, so_far, workers), journal.found.__contains__
+            run_items(planned, is_done=is_done, work=work, keep=journal.append, on_progress=on_progress)
         return {task.id: _summed_up(task, plans[task.id], journal) for task in chosen}
-
-
-def _done(plans: Mapping[str, Sequence[Sequence[TrialId]]], journal: DemonstrationJournal) -> int:
-    return sum(trial in journal.found for plan in plans.values() for trials in plan for trial in trials)
 
 
 def _summed_up(task: Task, plan: Iterable[Sequence[TrialId]], journal: DemonstrationJournal) -> Demonstrated:
     return summed_up(task, [journal.found[trial] for trials in plan for trial in trials])
 
 
-def _demonstrations(trials: list[TrialId], so_far: Mapping[str, Demonstrated], workers: int) -> Iterator[Demonstration]:
-    """Yield demonstrations as they come."""
-    return in_workers(trials, workers, functools.partial(_demonstrate, so_far))
+def _of_turn(
+    due: Collection[TrialId], so_far: Mapping[str, Demonstrated], workers: int, waiting: Iterable[TrialId]
+) -> Iterator[Demonstration]:
+    trials = [trial for trial in waiting if trial in due]
+    return in_processes(trials, functools.partial(_demonstrate, so_far), workers=workers)
 
 
 def _demonstrate(so_far: Mapping[str, Demonstrated], trial: TrialId) -> Demonstration:
@@ -121,20 +115,20 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], trial: TrialId) -> Demonstr
 
 
 def destination(task: str) -> Path | None:
-    """Return the file beside the one that defines a task, or None for a task of the suite, whose file is packaged."""
+    """Return the path next to the file that defines a task, or None for a task of the suite, whose file is packaged."""
     own = companion_of(task)
     return None if own is None else own.path
 
 
 def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
-    """Write what was measured into the package, and for tasks of a user's file beside that file; return the paths."""
+    """Write the measurements into the package, or next to the user's file that defines a task; return the paths."""
     files: dict[Path | None, dict[str, Demonstrated]] = {}
     for task, measured in found.items():
         files.setdefault(destination(task), {})[task] = measured
     written = []
     for path, tasks in files.items():
         if path is not None:
-            with OutputFile(path, "certify", is_ours=lambda _: True):  # what is no file of ours cannot be read
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # a file of another kind could not have been read
                 write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue

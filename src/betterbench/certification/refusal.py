@@ -1,4 +1,4 @@
-"""Check that a certificate covers the trials of a run, with an error that names the remedy."""
+"""Check that a certificate covers the trials of a run, with an error that contains the remedy."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ _NAMED = 5
 
 
 def require_certified(plan: Plan, certificate: Path | None = None) -> str:
-    """Check that a certificate covers every trial of a plan, and return a sentence about what it does not prove.
+    """Check that a certificate covers every trial of a plan, and return a sentence on its limits.
 
-    Without a path, it is the certificate that ships with the suite. It covers the seen looks: unseen ones without a
-    certificate of their own are allowed, and the sentence says that they are not certified. The sentence is empty if
-    the expert solved all trials.
+    Without a path, the packaged certificate is used. It covers only the seen looks; trials with unseen looks are
+    allowed, and the sentence states that they are not certified. The sentence is empty if the expert solved all trials.
 
     Raises:
-        InvalidInputError: If a trial is not covered; the text names the first one and the cure.
+        InvalidInputError: If a trial is not covered; the message names the first one and the remedy.
     """
     coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
     if certificate is None and plan.looks != coverage.versions.looks:
@@ -37,13 +36,13 @@ def require_certified(plan: Plan, certificate: Path | None = None) -> str:
 def require_coverage(
     coverage: Coverage, trials: Sequence[TrialId], *, seed: int, trials_per_variation: int, looks: Looks = "seen"
 ) -> str:
-    """Check that a certificate covers every planned trial, and return a sentence about those the expert did not solve.
+    """Check that a certificate covers every planned trial, and return a sentence on unsolved ones.
 
-    The sentence is empty if it solved all. ``seed``, the first of the run, and ``trials_per_variation`` are for the
-    cure.
+    The sentence is empty if the expert solved all trials. ``seed``, the first of the run, and ``trials_per_variation``
+    are used for the remedy.
 
     Raises:
-        InvalidInputError: If a trial is not covered; the text names the first one and the cure.
+        InvalidInputError: If a trial is not covered; the message names the first one and the remedy.
     """
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in trials)}
     gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions, looks=looks)

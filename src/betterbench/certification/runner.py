@@ -1,30 +1,22 @@
-"""Certifying many trials: worker processes, one journal, and a certificate at the end."""
+"""Certification of many trials: worker processes, one journal, and a certificate at the end."""
 
 from __future__ import annotations
 
 import json
-import logging
-import multiprocessing
 import platform
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TypeVar
 
 from betterbench.certification.certificate import Certificate, CertificateVersions, TrialCertificate, certificate_path
 from betterbench.certification.coverage import Coverage
 from betterbench.certification.examine import examine
 from betterbench.certification.journal import CertificationJournal
-from betterbench.errors import InvalidInputError, WorkerError
-from betterbench.jobs import RetryLedger, write_durably
-from betterbench.jobs.lock import held_folders
-from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
+from betterbench.errors import InvalidInputError
+from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
 from betterbench.json_form import sealed_form
 from betterbench.quoting import json_text
 from betterbench.sim.scenes import engine_version
@@ -33,24 +25,9 @@ from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.interventions import resolve_condition
 from betterbench.version import __version__
 
-FoundT = TypeVar("FoundT")
-
-logger = logging.getLogger(__name__)
-
-Examination = Callable[[TrialId], TrialCertificate]
-
-
-@dataclass(frozen=True, slots=True)
-class CertificationProgress:
-    """Progress of a certification: trials examined, trials planned, and the last one examined (None at the start)."""
-
-    done: int
-    planned: int
-    last: TrialCertificate | None
-
 
 def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
-    """Return the versions that a certificate of some tasks depends on."""
+    """Return the versions on which a certificate of some tasks depends."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
     return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers)
 
@@ -61,22 +38,22 @@ def certify(
     *,
     workers: int = 1,
     looks: Looks = "seen",
-    on_progress: Callable[[CertificationProgress], None] | None = None,
+    on_progress: Callable[[JobProgress[TrialCertificate]], None] | None = None,
 ) -> Certificate:
-    """Examine every trial that the journal of a folder does not hold yet, and write ``certificate.json``.
+    """Examine every trial that is not yet in the journal of a folder, and write ``certificate.json``.
 
     Returns:
-        The certificate of exactly these trials, in their order.
+        The certificate of exactly these trials, in order.
 
     Raises:
-        InvalidInputError: If there is no trial, the number of workers is out of range, or the demonstrations of a task
-            were not measured under the versions in use.
+        InvalidInputError: If no trial is given, the number of workers is out of range, or the demonstrations of a task
+            were not measured under the current versions.
         WorkerError: If worker processes keep dying.
-        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If the journal is corrupt.
     """
     if not trials:
-        raise InvalidInputError("trials", "there is nothing to certify", "Name at least one trial")
+        raise InvalidInputError("trials", "no trials to certify", "Name at least one trial")
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     for trial in trials:
@@ -84,19 +61,20 @@ def certify(
     versions = replace(versions_in_use([t.task for t in trials]), looks=looks)
     session, began = uuid.uuid4().hex, time.perf_counter()
     with CertificationJournal(out, versions) as journal:
-        waiting = [t for t in dict.fromkeys(trials) if t not in journal.trials]
-        for name in dict.fromkeys(t.task for t in waiting):
-            demonstrated(get_task(name), engine=engine_version())
-        planned = len(set(trials))
-        done = planned - len(waiting)
-        if on_progress is not None:
-            on_progress(CertificationProgress(done, planned, None))
-        examination = examine if looks == "seen" else partial(examine, looks=looks)
-        for found in in_workers(sorted(waiting, key=lambda t: (t.task, t.seed)), workers, examination):
-            journal.append(found, session=session, elapsed_s=time.perf_counter() - began)
-            done += 1
-            if on_progress is not None:
-                on_progress(CertificationProgress(done, planned, found))
+
+        def work(waiting: list[TrialId]) -> Iterator[TrialCertificate]:
+            for name in dict.fromkeys(t.task for t in waiting):
+                demonstrated(get_task(name), engine=engine_version())
+            examination = examine if looks == "seen" else partial(examine, looks=looks)
+            return in_processes(sorted(waiting, key=lambda t: (t.task, t.seed)), examination, workers=workers)
+
+        run_items(
+            trials,
+            is_done=journal.trials.__contains__,
+            work=work,
+            keep=lambda found: journal.append(found, session=session, elapsed_s=time.perf_counter() - began),
+            on_progress=on_progress,
+        )
         whole = tuple(journal.trials[t] for t in dict.fromkeys(trials))
         certificate = Certificate(versions, platform.platform(), whole, journal.wall_s, workers)
         write_json(certificate_path(out), certificate.sealed_json())
@@ -115,64 +93,3 @@ def write_coverage(certificate: Certificate, path: Path) -> Path:
 def write_json(path: Path, form: object) -> None:
     """Write a JSON document durably."""
     write_durably(path, (json_text(form, indent=1, allow_nan=False) + "\n").encode())
-
-
-def in_workers(trials: list[TrialId], workers: int, work: Callable[[TrialId], FoundT]) -> Iterator[FoundT]:
-    """Yield what a function finds on trials, as it comes; the trials of a pool that breaks are worked on again alone.
-
-    Raises:
-        WorkerError: If worker processes keep dying.
-    """
-    if workers == 1 or len(trials) <= 1:
-        yield from map(work, trials)
-        return
-    cure = "Run the same command again with fewer --workers."
-    ledger = RetryLedger(trials, workers="worker processes", cure=cure)
-    while ledger.left:
-        pending: dict[Future[FoundT], TrialId] = {}
-        try:
-            yield from _pooled(ledger, pending, workers, work)
-        except BrokenProcessPool as error:
-            logger.warning("a worker process died; %d trials are examined again", len(pending))
-            how = "it was ended from outside, as when memory runs out"
-            for trial in ledger.worker_died(list(pending.values()), how):
-                raise WorkerError(f"{trial}: {ledger.reason(how)}.") from error
-
-
-def _pooled(
-    ledger: RetryLedger[TrialId],
-    pending: dict[Future[FoundT], TrialId],
-    workers: int,
-    work: Callable[[TrialId], FoundT],
-) -> Iterator[FoundT]:
-    """Yield the findings of one pool, which holds ``pending``: all suspects one by one, or all waiting trials."""
-    alone = ledger.suspects > 0
-    context = multiprocessing.get_context("spawn")
-    started: set[BaseProcess] = set()
-    with ProcessPoolExecutor(
-        1 if alone else workers, mp_context=context, initializer=prepare_process, initargs=(held_folders(),)
-    ) as pool:
-        try:
-            while True:
-                if not alone:
-                    new = ledger.take(2 * workers - len(pending))
-                else:
-                    new = [ledger.take_suspect()] if ledger.suspects and not pending else []
-                with interrupts_blocked():  # the process that starts others decides what happens at Ctrl-C
-                    others = set(multiprocessing.active_children()) - started
-                    for trial in new:
-                        pending[pool.submit(work, trial)] = trial
-                    started |= set(multiprocessing.active_children()) - others
-                if not pending:
-                    return
-                finished, _ = wait(pending, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    found = future.result()
-                    del pending[future]
-                    ledger.item_ended()
-                    yield found
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in started:  # Python would wait for what they are at
-                process.kill()
-            raise

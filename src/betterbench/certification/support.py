@@ -1,4 +1,4 @@
-"""Support: the picks, puts and slides of a training regime, and the check that those of an episode are among them."""
+"""Support: the picks, puts and slides of a training distribution, and the check of an episode against them."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Demonstrated, Fl
 from betterbench.tasks.relations import RELATIONS
 
 POSITION_TOLERANCE_M = 0.001
-"""Distance beyond a slot's jitter that still counts as inside [m]: the drift that clause (c) allows."""
+"""Distance outside a slot's jitter that still counts as inside [m]: the drift that clause (c) allows."""
 YAW_TOLERANCE_RAD = 0.02
-"""Turning beyond a slot's yaw jitter that still counts as inside [rad]; a resting asset turns by less."""
+"""Rotation outside a slot's yaw jitter that still counts as inside [rad]; assets at rest rotate less."""
 PUSHED_TOLERANCE_M = 0.005
-"""The same for a movable target at the time something is put on it [m]: setting things down may push it so far."""
+"""Position tolerance for a movable target when an object is put on it [m]; placing objects may push it this far."""
 LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
-"""Farthest that a pre-placed object may stand or be turned from how some demonstration left one [m], [rad]."""
+"""Largest distance and rotation of a pre-placed object from the nearest final pose in demonstrations [m], [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Finding on one primitive: its text, the reason why it is outside the training regime (or None), and the slack.
+    """Finding on one primitive: text, reason if it is outside the training distribution (or None), and slack.
 
-    The slack is the distance to the border of the jitter region [m], negative outside; None where there is none.
+    The slack is the distance to the border of the jitter region [m], negative outside; None if there is no such region.
     """
 
     text: str
@@ -36,13 +36,13 @@ class Found:
 
 @dataclass(frozen=True)
 class TrainedSupport:
-    """The support of a task's training regime.
+    """Support of a task's training distribution.
 
     Attributes:
-        demonstrated: Points of release and final poses of the regime's demonstrations.
+        demonstrated: Release points and final poses of the training demonstrations.
         relation: Relation in which objects are pre-placed.
-        targets: Relation, kind of target and place of every put.
-        spots: Slot, relation, place and level of every put.
+        targets: Relation, kind of target and region of every put.
+        spots: Slot, relation, region and level of every put.
     """
 
     demonstrated: Demonstrated
@@ -56,9 +56,9 @@ class TrainedSupport:
 
     @classmethod
     def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
-        """Collect the primitives that the training conditions ask for, and those that their demonstrations show.
+        """Collect the primitives that the training conditions require, and those in their demonstrations.
 
-        A subgoal of a drawer that has to be shut is a slide; every other one picks its object and puts it at a target.
+        Closing a drawer is a slide; every other subgoal picks its object and puts it at a target.
         """
         picks: dict[str, Slot] = {}
         grasped: set[str] = set()
@@ -93,7 +93,7 @@ class TrainedSupport:
         )
 
     def judge(self, primitive: Primitive) -> Found:
-        """Tell whether a primitive lies inside the support."""
+        """Return the finding on whether a primitive is inside the support."""
         if isinstance(primitive, Pick):
             return self._judge_pick(primitive)
         if isinstance(primitive, DrawerMove):
@@ -109,7 +109,7 @@ class TrainedSupport:
             text = f"picks the {pick.kind} at ({x:.3f}, {y:.3f})"
             beyond = None if nearest is None else slack_m(nearest, pick.pose)
             where = "" if nearest is None else f", {-1000 * (beyond or 0.0):.1f} mm outside {nearest.name}"
-            return Found(text, f"{text}, in no pick slot of the training regime{where}", beyond)
+            return Found(text, f"{text}, outside every pick slot of the training distribution{where}", beyond)
         slack = slack_m(nearest, pick.pose)
         text = f"picks the {pick.kind} in {nearest.name}"
         if pick.kind not in self.grasped:
@@ -128,9 +128,9 @@ class TrainedSupport:
         if (put.relation, put.target_kind, put.region) not in self.targets:
             return Found(text, f"{text}, but no demonstration puts anything {put.relation} {where}", None)
         if put.slot is None:
-            return Found(text, f"{text}: the target stands in no slot", None)
+            return Found(text, f"{text}: the target is not in a slot", None)
         if not self._is_spot(put):
-            return Found(text, f"{text}, a place in the world that no demonstration uses", None)
+            return Found(text, f"{text}, at a position that no demonstration uses", None)
         slack = slack_m(self.slots[put.slot], put.base_pose)
         allowed = POSITION_TOLERANCE_M if put.base_fixed else PUSHED_TOLERANCE_M
         if slack < -allowed:
@@ -144,16 +144,16 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Say how far a release is from all releases of the demonstrations at its place; None if it is among them."""
+        """Return how far a release is from all releases of demonstrations at its target; None if it is among them."""
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
-            return "where no demonstration that was measured lets go of anything"
+            return "where no measured demonstration releases an object"
         height, x, y = (1000.0 * value for value in put.release)
         off, aside = trained.off_mm(height), trained.aside_mm(x, y)
         if abs(off) > HEIGHT_MM:
-            return f"let go {abs(off):.1f} mm {'above' if off > 0.0 else 'below'} every height of training"
+            return f"released {abs(off):.1f} mm {'above' if off > 0.0 else 'below'} every height of training"
         if put.relation and RELATIONS[put.relation].falls and aside > REACH_MM:
-            return f"let go {aside:.1f} mm aside of every release of training"
+            return f"released {aside:.1f} mm to the side of every release in training"
         return None
 
     def _judge_preplaced(self, there: Preplaced) -> Found:
@@ -163,7 +163,7 @@ class TrainedSupport:
             there.target_kind, self.relation, there.region, kind=there.kind, assets=(there.asset, there.target_asset)
         )
         if not poses:
-            return Found(text, f"{text}, where no demonstration leaves anything", None)
+            return Found(text, f"{text}, where no demonstration leaves an object", None)
         if any(_is_near(there.pose, pose) for pose in poses):
             return Found(text, None, None)
         nearest = min(poses, key=lambda pose: _offset_m(there.pose, pose))
@@ -186,11 +186,11 @@ def _offset_m(pose: Pose, trained: FlatPose) -> float:
 
 
 def _turn(pose: Pose, trained: FlatPose) -> float:
-    """Return the heading of a pose against a trained one [rad], in [-pi, pi]."""
+    """Return the heading of a pose relative to a trained one [rad], in [-pi, pi]."""
     return math.remainder(yaw_of(pose.quaternion) - math.radians(trained.yaw_deg), math.tau)
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return how far inside the jitter region of a slot a pose lies [m]; negative outside."""
+    """Return the distance of a pose to the border of a slot's jitter region [m]; negative outside."""
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

@@ -1,9 +1,9 @@
 """The command line ``better``.
 
-- ``main``: the table of verbs, and what every verb has in common.
-- ``verbs``: one file per verb; the one that is given is imported.
+- ``main``: the table of verbs, and the options that every verb has.
+- ``verbs``: one file per verb; only the chosen verb is imported.
 - ``output``: the tables and lines that verbs print.
-- ``console``, ``progress``, ``tally``, ``help_text``, ``border``: the terminal, and errors at the border.
+- ``console``, ``progress``, ``tally``, ``help_text``, ``border``: the terminal, and errors of the command line.
 """
 
 import atexit
@@ -12,13 +12,13 @@ import sys
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
-"""Exit status after Ctrl-C, that of a program which ended by it."""
+"""Exit status after Ctrl-C: that of a process ended by SIGINT."""
 
 _interrupts: list[int] = []
 
 
 def was_interrupted() -> bool:
-    """Tell whether Ctrl-C was pressed: what waits in native code may make another error of it."""
+    """Tell whether Ctrl-C was pressed; native code that is interrupted while waiting may raise another error."""
     return bool(_interrupts)
 
 
@@ -28,12 +28,12 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _too_late(number: int, _frame: FrameType | None) -> None:
-    """Let the first Ctrl-C after the work is done pass, and the next end a process that hangs."""
+    """Ignore the first Ctrl-C after the work is done; let the next one end a process that hangs."""
     signal.signal(number, signal.SIG_DFL)
 
 
 def _ignore_too_late() -> None:
-    # Python takes its handlers away before it takes modules down; that a signal is ignored stays.
+    # Python removes its signal handlers before it unloads modules, but an ignored signal stays ignored.
     if signal.getsignal(signal.SIGINT) is _too_late:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -46,22 +46,22 @@ def main() -> None:
         sys.stdout.write(f"betterbench {__version__}\n")
         return
     try:
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored, as in the background
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # it is ignored in a background process
             signal.signal(signal.SIGINT, _interrupt)
-            atexit.register(_ignore_too_late)  # what is registered first is called last
+            atexit.register(_ignore_too_late)  # exit functions are called last in, first out
         from betterbench.cli.main import main as run  # imports tyro, which --version does not need
 
         status = run()
-        if was_interrupted():  # nothing more is to be said, whatever comes while the process ends
+        if was_interrupted():  # no further message while the process ends
             signal.signal(signal.SIGINT, signal.SIG_DFL)
         elif signal.getsignal(signal.SIGINT) is _interrupt:
             signal.signal(signal.SIGINT, _too_late)
-    except BaseException as error:  # while modules are imported; from then on run() says how to go on
+    except BaseException as error:  # during imports; afterwards run() handles it
         if not isinstance(error, KeyboardInterrupt) and not was_interrupted():
-            raise  # Python makes a RuntimeError of a KeyboardInterrupt in __set_name__
+            raise  # Python wraps a KeyboardInterrupt in __set_name__ in a RuntimeError
         sys.stderr.write("interrupted\n")
         status = EXIT_INTERRUPTED
-    # Python remembers a KeyboardInterrupt that left exec("..."), as of a dataclass, though it was caught further out,
-    # and `python -m` then ends by SIGINT in place of the status. The next exec() of a text makes it forget.
+    # Python remembers a KeyboardInterrupt that left exec("..."), which dataclasses use, even after it was caught.
+    # `python -m` would then end by SIGINT instead of with the status. The next exec() of a string clears it.
     exec("")  # noqa: S102
     sys.exit(status)

@@ -1,4 +1,4 @@
-"""Checks at the border of the command line: bounds of numbers, and a standard output with the JSON document alone."""
+"""Checks of a verb's arguments and output: bounds of numbers, and only the JSON document on standard output."""
 
 from __future__ import annotations
 
@@ -25,7 +25,12 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "frames": (0, 100_000),
     "gpus": (1, 1 << 20),
     "images": (1, 1_000_000),
+    "limit": (1, 1_000),
+    "max_faces": (0, 2**31 - 1),
+    "max_size": (0.0, 1e6),
+    "min_size": (0.0, 1e6),
     "noise": (0.0, 0.5),
+    "num": (1, 100),
     "parameters": (1, 1e15),
     "policy_timeout": (0.001, 604_800),
     "questions": (0, 10_000_000),
@@ -42,12 +47,11 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "variants": (1, 10_000),
     "workers": (1, 256),
 }
-"""Least and largest value of each number that a verb takes, by the name of its option; ports are checked where they are
-bound."""
+"""Least and largest value of each numeric option, by its name; ports are checked where they are bound."""
 
 
 def guarded(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a verb that checks its numbers first, and prints nothing but its document with ``--json``."""
+    """Return a verb that checks its numbers first and, with ``--json``, prints only its document."""
 
     def verb(*args: object, **options: object) -> None:
         for name, value in _numbers(options):
@@ -66,7 +70,7 @@ def guarded(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _numbers(options: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield the options that are numbers, and those of groups of options."""
+    """Yield the numeric options, including those in groups of options."""
     for name, value in options.items():
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             yield from _numbers({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})

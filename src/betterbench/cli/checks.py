@@ -18,7 +18,7 @@ import numpy as np
 from betterbench.errors import BetterError
 from betterbench.installation import EXTRAS, better_command, extra_command
 from betterbench.interface.actions import EE_DELTA
-from betterbench.sim.worlds import WORLDS
+from betterbench.sim.worlds import all_worlds
 from betterbench.tasks import all_tasks, get_task
 from betterbench.version import __version__
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of one check: the finding, and the cure if it failed."""
+    """Result of one check: the finding, and the remedy if it failed."""
 
     name: str
     works: bool
@@ -37,7 +37,7 @@ class Check:
 
 
 def run_checks() -> list[Check]:
-    """Try everything that a run needs."""
+    """Run every check of this machine."""
     return [*(_try(name, check) for name, check in CHECKS.items()), *_extras(), *_worlds()]
 
 
@@ -51,7 +51,7 @@ def _try(name: str, check: Callable[[], str]) -> Check:
 
 
 def _extras() -> list[Check]:
-    """Return which extras are installed; one that is not is no fault."""
+    """Return which extras are installed; a missing extra is not a failure."""
     return [
         Check(
             f"extra {name}",
@@ -63,16 +63,17 @@ def _extras() -> list[Check]:
 
 
 def _worlds() -> list[Check]:
-    """Return which foreign worlds are installed; one that is not is no fault."""
+    """Return which simulators of other worlds are installed; one that is not is no fault."""
     return [
         Check(
-            f"world {world.name}",
+            f"world {found.name}",
             True,
-            f"installed: {world.summary}"
-            if world.is_installed
-            else f"not installed: {better_command()} worlds install {world.name}",
+            f"installed: {found.summary}"
+            if found.is_installed
+            else f"not installed: {better_command()} worlds install {found.name}",
         )
-        for world in WORLDS.values()
+        for found in (world.installation for world in all_worlds())
+        if found is not None
     ]
 
 

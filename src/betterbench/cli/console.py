@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -22,29 +22,31 @@ from betterbench.quoting import json_text
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from betterbench.jobs import OnCount
+
 LONGEST_MESSAGE = 20_000
-"""Most characters of one message or cell; longer texts come from outside."""
+"""Maximum characters of one message or cell; longer texts come from outside."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
-"""A cell that is a number; a column of them is set flush right."""
+"""Pattern of a numeric cell; a column of numbers is right-aligned."""
 
 
 class Terminal(Console):
     """Prints texts without control characters, because names and messages may come from an untrusted file.
 
-    Commands in them begin as this installation starts them.
+    The commands in these texts begin the way this installation is called.
     """
 
     def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
-        """Print as rich does, with texts made printable and commands as they are started here.
+        """Print like rich, but with texts made printable and commands adapted to this installation.
 
-        Brackets are a style only if ``markup`` is given.
+        Brackets are read as a style only if ``markup`` is set.
         """
         options.setdefault("markup", False)
         super().print(*(as_started_here(_printable(o)) if isinstance(o, str) else o for o in objects), **options)
 
     def on_broken_pipe(self) -> None:
-        """End without an error where nobody reads standard output any more, as ``better list tasks | head``."""
+        """End without an error when the reader of standard output has closed it, as in ``better list tasks | head``."""
         if self.stderr:
             super().on_broken_pipe()
         self.quiet = True
@@ -71,11 +73,11 @@ _PLAIN = {
     ord("\u00b1"): "+-",
     ord("\u0394"): "Delta",
 }
-"""Replacement of each character that the terminal may not know; all others become a question mark."""
+"""Replacement for each character that the terminal may not support; all others become a question mark."""
 
 
 def _replaced(problem: UnicodeError) -> tuple[str, int]:
-    """Return a stand-in of as much text as could not be encoded, and where to go on."""
+    """Return a replacement for the text that could not be encoded, and the position to continue from."""
     if not isinstance(problem, UnicodeEncodeError):
         raise problem
     text = problem.object[problem.start : problem.end].translate(_PLAIN)
@@ -92,12 +94,12 @@ def make_streams_patient() -> None:
 
 _STAND_IN = "betterbench-stand-in"
 
-_documents: list[TextIO] = []  # where the JSON document of the verb goes, while nothing else may go there
+_documents: list[TextIO] = []  # the stream reserved for the JSON document
 
 
 @contextmanager
 def document_alone() -> Iterator[None]:
-    """Keep standard output for :func:`print_json`; what anything else prints, policies too, goes to standard error."""
+    """Reserve standard output for :func:`print_json`; all other output, also of policies, goes to standard error."""
     out = sys.stdout
     out.flush()
     with ExitStack() as stack:
@@ -117,7 +119,7 @@ def document_alone() -> Iterator[None]:
 
 
 def _number_of(stream: TextIO) -> int | None:
-    """Return the file descriptor of a stream; None if it is no file, as in a test or a notebook."""
+    """Return the file descriptor of a stream; None if the stream is not a file, as in a test or a notebook."""
     try:
         return stream.fileno()
     except (OSError, ValueError):
@@ -125,15 +127,15 @@ def _number_of(stream: TextIO) -> int | None:
 
 
 def print_json(document: object) -> None:
-    """Print one JSON document on standard output; what steers a terminal is written by its number, as JSON can."""
+    """Print one JSON document on standard output, with control characters escaped."""
     out = _documents[-1] if _documents else sys.stdout
-    plain = "utf" not in (getattr(out, "encoding", None) or "utf-8").lower()  # then other letters by their numbers
+    plain = "utf" not in (getattr(out, "encoding", None) or "utf-8").lower()  # escape non-ASCII letters
     out.write(json_text(document, indent=2, ascii_only=plain) + "\n")
     out.flush()
 
 
 def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print rows whose last column is prose: each in a line of its own, with the prose below it, indented."""
+    """Print rows whose last column is prose: one line per row, with the prose indented below it."""
     widths = [max(map(len, column)) for column in zip(columns[:-1], *(row[:-1] for row in rows), strict=True)]
     for number, (*cells, prose) in enumerate((columns, *rows)):
         line = "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
@@ -143,7 +145,7 @@ def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
-    """Print a table for people; columns of numbers are set flush right, and no name is taken for a style."""
+    """Print a table for people; numeric columns are right-aligned, and brackets in names are not read as styles."""
     from rich.table import Table
     from rich.text import Text
 
@@ -159,9 +161,9 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
 
 
 def print_item(text: str, *, indent: int = 0) -> None:
-    """Print an item of a list; on a terminal it is broken between words, and its further lines are set in.
+    """Print an item of a list; on a terminal it is wrapped at words, with a hanging indent.
 
-    A number stays with its sign of percent.
+    A number stays on one line with its percent sign.
     """
     line = " " * indent + one_line(text, most=LONGEST_MESSAGE)
     if OUT.is_terminal:
@@ -172,15 +174,15 @@ def print_item(text: str, *, indent: int = 0) -> None:
 
 
 def say(text: str, *, whole: bool = False) -> None:
-    """Print a message on standard error, broken between words on a terminal and not at all elsewhere.
+    """Print a message on standard error, wrapped at words on a terminal and unwrapped elsewhere.
 
-    If ``whole``, no line is broken, so that a path in it can be copied.
+    With ``whole``, no line is wrapped, so that a path in it can be copied.
     """
     ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
 
 
 def complain(problem: str) -> None:
-    """Print an error as :func:`say` prints a message; it is one line, whatever a stranger's name in it holds."""
+    """Print an error like a message of :func:`say`, on one line even if an untrusted name contains line breaks."""
     from rich.text import Text
 
     ERR.print(
@@ -190,7 +192,7 @@ def complain(problem: str) -> None:
 
 
 def styled_text(text: str) -> str:
-    """Return a text from outside for a place where rich reads brackets as styles."""
+    """Escape an untrusted text for use where rich reads brackets as styles."""
     from rich.markup import escape
 
     return escape(one_line(text, most=LONGEST_MESSAGE))
@@ -201,7 +203,7 @@ def _printable(text: str) -> str:
 
 
 @contextmanager
-def passing_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+def passing_bar(what: str) -> Iterator[OnCount]:
     """Give what is told how much is done, of how much, and shows that in a bar that goes when the work has ended."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
@@ -209,11 +211,11 @@ def passing_bar(what: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = True) -> Iterator[tuple[Progress, Any]]:
-    """Show a bar on standard error while long work runs, or now and then a line if that is no terminal.
+    """Show a bar on standard error during long work, or occasional log lines if that is not a terminal.
 
-    A ``total`` of 0 says that nobody knows yet how much there is. Without ``estimate``, the time taken and the time
-    left give way to the note, which says them, and no lines are written. A bar that ``stays`` shows at the end how long
-    the work took: the one bar of a command's own work. Bars of steps on the way go when they have ended.
+    A ``total`` of 0 means that the amount of work is not known yet. Without ``estimate``, the bar shows no times,
+    because the note contains them, and no log lines are written. With ``stays``, the bar remains at the end and shows
+    how long the work took; this is for the main work of a command. Bars of intermediate steps disappear.
     """
     from betterbench.cli.progress import WorkProgress
 

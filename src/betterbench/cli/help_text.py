@@ -1,4 +1,4 @@
-"""Help texts, wrapped to the terminal and without defaults that their sentences say already."""
+"""Help texts, wrapped to the terminal; a default that the description already names is not repeated."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ INDENT = "  "
 def description_of(function: object) -> str:
     """Return the description of a function, without its arguments, wrapped to the width of the terminal.
 
-    An example that takes two lines can be pasted into a shell all the same.
+    An example that takes two lines can still be pasted into a shell.
     """
     text = inspect.getdoc(function) or ""
     width = min(shutil.get_terminal_size().columns, WIDEST)
@@ -46,14 +46,14 @@ def description_of(function: object) -> str:
 
 
 def color_as_asked() -> None:
-    """Keep colors out of help and error boxes where NO_COLOR asks for that, or standard error is no terminal."""
+    """Turn off colors in help and error boxes if NO_COLOR is set or standard error is not a terminal."""
     if os.environ.get("NO_COLOR") or not sys.stderr.isatty():
         tyro._experimental_options["ansi_codes"] = False
 
 
 @contextlib.contextmanager
 def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
-    """Have the usage line of the overview say VERB where the list of all verbs would not fit the terminal."""
+    """Shorten the usage line of the overview to VERB where the list of all verbs would not fit the terminal."""
     listed = "{" + ",".join(verbs) + "}"
 
     class Brief:
@@ -74,7 +74,7 @@ def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
 
 
 def word_options(function: Callable[..., None]) -> None:
-    """Give the options of a verb the words that its help shows for their values and defaults."""
+    """Set the placeholders and defaults that the help shows for the options of a verb."""
     parameters = inspect.signature(function).parameters
     hints = function.__annotations__
     function.__annotations__ = hints | {
@@ -85,12 +85,12 @@ def word_options(function: Callable[..., None]) -> None:
 def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a type hint
     bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
     if not is_dataclass(bare):
-        said = default in (None, False, (), inspect.Parameter.empty)  # by the sentence of the option, or nothing to say
+        said = default in (None, False, (), inspect.Parameter.empty)  # already in the description, or nothing to show
         value = _value(name, bare, _marks(hint))
         if value and tyro.conf.Positional in _marks(hint) and default is not inspect.Parameter.empty:
             value = f"[{value}]"
         return Annotated[hint, tyro.conf.arg(metavar=value, help_behavior_hint="" if said else None)]
-    hints = get_type_hints(bare, include_extras=True)  # each field is an option of its own
+    hints = get_type_hints(bare, include_extras=True)  # each field is a separate option
     bare.__annotations__ = {field.name: _worded(field.name, hints[field.name], field.default) for field in fields(bare)}
     return hint
 

@@ -1,4 +1,4 @@
-"""The command ``better``: a table of verbs, of which only the chosen one is imported."""
+"""The command ``better``: a table of verbs. Only the chosen verb is imported."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
 
 @dataclass(slots=True)
 class Telling:
-    """Log level and tracebacks, as the command line asks for them."""
+    """Log level and tracebacks requested on the command line."""
 
     traceback: bool = False
 
@@ -54,9 +54,9 @@ class Verb:
     """A verb of the command line.
 
     Attributes:
-        function: Its "module:name" among the verbs, or with a full name in betterbench-calibration.
-        takes_tasks: Whether users' files may matter.
-        takes_run_file: Whether its options may stand in a file.
+        function: Its "module:name" in the package of verbs, or the full name of a function of betterbench-calibration.
+        takes_tasks: Whether it accepts ``--task-file``.
+        takes_run_file: Whether its options may be given in a run file.
     """
 
     function: str
@@ -65,7 +65,7 @@ class Verb:
     takes_run_file: bool = False
 
     def load(self, telling: Telling) -> Callable[..., None]:
-        """Import the function, and give it the options that every verb has."""
+        """Import the function and add the options that every verb has."""
         module, _, name = self.function.partition(":")
         if module.startswith(_CALIBRATION):
             problem = "This verb is part of betterbench-calibration, which is not installed"
@@ -78,7 +78,7 @@ class Verb:
         return _with_log_options(guarded(_with_task_files(function) if self.takes_tasks else function), telling)
 
     def words(self, given: Sequence[str]) -> list[str]:
-        """Return the words of a command line, with the options of a run file in its place."""
+        """Return the words of a command line, with ``--run-file`` replaced by the options in that file."""
         if not self.takes_run_file:
             return list(given)
         from betterbench.cli.run_file import with_run_file
@@ -89,8 +89,9 @@ class Verb:
 VERBS: dict[str, Verb] = {
     "doctor": Verb("doctor:doctor_command", "Check what works on this machine, or try a policy."),
     "list": Verb("listing:list_command", "List suites, tasks, variations, policies or assets."),
-    "worlds": Verb("worlds:worlds_command", "List the foreign worlds, or install one.", takes_tasks=False),
-    "premise": Verb("premise:premise_command", "Check foreign scenes against their sentences.", takes_tasks=False),
+    "assets": Verb("assets:assets_command", "Index, search and show assets, and list their licenses."),
+    "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
+    "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
@@ -101,7 +102,7 @@ VERBS: dict[str, Verb] = {
     "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and its audit."),
     "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe."),
     "study": Verb("study:study_command", "Train learners on every arm and compare what they learned."),
-    "shortcuts": Verb("shortcuts:shortcuts_command", "Find what a learner of a dataset could go by."),
+    "shortcuts": Verb("shortcuts:shortcuts_command", "Find shortcuts that a dataset offers a learner."),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),
@@ -114,7 +115,7 @@ VERBS: dict[str, Verb] = {
     ),
     "materialize": Verb("materialize:materialize_command", "Write depth, masks and boxes of recorded states."),
     "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time."),
-    "vqa": Verb("vqa:vqa_command", "Ask about recorded frames what the records can answer."),
+    "vqa": Verb("vqa:vqa_command", "Make questions about recorded frames from the records."),
     "replay": Verb("replay:replay_command", "Simulate a record again and compare, or write its video."),
     "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol."),
     "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and report on them.", takes_tasks=False),
@@ -126,14 +127,14 @@ VERBS: dict[str, Verb] = {
 }
 RESUMING = frozenset(
     ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
-) | {"vqa", "demo", "train", "study"}
-"""Verbs whose command, given again, goes on where it was interrupted."""
+) | {"vqa", "demo", "train", "study", "assets"}
+"""Verbs whose command can be repeated to resume after an interruption."""
 
 EXIT_BAD_INPUT = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb, and return the exit status: 0, or 2 where the input was wrong."""
+    """Run one verb and return the exit status: 0, or 2 if the input was wrong."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
@@ -155,12 +156,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BetterError as error:
         if telling.traceback:
             traceback.print_exc()
-        if was_interrupted():  # which ended what this process was waiting for
+        if was_interrupted():  # the interrupt also ended a child process
             return _interrupted(given)
         complain(str(error))
         return EXIT_BAD_INPUT
     except OSError as problem:
-        # The rule for whatever the system refuses: a path that is missing, too long, a loop or not ours to write.
+        # Any error of the operating system: a path that is missing, too long, a loop of links or not writable.
         if isinstance(problem, BrokenPipeError):
             sys.stderr.close()
             return 0
@@ -171,12 +172,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception:
         if not was_interrupted():
             raise
-        return _interrupted(given)  # native code that was waiting made another error of it
+        return _interrupted(given)  # native code turned the interrupt into this error
     return 0
 
 
 def _interrupted(given: Sequence[str]) -> int:
-    """Say that Ctrl-C was pressed and how to go on, and return the exit status."""
+    """Report that Ctrl-C was pressed and how to resume, and return the exit status."""
     more = "; run the same command again to continue where it stopped"
     say(f"interrupted{more if given and given[0] in RESUMING else ''}")
     return EXIT_INTERRUPTED
@@ -196,10 +197,10 @@ def _log_handler() -> logging.Handler:
 
 
 def _show_overview(given: Sequence[str]) -> None:
-    """Print the verbs, what is wrong with a command line that names none, or a script for the shell; always exits."""
+    """Print the verbs, the error of a command line that names none, or a shell completion script; always exits."""
     command = better_command()
     here = "" if command == "better" else f"\n\nHere, better is started as {command}."
-    completion = any(word.startswith("--tyro-") for word in given)  # which needs the options of every verb
+    completion = any(word.startswith("--tyro-") for word in given)  # completion needs the options of every verb
     with brief_usage(VERBS):
         tyro.extras.subcommand_cli_from_dict(
             {name: _listed(verb, with_options=completion) for name, verb in VERBS.items()},
@@ -211,7 +212,7 @@ def _show_overview(given: Sequence[str]) -> None:
 
 
 def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
-    """Return a verb with its options, or a stand-in that has its summary alone, as where it is not installed."""
+    """Return a verb with its options, or its summary alone if it is not installed."""
     if with_options:
         with suppress(MissingDependencyError):
             return verb.load(Telling())
@@ -253,7 +254,7 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a verb whose help names ``--run-file``, which :meth:`Verb.words` has dealt with."""
+    """Return a verb whose help names ``--run-file``; :meth:`Verb.words` has already processed that option."""
 
     def verb(*args: object, run_file: Path | None = None, **options: object) -> None:
         del run_file
@@ -262,12 +263,12 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
     return _with_options(
         verb,
         function,
-        run_file="YAML file with these options; one that is also given here counts as given here.",
+        run_file="YAML file with these options; options on the command line take precedence.",
     )
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give a function that stands around a verb the options, hints and help of both; ``texts`` are help by option."""
+    """Give a wrapper of a verb the options, hints and help of both; ``texts`` are help texts by option."""
     added = inspect.signature(verb).parameters
     hints: dict[str, Any] = get_type_hints(function, include_extras=True)
     signature = inspect.signature(function)

@@ -7,26 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from betterbench.cli.tally import duration, pace
-from betterbench.evaluation import Plan, Progress
+from betterbench.evaluation import Progress
 from betterbench.tasks import TrialId
 
 FEW = 8
-"""Trials that have to end before their pace serves as an estimate: those that succeed, and are short, end first."""
+"""Number of trials that must end before their pace is used as an estimate; short, successful trials end first."""
 
 LONG_S = 300.0
-"""A run of more than this says after its first seconds how long it takes [s]."""
-
-
-def step_limits(plan: Plan) -> dict[TrialId, int]:
-    """Return how many control steps each trial of a plan may take; empty in a foreign world."""
-    if plan.world is not None:
-        return {}
-    limits: dict[tuple[str, str], int] = {}
-    for trial in plan.trials:
-        if (trial.task, trial.condition) not in limits:
-            found = trial.resolve()
-            limits[trial.task, trial.condition] = found.task.step_limit(found.condition)
-    return {trial.id: limits[trial.task, trial.condition] for trial in plan.trials}
+"""Duration above which a run prints an estimate after its first seconds [s]."""
 
 
 @dataclass(slots=True)
@@ -34,7 +22,7 @@ class Outlook:
     """Estimate of the time that is left, from the control steps of a session.
 
     Attributes:
-        limits: Steps that each trial may take; empty if that is not known.
+        limits: Maximum steps of each trial; empty if not known.
         steps: Control steps of this session.
     """
 
@@ -42,22 +30,22 @@ class Outlook:
     steps: int = 0
     _left: int = 0
     _ended: set[TrialId] = field(default_factory=set)
-    _first: tuple[float, int] | None = None  # when steps were first reported, and how many
+    _first: tuple[float, int] | None = None  # time and number of the first reported steps
     _now_s: float = 0.0
 
     def begin(self, done: set[TrialId]) -> None:
-        """Take the trials that are done already off what is left."""
+        """Subtract the trials that are already done from the remaining work."""
         self._ended = set(done)
         self._left = sum(limit for trial, limit in self.limits.items() if trial not in self._ended)
 
     def end(self, trial: TrialId) -> None:
-        """Take a trial that has just ended off what is left."""
+        """Subtract a trial that has just ended from the remaining work."""
         if trial not in self._ended:
             self._ended.add(trial)
             self._left -= self.limits.get(trial, 0)
 
     def see(self, steps: int, *, now_s: float | None = None) -> None:
-        """Note how many steps this session has taken, at a time of the monotonic clock [s]."""
+        """Record how many steps this session has taken, at a time of the monotonic clock [s]."""
         self.steps = steps
         self._now_s = time.monotonic() if now_s is None else now_s
         if self._first is None:
@@ -77,11 +65,11 @@ class Outlook:
 
     @property
     def most_left_s(self) -> float | None:
-        """Time left if every trial took all its steps [s]; None before that can be said."""
+        """Time left if every trial takes its maximum of steps [s]; None while there is no estimate."""
         return None if not self.rate or not self.limits else self._left / self.rate
 
     def note(self, progress: Progress) -> str:
-        """Return the time left and the steps, as the line of a run shows them."""
+        """Return the time left and the steps, as shown in the progress line of a run."""
         ended = progress.done - progress.started_with
         if ended < min(FEW, progress.planned - progress.started_with) and self.most_left_s is not None:
             parts = [f"at most {duration(self.most_left_s)} left"]
@@ -90,7 +78,7 @@ class Outlook:
         return " · ".join([*parts, *([f"{self.steps:,} step{'' if self.steps == 1 else 's'}"] if self.steps else [])])
 
     def first_estimate(self) -> str | None:
-        """Return the sentence about how long the run takes, once its first seconds are over; None if it is short."""
+        """Return the message about the run's duration, once its first seconds are over; None if the run is short."""
         if self.most_left_s is None or self.most_left_s < LONG_S:
             return None
         return (

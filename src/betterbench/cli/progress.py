@@ -1,4 +1,4 @@
-"""Progress of long work: one line on a terminal, at any width, and elsewhere a line from time to time."""
+"""Progress of long work: one line on a terminal of any width, and occasional lines elsewhere."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from rich.text import Text
 
 LEAST_BAR, MOST_BAR = 8, 24
 NOTE_ROOM = 36
-"""Columns that a bar leaves to a note, so that its width does not change with each note."""
+"""Columns reserved for a note, so that the width of the bar does not change with each note."""
 
 LEAST_WHAT, LEAST_NOTE = 16, 16
 
 ECHO = 3
-"""Columns that stay free at the end: the terminal writes ^C there, which must not begin a new line."""
+"""Columns that stay free at the end: the terminal writes ^C there, which must not wrap."""
 
 FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
-"""Time of the first line of progress where no bar is drawn, and interval of the further ones [s]."""
+"""Time of the first progress line where no bar is drawn, and interval between later lines [s]."""
 
 
 class _Widths(NamedTuple):
-    """Columns of the parts of a line that give way to the others; 0 for one that is left out."""
+    """Columns of the parts of a line that can shrink; 0 for a part that is left out."""
 
     what: int
     bar: int
@@ -37,13 +37,13 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns that counts and times leave, including one before each part but the first.
+    """Divide the columns that counts and times leave, including one space before each part but the first.
 
     Args:
-        room: Columns in all.
-        what: Columns that the name of the work would take.
-        note: Columns that the note would take.
-        note_first: The note is worth more than bar and name; else it is cut first.
+        room: Total columns.
+        what: Columns of the name of the work.
+        note: Columns of the note.
+        note_first: Whether the note has priority over bar and name; else it is cut first.
     """
     if not note:
         bar = min(MOST_BAR, max(LEAST_BAR, room - what - 1))
@@ -70,15 +70,15 @@ def _clock(seconds: float) -> str:
 
 
 def took(seconds: float, size: int) -> str:
-    """Return the cost of making a data set: "1.1 GB on disk, 0:22:55 in this sitting".
+    """Return the size and duration of making a data set: "1.1 GB on disk, 0:22:55 in this session".
 
     Long work is interrupted and resumed; the time is that of this call alone.
     """
-    return f"{filesize.decimal(size)} on disk, {_clock(seconds)} in this sitting"
+    return f"{filesize.decimal(size)} on disk, {_clock(seconds)} in this session"
 
 
 def _count_text(task: Task) -> str:
-    """Return how much is done ("  7/120"); empty while nobody knows how much there is."""
+    """Return how much is done ("  7/120"); empty while the total is unknown."""
     if task.total is None:
         return ""
     total = f"{int(task.total)}"
@@ -86,7 +86,7 @@ def _count_text(task: Task) -> str:
 
 
 def _time_text(task: Task) -> str:
-    """Return the time left ("0:04:12 left"), or the time taken while it is unknown and at the end."""
+    """Return the time left ("0:04:12 left"), or the elapsed time at the end and while the rest is unknown."""
     left = None if task.finished else task.time_remaining
     return f"{_clock(task.elapsed or 0.0)}     " if left is None else f"{_clock(left)} left"
 
@@ -129,10 +129,10 @@ class WorkProgress(Progress):
     """A progress bar of one line, or lines for a log.
 
     Args:
-        console: Console on which the bar is drawn, if that is a terminal.
+        console: Console on which the bar is drawn, if it is a terminal.
         timed: Whether the elapsed or the remaining time is shown; if not, the elapsed time replaces a missing note.
         stays: Whether the bar stays when the work has ended.
-        log: Takes the lines where there is no terminal; None for no such lines.
+        log: Receives the lines where there is no terminal; None for no lines.
     """
 
     def __init__(self, console: Console, *, timed: bool, stays: bool, log: Callable[[str], None] | None) -> None:

@@ -1,4 +1,4 @@
-"""Run files: the options of ``better eval`` in a YAML file that can be kept beside a result."""
+"""Run files: the options of ``better eval`` in a YAML file that can be kept with the result."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Name = Annotated[str, Field(min_length=1, max_length=4096)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """Content of a run file: options of ``better eval`` under their names, each as the command line takes it."""
+    """Content of a run file: options of ``better eval`` by name, in the form that the command line accepts."""
 
     policy: Name | None = None
     out: Name | None = None
@@ -55,14 +55,14 @@ _FORM = TypeAdapter(RunFile)
 
 
 def with_run_file(words: Sequence[str]) -> list[str]:
-    """Return the words of a command line with the options of its run file in place of ``--run-file FILE``.
+    """Return the words of a command line, with ``--run-file FILE`` replaced by the options in that file.
 
-    An option that the command line gives itself counts instead of the file's.
+    An option on the command line takes precedence over the file.
 
     Raises:
-        InvalidInputError: If the file is missing, is not YAML, or a field of it is malformed; if two are named; or if
-            it names what would run code or send a secret and ``--trust`` is not given.
-        UnknownNameError: If it has a field that is no option.
+        InvalidInputError: If the file is missing, is not YAML, or has a malformed field; if two files are named; or if
+            the file would run code or send a secret and ``--trust`` is not given.
+        UnknownNameError: If the file has a field that is not an option.
     """
     path, rest = _named(words)
     if path is None:
@@ -79,8 +79,8 @@ def read_run_file(path: Path) -> RunFile:
     """Read a run file.
 
     Raises:
-        InvalidInputError: If it is missing, is not YAML, or a field is malformed.
-        UnknownNameError: If it has a field that is no option.
+        InvalidInputError: If the file is missing, is not YAML, or has a malformed field.
+        UnknownNameError: If the file has a field that is not an option.
     """
     import yaml
 
@@ -89,7 +89,7 @@ def read_run_file(path: Path) -> RunFile:
         _require_plain(path, text)
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         if not isinstance(node, yaml.MappingNode):
-            raise InvalidInputError(str(path), "it holds no options", f"Write lines like `trials: 20`. {_CURE}")
+            raise InvalidInputError(str(path), "it contains no options", f"Write lines like `trials: 20`. {_CURE}")
         form = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
@@ -104,7 +104,7 @@ def read_run_file(path: Path) -> RunFile:
 
 
 def _require_plain(path: Path, text: bytes) -> None:
-    """Refuse aliases and deep nesting, which no option needs and which take the parser long, at the first one."""
+    """Refuse the first alias or deep nesting: no option needs either, and parsing them takes long."""
     import yaml
 
     opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
@@ -139,7 +139,7 @@ def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
 
 
 def _words(path: Path, name: str, value: object) -> Iterator[str]:
-    """Yield the words that stand for one option."""
+    """Yield the command-line words of one option."""
     option = f"--{name.replace('_', '-')}"
     if value is None or value == ():
         return
@@ -150,17 +150,17 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
     for text in values:
         if text.startswith("-") and isinstance(value, str | tuple):
             raise InvalidInputError(f"{path}: {name}", f"{text!r} begins with a dash", "Write ./NAME for a path")
-    if name == "task_file":  # which is given once per file
+    if name == "task_file":  # this option is repeated for each file
         yield from (word for text in values for word in (option, text))
     else:
         yield from (option, *values)
 
 
 def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
-    """Refuse what would run code or send a secret because a file says so, until a person agrees.
+    """Refuse options that would run code or send a secret, unless ``--trust`` is given.
 
     Raises:
-        InvalidInputError: If there is any; the text shows it.
+        InvalidInputError: If there is such an option; the message shows it.
     """
     from betterbench.evaluation.planning.trust import require_trust
 

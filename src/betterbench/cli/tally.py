@@ -1,4 +1,4 @@
-"""Counts that ``better eval`` shows while it runs: pace, successes so far, and answer times of the policy."""
+"""Counts that ``better eval`` shows during a run: pace, successes so far, and answer times of the policy."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from betterbench.records import JournalEntry, RunFolder
 
 @dataclass(slots=True)
 class RunTally:
-    """Counts of a run as it goes on.
+    """Counts of a run in progress.
 
     Attributes:
         judged: Trials with a record.
-        successes: Those of them that succeeded.
-        policy_errors: Those of them that ended with an error of the policy.
+        successes: Judged trials that succeeded.
+        policy_errors: Judged trials that ended with an error of the policy.
         broken: Trials that broke down in this session; the same command runs them again.
     """
 
@@ -27,7 +27,7 @@ class RunTally:
     broken: int = 0
 
     def resume(self, run: RunFolder) -> None:
-        """Count the trials that a run holds already, and nothing else."""
+        """Reset the counts to the trials that a run already contains."""
         self.judged = self.successes = self.policy_errors = 0
         for entry in run.entries():
             if entry.status == "done":
@@ -40,7 +40,7 @@ class RunTally:
             return
         try:
             outcome = run.outcome(entry)
-        except RecordError:  # somebody has removed the record; its trial is run again
+        except RecordError:  # the record was removed; its trial is run again
             return
         self.judged += 1
         self.successes += outcome.success
@@ -49,7 +49,7 @@ class RunTally:
     def note(self, progress: Progress, *, left: str | None = None) -> str:
         """Return the text beside the bar: pace, time left, successes, errors of the policy, broken trials, verdicts.
 
-        ``left`` replaces the pace by what is known better.
+        If given, ``left`` replaces the pace because it is more accurate.
         """
         first = pace(progress) if left is None else left
         parts = [first] if first else []
@@ -67,7 +67,7 @@ class RunTally:
 def pace(progress: Progress) -> str:
     """Return trials per minute of this session and the time left; empty before its first trial has ended.
 
-    The time left of a run until decided is the most that it may take.
+    For a run with ``--until-decided``, the time left is an upper bound.
     """
     ended = progress.done - progress.started_with
     if ended < 1 or progress.elapsed_s <= 0.0:
@@ -89,7 +89,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Return how a policy answered, in a sentence; empty if nothing is known about it."""
+    """Return the answer times of a policy as a sentence; empty if nothing is known."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -108,42 +108,43 @@ def _milliseconds(seconds: float) -> str:
     return f"{1000 * seconds:.0f} ms" if seconds >= 0.001 else "under 1 ms"
 
 
-def times_text(times: RunTimes, *, foreign: bool, chosen: bool) -> str:
+def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
     """Return where the time of a run went, and a sentence that names the bottleneck and its cure.
 
-    ``foreign`` says that the run is in a world of others, ``chosen`` that a warm-up chose the number of environments.
+    ``drawn_here`` says that the workers render the images and no other simulator does, ``chosen`` that a warm-up chose
+    the number of environments.
     """
     envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"
     parts = (
         f"policy {_seconds(times.policy_s)}, simulation {_seconds(times.simulation_s)}, rendering "
         f"{_seconds(times.rendering_s)}, wire {_seconds(times.wire_s)} over all trials{envs}"
     )
-    return f"{parts}. {bottleneck_text(times, foreign=foreign, chosen=chosen)}"
+    return f"{parts}. {bottleneck_text(times, drawn_here=drawn_here, chosen=chosen)}"
 
 
-def bottleneck_text(times: RunTimes, *, foreign: bool, chosen: bool) -> str:
+def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
     """Return the sentence that names the bottleneck of a run and its cure, as :func:`times_text` ends."""
     if times.bottleneck == "policy" and times.envs is None:
-        return "The policy, which is computed in the workers, is the bottleneck: more --workers share it."
+        return "The policy runs inside the workers and is the bottleneck: use more --workers."
     if times.bottleneck == "policy":
         more = "more of them" if chosen else "more --envs, more of them"
         return (
-            f"The policy is the bottleneck: the workers waited for it {100 * times.idle:.0f} % of their time. A faster "
-            f"server, {more} or, where the policy was trained for it, longer chunks (horizon=N) are the cure."
+            f"The policy is the bottleneck: the workers waited for it {100 * times.idle:.0f} % of their time. Use a "
+            f"faster server, {more} or, where the policy was trained for it, longer chunks (horizon=N)."
         )
     if times.bottleneck == "wire":
         return (
-            "Messages are the bottleneck: images of the size that the policy needs (size=N), images=jpeg for vla-eval, "
-            "or more --workers are the cure."
+            "Messages are the bottleneck: request images of the size that the policy needs (size=N), use images=jpeg "
+            "for vla-eval, or use more --workers."
         )
     if times.bottleneck == "rendering":
-        less = "" if foreign else ", --quality fast or --observation state_only (if the policy needs no images)"
+        less = ", --quality fast or --observation state_only (if the policy needs no images)" if drawn_here else ""
         return (
             f"Rendering is the bottleneck: a graphics card{less}, or more processors with more --workers are the cure."
         )
-    what = "Simulation (with its images, if the world draws at each step)" if foreign else "Simulation"
+    what = "Simulation" if drawn_here else "Simulation (with its images, if the world draws at each step)"
     cure = "more processors with more --workers, or more machines with --engine ray"
-    return f"{what} is the bottleneck: {cure} are the cure."
+    return f"{what} is the bottleneck: use {cure}."
 
 
 def _seconds(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""Experiment trackers: the metrics of a run as TensorBoard or Weights & Biases show them."""
+"""Experiment trackers: the metrics of a run for TensorBoard or Weights & Biases."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from betterbench.jobs.outputs import mark_of, require_replaceable
 from betterbench.quoting import shell_line
 
 EVENTS_NAME = "events.out.tfevents.0.betterbench"
-"""The one file of a run for TensorBoard, which reads whatever has "tfevents" in its name."""
+"""The event file of a run; TensorBoard reads every file with "tfevents" in its name."""
 
 _WANDB_PREFIX = ".wandb-"
 _LEAST_ROOM = 1 << 20
-"""Bytes that have to be free where wandb writes, besides the table of trials; the log of a run has some 20 kB."""
+"""Free bytes that wandb needs besides the table of trials; the log of a run takes about 20 kB."""
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
@@ -51,20 +51,20 @@ def write_metrics(
     project: str,
     overwrite: bool = False,
 ) -> Path:
-    """Hand the numbers of a run to a tracker, and return the folder that it wrote to.
+    """Write the numbers of a run for a tracker, and return the folder that was written.
 
     Args:
         diagnosis: Diagnosis of the run.
         to: The tracker.
-        out: Folder for its files; made if missing.
-        name: Name of the run in the tracker; that of the policy if None.
+        out: Folder for its files; created if missing.
+        name: Name of the run in the tracker; the name of the policy if None.
         project: Project of Weights & Biases.
-        overwrite: Whether a file of somebody else is replaced that has the name of TensorBoard's file.
+        overwrite: Whether to replace a file with the name of the event file that this function did not write.
 
     Raises:
-        MissingDependencyError: If its package is not installed.
+        MissingDependencyError: If the package of the tracker is not installed.
         InvalidInputError: If the folder cannot be written.
-        RunConflictError: If there is such a file of somebody else.
+        RunConflictError: If such a file exists and ``overwrite`` is not set.
         StorageError: If the disk is full.
     """
     numbers = tracked_numbers(diagnosis)
@@ -83,12 +83,12 @@ def write_metrics(
 
 
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
-    """Write one file of events, in place of that of an earlier export of the run, which would be shown beside it.
+    """Write one event file in place of that of an earlier export, which TensorBoard would show beside it.
 
-    It is made elsewhere: on a full disk, the thread that writes it would end, and what waits for the thread hang.
+    The file is built elsewhere and moved: on a full disk the writer thread would end, and waiting for it would hang.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of protobuf, at import
+        warnings.simplefilter("ignore", DeprecationWarning)  # protobuf warns at import
         from tensorboardX import SummaryWriter
 
     with tempfile.TemporaryDirectory(prefix="betterbench-") as apart:
@@ -100,10 +100,10 @@ def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
 
 
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
-    """Write one run, whole or not at all, beside those of earlier exports.
+    """Write one complete run beside those of earlier exports, or nothing.
 
-    wandb ends as usual when the disk is full, and what did not fit is missing. So there has to be room before and
-    after. What a killed export left would be sent with the rest by ``wandb sync``; the run is put in its place last.
+    wandb ends normally when the disk is full, with missing data, so the free space is checked before and after.
+    ``wandb sync`` would also send the rest of a killed export, so the run is moved to its place as the last step.
     """
     import wandb
 
@@ -116,7 +116,7 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
     room = _LEAST_ROOM + 4 * len(json.dumps([config, numbers, rows]))
     place = out / "wandb"
     if place.is_symlink():
-        raise InvalidInputError("--out", f"{place} is a link", "Remove it, or name another folder")
+        raise InvalidInputError("--out", f"{place} is a symbolic link", "Remove it, or name another folder")
     for left in out.glob(f"{_WANDB_PREFIX}*{PART_SUFFIX}"):
         shutil.rmtree(left, ignore_errors=True)
     remove_parts_of(place)
@@ -125,13 +125,13 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
         prefix=_WANDB_PREFIX, suffix=PART_SUFFIX, dir=out, ignore_cleanup_errors=True
     ) as apart:
         offline = wandb.setup().settings.mode == "offline"
-        quiet = wandb.Settings(silent=True) if offline else None  # it says how to send a folder that is moved below
+        quiet = wandb.Settings(silent=True) if offline else None  # its hint names the folder before the move below
         with wandb.init(
             project=project, name=name, dir=apart, config=config, job_type="evaluation", settings=quiet
         ) as run:
             run.summary.update(numbers)
             run.log({"trials": wandb.Table(columns=columns, data=rows)})
-        wandb.teardown()  # its process writes until then
+        wandb.teardown()  # its process writes until this call
         _require_room(place, room)
         place.mkdir(exist_ok=True)
         for made in (Path(apart) / "wandb").iterdir():
@@ -142,7 +142,7 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
 
 
 def _require_room(place: Path, size: int) -> None:
-    """Raise StorageError if a file of so many bytes does not fit on the disk; none is left behind."""
+    """Raise StorageError if a file of ``size`` bytes does not fit on the disk; the trial file is removed."""
     with DurableFile(place) as tried:
         tried.file.write(bytes(size))
         tried.file.flush()

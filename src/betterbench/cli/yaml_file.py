@@ -1,4 +1,4 @@
-"""YAML files that a person writes, read into plain values; aliases are refused, as they could expand without bound."""
+"""YAML files written by people, read into plain values; aliases are refused, because they can expand without bound."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
     """Return the fields of a YAML file.
 
     Raises:
-        InvalidInputError: If it is missing, larger than 64 KiB, no mapping, has aliases, gives a field twice, or is
-            nested too deep.
+        InvalidInputError: If the file is missing, larger than 64 KiB or not a mapping, has aliases, gives a field
+            twice, or is nested too deep.
     """
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """Reads 1e-3 as a number, as YAML 1.2 does; that of YAML 1.1 needs a point."""
+        """A loader that reads 1e-3 as a number, as YAML 1.2 does; YAML 1.1 requires a decimal point."""
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123456789"))
 
@@ -39,12 +39,12 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
         raise InvalidInputError(str(path), f"is not YAML ({problem})", cure) from error
     if not isinstance(found, dict):
-        raise InvalidInputError(str(path), "it holds no fields", f"Write lines like `name: value`. {cure}")
+        raise InvalidInputError(str(path), "it contains no fields", f"Write lines like `name: value`. {cure}")
     return found
 
 
 def _require_once(path: Path, node: yaml.Node | None) -> None:
-    """Refuse a field that is given twice, of which only the last would be read."""
+    """Refuse a field that is given twice; otherwise only the last one would be read."""
     if node is None or isinstance(node.value, str):
         return
     fields = [key.value for key, _ in node.value] if node.tag.endswith(":map") else []
@@ -58,7 +58,7 @@ def _require_once(path: Path, node: yaml.Node | None) -> None:
 
 
 def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:
-    """Refuse aliases and deep nesting at the first one, before anything is built."""
+    """Refuse aliases and deep nesting at the first occurrence, before any value is built."""
     import yaml
 
     depth = 0

@@ -1,4 +1,4 @@
-"""Comparison: which of several policies is better, where, and what their trials cannot tell."""
+"""Comparison of several policies: their differences, overall and in parts, and the limits of the trials."""
 
 from betterbench.comparison.compare import Comparison, compare
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast

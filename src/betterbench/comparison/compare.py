@@ -1,4 +1,4 @@
-"""The comparison of several runs: every pair of policies, in success and in failures, corrected and put in words."""
+"""Comparison of several runs: every pair of policies, in success and in failures, corrected and in sentences."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from betterbench.comparison.matching import Matching, match_sides
 from betterbench.comparison.side import Side
 from betterbench.comparison.verdict import sequential_sentences, verdict_sentences
 from betterbench.diagnosis import Kind, TrialDiagnosis
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.measures.standing import Standing, standing_of
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
 from betterbench.tasks import Axis, all_labels
+from betterbench.tasks.worlds.facts import facts_of_task
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Comparison:
         matching: Trials that were compared.
         groups: Every measure over every scope: success (overall, training, per axis, per task), then the kinds of
             failure and the labels over all variations.
-        sequential: Evidence in success that may be looked at while the runs go on, or nothing if not asked for.
+        sequential: Sequential evidence on success, valid while the runs go on; empty unless requested.
         verdict: The result in sentences, the most important first.
         standings: Comparison of each policy with the pretenders, on the compared trials.
     """
@@ -51,12 +51,12 @@ class Comparison:
     standings: tuple[Standing, ...] = ()
 
     def group(self, measure: str, scope: str = "overall") -> Group | None:
-        """Return a group, or None if the comparison does not have it."""
+        """Return a group, or None if it is not in the comparison."""
         return next((g for g in self.groups if (g.measure, g.scope) == (measure, scope)), None)
 
     @property
     def first_is_worse(self) -> bool:
-        """Whether the first side is significantly worse than another one over all variations."""
+        """Whether the first side is significantly worse than another side over all variations."""
         overall = self.group("success")
         mine = () if overall is None else (c for c in overall.contrasts if c.first == self.sides[0].name)
         return any(c.different and c.higher == c.second for c in mine)
@@ -93,24 +93,26 @@ def compare(
 ) -> Comparison:
     """Compare runs of several policies on the trials that they share.
 
-    Every planned trial counts, also one that broke down. Two policies are called different where both Holm's corrected
-    p-value is at most alpha and the interval of the difference excludes zero: the test is exact but takes pairs as
-    independent, the interval knows which of them share a scene.
+    Every planned trial counts, including those that broke down. Two policies are called different if the Holm-corrected
+    p-value is at most alpha and the interval of the difference excludes zero. The test is exact but treats pairs as
+    independent; the interval accounts for pairs that share a scene.
 
     Args:
         sides: The runs, at least two, with different names.
         alpha: Level of each family of tests; the intervals have confidence 1 - alpha.
-        sequential: True to add the evidence that stays valid however often one looks while the runs go on.
+        sequential: True to add sequential evidence, which may be inspected any number of times while the runs go on.
         allow_mixed: True to compare over different versions or engines.
 
     Raises:
-        InvalidInputError: If a number is out of range, the runs share nothing, or pairs are needed and there are none.
+        InvalidInputError: If a number is out of range, the runs share no condition, or required pairs are missing.
         RunConflictError: If versions or engines differ and that is not allowed.
     """
     if not 0.0 < alpha < 1.0:
-        raise InvalidInputError("--alpha", f"{alpha:g} is no level", "Give a number between 0 and 1, such as 0.05")
+        raise InvalidInputError("--alpha", f"{alpha:g} is not a level", "Give a number between 0 and 1, such as 0.05")
     if len(sides) < 2:
-        raise InvalidInputError("runs", f"{len(sides)} is not enough to compare", "Name at least two runs")
+        raise InvalidInputError(
+            "runs", f"a comparison needs at least two runs, got {len(sides)}", "Name at least two runs"
+        )
     matching = match_sides(sides, allow_mixed=allow_mixed)
     if sequential and not matching.paired:
         raise InvalidInputError(
@@ -121,10 +123,8 @@ def compare(
     evidence = tuple(_sequential(sides, matching, alpha)) if sequential else ()
     verdict = (*sequential_sentences(evidence, alpha), *verdict_sentences(groups, paired=matching.paired, alpha=alpha))
     compared = [replace(s.diagnosis, trials=tuple(t)) for s, t in zip(sides, matching.trials, strict=True)]
-    # The power matrix holds our own scenes alone.
-    standings = (
-        () if all(is_of_libero(t.task) for d in compared for t in d.trials) else tuple(map(standing_of, compared))
-    )
+    measured = any(facts_of_task(t.task).measured for d in compared for t in d.trials)
+    standings = tuple(map(standing_of, compared)) if measured else ()
     return Comparison(tuple(sides), matching, alpha, groups, evidence, verdict, matching.notes, standings)
 
 
@@ -135,7 +135,7 @@ class _Question(NamedTuple):
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials of the scope, each with whether it shows what is counted."""
+        """Return the trials of the scope, each with whether it has the counted outcome."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -148,20 +148,20 @@ class _Question(NamedTuple):
 
 
 def _families(matching: Matching) -> Iterator[list[_Question]]:
-    """Yield the families within which p-values are corrected."""
+    """Yield the families of groups whose p-values are corrected together."""
     varied = [t for side in matching.trials for t in side if t.variation is not None]
     yield [_Question("success", "overall")]
     yield [_Question("success", "training")]
     yield [_Question("success", f"axis:{axis.value}") for axis in Axis if any(t.axis == axis.value for t in varied)]
     yield [_Question("success", task) for task in sorted({t.task for t in varied})]
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
-    # A label that no policy shows cannot differ; leaving it out of the correction depends on no difference.
+    # A label that no policy shows cannot differ. Excluding it from the correction does not depend on any difference.
     shown = {t.label for t in varied if t.kind not in (Kind.NONE, Kind.UNFINISHED)}
     yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
-    """Yield the groups of a family, corrected together; questions without trials on a side are left out."""
+    """Yield the groups of a family, corrected together; a group without trials on a side is left out."""
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
     pairs = list(itertools.combinations(range(len(names)), 2))
@@ -175,7 +175,7 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
     contrasts: list[Contrast] = []
     for (question, tally, c), p in zip(drafts, corrected, strict=True):
         different = p <= alpha and c.difference.excludes_zero
-        # The size is worked out for success alone: failures of the same trials have the same one.
+        # The detectable difference is computed for success only; it is the same for failures of the same trials.
         smallest = (
             could_have_shown(tally, paired=matching.paired, alpha=alpha / len(drafts))
             if question.measure == "success" and not different
@@ -191,7 +191,7 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
 def _contrast(
     question: _Question, tally: OutcomeCounts, names: tuple[str, str], *, paired: bool, alpha: float
 ) -> Contrast:
-    """Return two sides before the correction over their family."""
+    """Return the contrast of two sides before the correction over their family."""
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)
     return Contrast(
@@ -211,8 +211,8 @@ def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequen
 def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
     """Yield the sequential evidence of every pair of sides.
 
-    Pairs are taken in the order in which a run plays them, and only up to the first one that a side has not finished:
-    which pairs are seen then depends on no outcome, and a later look goes on where this one stopped.
+    Pairs are used in the order of the run, up to the first one that a side has not finished. The selection of pairs
+    then does not depend on outcomes, and a later inspection continues where this one stopped.
     """
     order = sorted(
         (k for k, t in enumerate(matching.trials[0]) if t.variation is not None),

@@ -24,7 +24,9 @@ from betterbench.statistics import (
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
-"""Largest number of trials a side for Boschloo's test, 2 s at this size; above it Barnard's, which agrees closely."""
+"""Largest number of trials per side for Boschloo's test, which takes 2 s at this size. Above it Barnard's test is used,
+which agrees closely.
+"""
 
 
 _smallest_paired = functools.lru_cache(maxsize=256)(smallest_paired_difference)
@@ -33,18 +35,18 @@ _smallest_unpaired = functools.lru_cache(maxsize=256)(smallest_unpaired_differen
 
 @dataclass(frozen=True, slots=True)
 class Contrast:
-    """One policy against another in one measure over one scope.
+    """Comparison of two policies in one measure over one scope.
 
     Attributes:
         measure: "success", a kind of failure or a label.
         scope: "overall" (variations), "training", "axis:temporal_extrapolation" or the id of a task (its variations).
-        first: Name of the side that counts positive.
-        second: Name of the side that counts negative.
+        first: Name of the side with positive sign.
+        second: Name of the side with negative sign.
         table: Counts of the four kinds of pairs, or None if the trials are not paired.
-        p_adjusted: After Holm's correction over the family.
+        p_adjusted: p-value after Holm's correction over the family.
         family: Number of contrasts in the family.
-        different: Whether the two are told apart: ``p_adjusted`` is at most alpha and the interval excludes zero.
-        smallest: Smallest difference that these trials could have shown, where that was worked out.
+        different: Whether the two differ significantly: ``p_adjusted`` is at most alpha and the interval excludes zero.
+        smallest: Smallest difference that these trials could have detected, or None if not computed.
     """
 
     measure: str
@@ -83,8 +85,8 @@ class Group:
     """All sides in one measure over one scope.
 
     Attributes:
-        letters: Compact letters of each side: two share one exactly when they are not told apart. "a" belongs to the
-            side with the highest rate.
+        letters: Compact letters of each side. Two sides share a letter exactly if they do not differ significantly. "a"
+            belongs to the side with the highest rate.
     """
 
     measure: str
@@ -106,11 +108,11 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class SequentialContrast:
-    """One policy against another in success, by evidence that may be looked at while the runs go on.
+    """Comparison of two policies in success by sequential evidence, valid while the runs go on.
 
     Attributes:
-        planned: Pairs that both sides plan.
-        table: Counts of the pairs that were used: all before the first that a side has not finished.
+        planned: Number of pairs in both plans.
+        table: Counts of the used pairs: all before the first one that a side has not finished.
         process: The evidence after each pair, at level alpha over the number of contrasts.
         p_adjusted: Anytime-valid p-value after Holm's correction over the pairs of sides.
         different: Whether ``p_adjusted`` is at most alpha.
@@ -141,7 +143,7 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials, each with whether it has the counted outcome."""
+"""Trials with whether they have the counted outcome."""
 
 
 def rate_of(counted: Counted) -> Rate:
@@ -178,7 +180,7 @@ class OutcomeCounts:
 
 
 def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
-    """Return the difference, the name of its test and the p-value."""
+    """Return the difference, the name of its test, and the p-value."""
     if paired:
         difference = wider_paired_difference(
             tally.outcomes,
@@ -195,10 +197,10 @@ def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: floa
 
 
 def could_have_shown(tally: OutcomeCounts, *, paired: bool, alpha: float) -> DetectableDifference | None:
-    """Return the smallest difference that as many trials find with 80 % power, or None without trials.
+    """Return the smallest difference that this many trials detect with 80 % power, or None without trials.
 
-    For pairs, the share that differs the other way is the one seen: policies that fail on different trials need more of
-    them.
+    For pairs, the observed share of opposite differences is assumed: policies that fail on different trials need more
+    pairs.
     """
     a, b = tally.rates
     n = min(a.n, b.n)

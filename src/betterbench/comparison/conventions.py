@@ -1,19 +1,19 @@
-"""Conventions of a plan and its records, on which outcomes depend."""
+"""Conventions of a plan and its records that affect outcomes."""
 
 from __future__ import annotations
 
 from typing import Any
 
 _PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz", "looks")
-"""Conventions that stand in a plan as one value."""
+"""Conventions that a plan stores as a single value."""
 
 
 def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
-    """Return the conventions that a plan and the records made under it name.
+    """Return the conventions of a plan and of its records.
 
     Args:
-        plan: JSON form of a plan; what it lacks is left out.
-        versions: Versions found in the records, which count where both name one.
+        plan: JSON form of a plan; missing conventions are skipped.
+        versions: Versions found in the records, which take precedence.
     """
     found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}
     for prefix, group in (("engine", "engine"), ("task_version", "task_versions")):

@@ -1,4 +1,4 @@
-"""Matching of several runs: the trials that can be compared, and those that are left out."""
+"""Matching of several runs: the comparable trials, and those that are left out."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.statistics.wording import plural
 
 _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz", "looks")
-"""Conventions under which the same trial is another one: numbers made under different ones are not comparable."""
+"""Conventions that define a trial; numbers made under different ones are not comparable."""
 
 _CAMERAS = ("camera_preset", "render_quality")
-"""Conventions that say nothing where a policy looked at no image."""
+"""Conventions that do not matter if a policy used no image."""
 
 
 @dataclass(frozen=True, slots=True)
 class Matching:
-    """The trials of several runs that are compared.
+    """The compared trials of several runs.
 
     Attributes:
-        paired: Whether the trials are the same ones on every side; else only their conditions are.
-        trials: Trials of each side; if paired, the same key at the same place on every side, in plan order.
+        paired: Whether all sides have the same trials; otherwise they share only conditions.
+        trials: Trials of each side in plan order; if paired, in the same order of keys on every side.
     """
 
     paired: bool
@@ -34,12 +34,12 @@ class Matching:
 
 
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
-    """Return the trials that all sides share, by task, variation or condition, and seed.
+    """Return the trials that all sides share by task, variation or condition, and seed.
 
-    Of a run until decided, only the trials of its first round count: its outcomes have chosen the others.
+    For a run until decided, only the trials of its first round count, because outcomes selected the others.
 
     Raises:
-        RunConflictError: If versions, engines, robots or control rates differ and that is not allowed.
+        RunConflictError: If versions, engines, robots or control rates differ and mixing is not allowed.
         InvalidInputError: If the runs share no condition.
     """
     notes = list(_clashes(sides, allow_mixed=allow_mixed))
@@ -67,12 +67,12 @@ def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...],
     """Return the trials of the conditions that all sides share.
 
     Raises:
-        InvalidInputError: If there is none.
+        InvalidInputError: If they share none.
     """
     names = [{_condition(t) for t in s.diagnosis.trials} for s in sides]
     shared = set.intersection(*names)
     if not shared:
-        problem = "they share no task with the same variation or training condition"
+        problem = "they have no condition in common"
         raise InvalidInputError("runs", problem, "Run the policies with the same --tasks, --variations and --seed")
     return tuple(tuple(t for t in s.diagnosis.trials if _condition(t) in shared) for s in sides)
 
@@ -83,7 +83,7 @@ def _condition(trial: TrialDiagnosis) -> tuple[str, str]:
 
 def _unpaired_note(sides: Sequence[Side]) -> str:
     text = (
-        "The runs share no seed, so their trials are compared as independent ones, which finds less. "
+        "The runs share no seed, so their trials are compared as independent ones, which is less sensitive. "
         "Run the policies with the same --seed to compare them trial by trial."
     )
     keys = [{t.key for t in s.diagnosis.trials} for s in sides]
@@ -101,7 +101,7 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
     """Yield a note for every convention in which two sides differ.
 
     Raises:
-        RunConflictError: If one of them is decisive and mixing is not allowed.
+        RunConflictError: If one of these conventions is decisive and mixing is not allowed.
     """
     for name in sorted(set().union(*(s.conventions for s in sides))):
         values = {s.name: s.conventions[name] for s in sides if name in s.conventions}
@@ -113,7 +113,7 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
         if name.startswith(_DECISIVE) and not allow_mixed:
             raise RunConflictError(
                 f"{name} differs: {listed}. Run one of them again under the same conventions, "
-                "or give --allow-mixed and read the numbers with care."
+                "or give --allow-mixed and interpret the numbers with care."
             )
         yield f"{name} differs: {listed}."
 
@@ -125,19 +125,19 @@ def _until_decided(side: Side) -> Iterator[str]:
         first = plural(len(decided.first_seeds), "seed")
         chosen = plural(len(side.diagnosis.trials) - len(side.diagnosis.even_trials), "trial")
         yield (
-            f"{side.name} went on until its variations were decided: the trials of its first {first} are compared, and "
-            f"{chosen} that its outcomes chose left out."
+            f"{side.name} went on until its variations were decided: only the trials of its first {first} are "
+            f"compared; {chosen} that depended on outcomes are left out."
         )
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
-    """Yield a note about trials that count as failures because there is nothing to judge."""
+    """Yield a note about trials that count as failures because they have no usable record."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
     stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)
     n = len(trials)
     if unfinished:
-        yield f"{unfinished}/{n} trials of {side.name} are not finished and count as failures; let the run go on."
+        yield f"{unfinished}/{n} trials of {side.name} are not finished and count as failures; continue the run."
     if lost:
         yield f"{lost}/{n} trials of {side.name} broke down without a record and count as failures."
     if stopped:

@@ -1,4 +1,4 @@
-"""Sides: the runs that are compared, each with its diagnosis and the conventions it was made under."""
+"""Sides of a comparison: the runs, each with its diagnosis and its conventions."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Side:
     """One run in a comparison.
 
     Attributes:
-        name: Its name: the one that its policy declared, with the name of its folder where two are alike.
-        unfinished: Keys of planned trials that neither ended nor broke down yet.
+        name: The declared name of its policy, with the name of the folder added if two are equal.
+        unfinished: Keys of planned trials that have neither ended nor broken down.
         conventions: Versions and conventions by name, of its plan and of its records.
     """
 
@@ -40,20 +40,22 @@ def load_sides(
     allow_mixed: bool = False,
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[Side, ...]:
-    """Read and diagnose the runs of a comparison, which are called by ``names`` if these are given.
+    """Read and diagnose the runs of a comparison; ``names`` overrides the names of their policies.
 
-    A path is the folder of a run, or the file of a submission, whose outcomes are taken as they stand there.
-    ``on_progress`` gets the name of a run, and how many of its trials have been looked at, of how many.
+    A path is the folder of a run, or the file of a submission, whose outcomes are used as stored. ``on_progress`` is
+    called with the name of a run, the number of its processed trials, and the number of all.
 
     Raises:
-        InvalidInputError: If fewer than two runs are given, or one of them twice, or the names do not fit; or if a
+        InvalidInputError: If fewer than two runs are given, a run is given twice, the names do not match the runs, or a
             submission is damaged.
         UnknownNameError: If a submission names a task or condition that does not exist here.
         RecordError: If a run or a record cannot be read.
-        RunConflictError: If a run mixes versions or engines and that is not allowed.
+        RunConflictError: If a run mixes versions or engines and mixing is not allowed.
     """
     if len(paths) < 2:
-        raise InvalidInputError("runs", f"{len(paths)} is not enough to compare", "Name at least two run folders")
+        raise InvalidInputError(
+            "runs", f"a comparison needs at least two runs, got {len(paths)}", "Name at least two run folders"
+        )
     places = [os.path.realpath(path) for path in paths]
     twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
     if twice is not None:
@@ -69,7 +71,7 @@ def load_sides(
 
 
 def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
-    """Return the sides with names that tell them apart: a folder is added where two runs are of one policy."""
+    """Return the sides with unique names; the folder is added if two runs have the same policy."""
     names = told_apart([s.diagnosis.policy for s in sides], [s.path for s in sides])
     return tuple(replace(s, name=name) for s, name in zip(sides, names, strict=True))
 
@@ -83,7 +85,7 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable
 
 
 def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
-    """Return the run that names a source: the run itself, or for a submission a run with its address and name alone."""
+    """Return the run of a source; for a submission, a run with only its address and name."""
     if isinstance(source, RunFolder):
         return source
     return RunFolder(path, {"policy": source.policy}, {"policy": {"name": source.name}})

@@ -1,4 +1,4 @@
-"""Submissions: the outcomes of a run in one file, with the conventions of the run and the hashes of its records."""
+"""Submissions: the outcomes of a run in one file, with its conventions and the hashes of its records."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,9 +17,11 @@ from betterbench.comparison.conventions import side_conventions
 from betterbench.diagnosis import Evidence, Kind, RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.jobs import OnCount
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json, form_errors, open_ordinary, read_bounded, read_form, strict_form
 from betterbench.quoting import json_text
-from betterbench.records import RunFolder, first_difference
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.tasks.labels import Label, all_labels
@@ -27,7 +29,7 @@ from betterbench.version import __version__
 
 SUBMISSION_FORMAT = "betterbench-submission"
 SUBMISSION_SCHEMA_VERSION = 1
-"""Version of the file; it moves when an older reader would misunderstand a newer file."""
+"""Version of the file; it increases when an older reader would misinterpret a newer file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
 _CURE = "Give the folder of a run, or a file that better export wrote"
@@ -46,7 +48,7 @@ class SubmittedTrial:
     Attributes:
         condition: Name of the variation or of the training condition.
         status: "done" with a record, "broken" without one, "unfinished" if the run has not reached it.
-        progress: Subgoals completed in a valid order divided by subgoals asked.
+        progress: Number of subgoals completed in a valid order, divided by the number requested.
         steps: Control steps.
         duration_s: Simulated time [s].
         record_sha256: Hash of the file of its record, or None without one.
@@ -64,14 +66,16 @@ class SubmittedTrial:
     record_sha256: Sha256 | None
 
     def __post_init__(self) -> None:
-        """Check that the fields agree with each other; raise InvalidInputError if not."""
+        """Raise InvalidInputError if the fields contradict each other."""
         if (self.status == "done") != (self.record_sha256 is not None):
             raise InvalidInputError(self.key, f"a trial that is {self.status} has the wrong record_sha256", _CURE)
         labels = {label.value: label for label in all_labels()}
         if self.label not in labels:
-            raise InvalidInputError(self.key, f"{self.label!r} is no label here", _CURE)
+            raise InvalidInputError(self.key, f"{self.label!r} is not a label of this version", _CURE)
         if self.success != (labels[self.label].kind is Kind.NONE):
-            raise InvalidInputError(self.key, f"success is {self.success} and its label {self.label}", _CURE)
+            raise InvalidInputError(
+                self.key, f"success is {self.success}, which contradicts the label {self.label}", _CURE
+            )
 
     @property
     def key(self) -> str:
@@ -92,9 +96,9 @@ class Submission:
         conventions: Versions and conventions by name, of the plan and of the records.
         thresholds: Thresholds of the diagnosis by name.
         plan_sha256: Hash of the plan as canonical JSON.
-        left_out: Trials of a run until decided that its outcomes have chosen: they are no fair sample.
+        left_out: Number of trials of a run until decided that depended on outcomes, so that they are not a fair sample.
         trials: Every other planned trial, in plan order.
-        sha256: Hash of all other fields as canonical JSON. It shows damage, and does not prove who wrote the file.
+        sha256: Hash of all other fields as canonical JSON. It detects damage but does not authenticate the author.
     """
 
     format: Literal["betterbench-submission"]
@@ -115,7 +119,7 @@ class Submission:
         return asdict(self)
 
     def file_bytes(self) -> bytes:
-        """Return the file: JSON with one field or one trial a line, so that two versions can be compared as text."""
+        """Return the file: JSON with one field or trial per line, so that versions can be compared as text."""
         form = self.to_json()
         trials, seal = form.pop("trials"), form.pop("sha256")
         fields = [f"{json_text(key)}: {json_text(value)}" for key, value in form.items()]
@@ -130,7 +134,7 @@ class Submission:
         return replace(self, sha256=_hash_of(form))
 
     def diagnosis(self) -> RunDiagnosis:
-        """Return the outcomes as a diagnosis, whose trials hold no attempts and no evidence.
+        """Return the outcomes as a diagnosis whose trials have no attempts and no evidence.
 
         Raises:
             UnknownNameError: If a task or a condition does not exist here.
@@ -151,15 +155,13 @@ _FORM = TypeAdapter(Submission)
 _BEGINNING = b'{\n"format": "betterbench-submission"'
 
 
-def submission_of(
-    run: RunFolder, *, name: str | None = None, on_progress: Callable[[int, int], None] | None = None
-) -> Submission:
+def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCount | None = None) -> Submission:
     """Return the outcomes of a run, diagnosed now.
 
     Args:
-        run: The run; of one until decided, the trials of its first round are taken.
-        name: Name of the policy in the submission; the name that it declared if None.
-        on_progress: Called with the number of trials that have been looked at, and that of all.
+        run: The run; for a run until decided, only the trials of its first round are used.
+        name: Name of the policy in the submission; default: its declared name.
+        on_progress: Called with the number of processed trials and the number of all.
 
     Raises:
         RecordError: If the run or a record cannot be read.
@@ -189,17 +191,17 @@ def submission_of(
 
 
 def is_submission(path: Path) -> bool:
-    """Tell whether a file begins as a submission does, of whatever version; raises OSError."""
+    """Return whether a file begins like a submission of any version; raises OSError."""
     with open_ordinary(path) as file:
         return file.read(len(_BEGINNING)) == _BEGINNING
 
 
 def read_submission(path: Path) -> Submission:
-    """Read a submission, and check that it is whole.
+    """Read a submission and check that it is complete and unchanged.
 
     Raises:
-        InvalidInputError: If it cannot be read, a field is malformed or contradicts another one, a trial stands in it
-            twice, or the content does not have the hash that it states.
+        InvalidInputError: If it cannot be read, a field is malformed or contradicts another one, a trial occurs twice,
+            or the content does not match its hash.
     """
     where = str(path)
     raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE)
@@ -208,27 +210,25 @@ def read_submission(path: Path) -> Submission:
         whole = found.sealed()
     twice = [key for key, n in Counter(t.key for t in found.trials).items() if n > 1]
     if twice:
-        raise InvalidInputError(f"{where}: trials", f"{twice[0]} stands there twice", _CURE)
+        raise InvalidInputError(f"{where}: trials", f"{twice[0]} occurs twice", _CURE)
     if whole.sha256 != found.sha256:
-        raise InvalidInputError(where, "its content does not have the sha256 that it states: it was changed", _CURE)
+        raise InvalidInputError(where, "its content does not match its sha256, so it was changed", _CURE)
     return found
 
 
-def require_same(
-    run: RunFolder, submission: Submission, *, on_progress: Callable[[int, int], None] | None = None
-) -> None:
+def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount | None = None) -> None:
     """Check that a submission states what the records of a run prove; ``on_progress`` as :func:`submission_of` has it.
 
     Raises:
-        RunConflictError: If it does not; the text names the first difference.
+        RunConflictError: If they disagree; the message names the first difference.
     """
     own = submission_of(run, name=submission.name, on_progress=on_progress).to_json()
     difference = first_difference(json.loads(dump_json(own)), json.loads(dump_json(submission.to_json())), "submission")
     if difference is not None:
         where, there, stated = difference
         raise RunConflictError(
-            f"{where} is {there} by the records of {run.path}, and the submission states {stated}. "
-            "Export the run again, or ask for the run that the submission was made of."
+            f"{where} is {there} according to the records of {run.path}, but the submission states {stated}. "
+            "Export the run again, or ask for the run from which the submission was made."
         )
 
 
@@ -248,11 +248,11 @@ def _resolved(task: str, condition: str) -> ResolvedCondition:
 
 
 def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
-    """Return the diagnosis of a submitted trial, as far as it tells."""
+    """Return the diagnosis of a submitted trial, without evidence."""
     resolved = _resolved(trial.task, trial.condition)
-    # Submissions before 0.2 called unfinished trials a policy error.
+    # Submissions before version 0.2 labeled unfinished trials as a policy error.
     label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)
-    text = "A submission holds outcomes alone; the evidence is in the run that it was made of."
+    text = "A submission contains only outcomes; the evidence is in the run from which it was made."
     return TrialDiagnosis(
         task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
         axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
@@ -274,7 +274,7 @@ def _file_hash(path: Path) -> str:
 
 
 def submission_lines(submission: Submission) -> Iterator[str]:
-    """Yield the content of a submission, in sentences for a person."""
+    """Yield the content of a submission as sentences."""
     counts = Counter(t.status for t in submission.trials)
     solved = sum(t.success for t in submission.trials)
     yield f"{submission.name}: {len(submission.trials)} trials, {solved} succeeded"
@@ -282,4 +282,4 @@ def submission_lines(submission: Submission) -> Iterator[str]:
         if counts[status]:
             yield f"{counts[status]} of them are {status} and count as failures"
     if submission.left_out:
-        yield f"{submission.left_out} trials that the outcomes of a run until decided have chosen are left out"
+        yield f"{submission.left_out} trials of a run until decided that depended on outcomes are left out"

@@ -1,19 +1,19 @@
-"""Verdict of a comparison in sentences, which also name the conclusions that the trials do not allow."""
+"""Verdict of a comparison as sentences, including the conclusions that the trials do not allow."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.statistics import percent
 from betterbench.statistics.wording import counted, p_text, points
 from betterbench.tasks.labels import Kind
+from betterbench.tasks.worlds.facts import facts_of_task
 
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which every pair gets its own sentence; above it, letters are shorter."""
+"""Largest number of policies for which every pair gets a sentence; above it, letters are shorter."""
 
 SHOWN_PARTS = 6
 """Largest number of parts that one sentence names."""
@@ -23,7 +23,7 @@ def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) ->
     """Return the result of a comparison, the most important sentence first."""
     main = next((g for g in groups if g.measure == "success" and g.scope in ("overall", "training")), None)
     if main is None:
-        return ("Nothing can be concluded: there is no trial to compare.",)
+        return ("Nothing can be concluded: there are no trials to compare.",)
     pairs = [_sentence(c, paired=paired, alpha=alpha) for c in main.contrasts]
     if len(main.names) > MANY:
         return (_ranking(main),)
@@ -37,8 +37,8 @@ def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) 
 
 
 def scope_text(scope: str) -> str:
-    """Return a scope in words; a task of LIBERO keeps its name."""
-    if is_of_libero(scope):
+    """Return a scope in words; a task of another world keeps its name."""
+    if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
         scope, scope.removeprefix("axis:").replace("_", " ")
@@ -71,37 +71,37 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
 
 
 def _limit(c: Contrast, n: int, kind: str) -> str:
-    """Return the smallest difference that the trials of an undecided contrast could have shown, in words."""
+    """Return the smallest difference that the trials of an undecided contrast could have detected, in words."""
     fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
     trials = f"{n} {kind}"
     if fewer:
-        trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) go against the others,"
+        trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) point in the other direction,"
     if c.smallest is None or c.smallest.value is None:
-        return f"With {trials} no difference at all can be found at 80 % power; run more trials."
-    return f"With {trials} a true difference has to be {points(c.smallest.value)} points to be found at 80 % power."
+        return f"With {trials} no difference can be detected at 80 % power; run more trials."
+    return f"With {trials} a true difference must be {points(c.smallest.value)} points to be detected at 80 % power."
 
 
 def _ranking(group: Group) -> str:
-    """Return all policies in order with their letters, and what the undecided pairs could have shown."""
+    """Return all policies in order with their letters, and the differences that undecided pairs could have detected."""
     order = sorted(zip(group.rates, group.names, group.letters, strict=True), key=lambda row: -(row[0].value or 0.0))
     listed = ", ".join(f"{name} {counted(rate)} {letters}" for rate, name, letters in order)
     where = "Training conditions" if group.scope == "training" else "Variations"
     undecided = [c for c in group.contrasts if not c.different]
     text = f"{where}: {listed}."
     if not undecided:
-        return f"{text} All of them are told apart."
+        return f"{text} All of them differ significantly."
     if len(undecided) == len(group.contrasts):
         text += " Nothing can be concluded about any two of them."
     else:
-        text += " Policies that share a letter are not told apart."
+        text += " Policies that share a letter do not differ significantly."
     needed = [c.smallest.value for c in undecided if c.smallest is not None and c.smallest.value is not None]
     if len(needed) < len(undecided):
-        return f"{text} For some pairs no difference at all can be found at 80 % power; run more trials."
-    return f"{text} To be found at 80 % power a true difference has to be up to {points(max(needed))} points."
+        return f"{text} For some pairs no difference can be detected at 80 % power; run more trials."
+    return f"{text} To be detected at 80 % power, a true difference must be up to {points(max(needed))} points."
 
 
 def _parts(groups: Sequence[Group], main: Group) -> Iterator[str]:
-    """Yield one sentence per pair of policies on the parts in which they differ, the clearest first."""
+    """Yield one sentence per pair of policies on the parts in which they differ, the most significant first."""
     for k, pair in enumerate(main.contrasts):
         apart = [g.contrasts[k] for g in groups if g is not main and g.contrasts[k].different]
         if apart:
@@ -124,13 +124,13 @@ def _part(c: Contrast) -> str:
 def _sequential(c: SequentialContrast, alpha: float, contrasts: int) -> str:
     n = c.process.n
     counts = f"{c.first} alone solves {c.table.only_first}/{n}, {c.second} alone {c.table.only_second}/{n}"
-    reach = f"the evidence is {c.process.value:.3g}, {contrasts / alpha:g} decides"
+    reach = f"the evidence is {c.process.value:.3g}; {contrasts / alpha:g} is decisive"
     left = c.planned - n
     if c.different:
         better = c.first if c.table.only_first > c.table.only_second else c.second
         worse = c.second if better == c.first else c.first
         stop = f" The runs may stop: {left} of {c.planned} pairs are left." if left else ""
         at = "" if c.process.decided_at is None else f" after {c.process.decided_at} pairs"
-        return f"Decided{at}, however often you looked: {better} is better than {worse} ({counts}; {reach}).{stop}"
+        return f"Decided{at}, whenever you looked: {better} is better than {worse} ({counts}; {reach}).{stop}"
     rest = f"{left} of {c.planned} pairs are left to run" if left else f"all {n} pairs are used"
     return f"Not decided between {c.first} and {c.second} after {n} pairs ({counts}; {reach}); {rest}."

@@ -1,9 +1,10 @@
-"""Diagnosis: from records alone, what each policy did right or wrong and for which reason.
+"""Diagnosis: labels and explanations for the trials of a policy, from their records alone.
 
-- ``analysis``: what happened in one episode: approaches, grasp attempts, halts, collisions, harm.
+- ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
 - ``thresholds``: the numbers that labels depend on.
-- ``trial``, ``labels``, ``ruling``: from the modes to the label of each trial; ``foreign`` does this for other worlds.
+- ``trial``, ``labels``, ``ruling``: from the modes to the label of each trial; ``readers`` chooses how
+  the records of a world are read, and ``libero`` reads those of LIBERO.
 - ``rule_likelihood``, ``task_rules``, ``second_pass``: which rule of a policy explains its wrong first attempts, by
   one rule, by one task and over all tasks. ``instruction_effect``, ``favorite_thing``, ``decider``: whether it uses the
   instruction at all.

@@ -14,12 +14,13 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
-"""Kind of change of a trial between two diagnoses. If the record is the same: another "label", another "rule" for
-the same label, or other "evidence" of the same rule. If the run went on, the "record" itself has changed. A trial
-is "new" or "gone" if only one of the two diagnoses has it."""
+"""Kind of change of a trial between two diagnoses. For the same record, the change is in the "label", in the "rule"
+that leads to the same label, or in the "evidence" of the same rule. "record": the record itself has changed, because
+the run went on. "new" and "gone": only one of the two diagnoses has the trial.
+"""
 
 _SAME_TIME = 1e-6
-"""Times closer than this are the same [s]; a control step is 0.05 s."""
+"""Times that differ by less than this are equal [s]; a control step is 0.05 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +34,12 @@ class ThresholdChange:
 
 @dataclass(frozen=True, slots=True)
 class TrialChange:
-    """One trial that is judged otherwise.
+    """One trial whose judgment has changed.
 
     Attributes:
         before: The stored judgment, or None for a new trial.
         now: The judgment now, or None for a trial that is gone.
-        reasons: Reasons for the change, as far as the two judgments show them; sentences without a full stop.
+        reasons: Reasons for the change that the two judgments show; sentences without a full stop.
     """
 
     key: str
@@ -49,7 +50,7 @@ class TrialChange:
 
     @property
     def labels(self) -> tuple[str, str]:
-        """The label before and now, "none" where there is none."""
+        """The label before and now; "none" if the trial is missing."""
         return ("none" if self.before is None else self.before.label, "none" if self.now is None else self.now.label)
 
     def to_json(self) -> dict[str, Any]:
@@ -82,7 +83,7 @@ class DiagnosisChanges:
 
     @property
     def other_rules(self) -> bool:
-        """Whether the stored diagnosis was made by another version or with other thresholds."""
+        """Whether the stored diagnosis was made by another version of betterbench or with other thresholds."""
         return self.version_before != self.version_now or bool(self.thresholds)
 
     @property
@@ -134,7 +135,7 @@ def _differences(
 def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresholds: tuple[str, ...]) -> TrialChange:
     if before is None or now is None:
         new = before is None
-        reason = "the stored diagnosis does not have the trial" if new else "the plan does not have the trial"
+        reason = "the trial is not in the stored diagnosis" if new else "the trial is not in the plan"
         return TrialChange(key, "new" if new else "gone", before, now, (reason,))
     record = _of_record(before, now)
     if record is not None:
@@ -144,11 +145,11 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Return how the record changed that is judged, or None if nothing shows that it did."""
+    """Return how the judged record changed, or None if there is no sign of a change."""
     if before.has_record != now.has_record:
-        return "the trial has a record now" if now.has_record else "its record is gone"
+        return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):
-        return f"its record is another one ({_ended(before)} before, {_ended(now)} now)"
+        return f"its record was replaced ({_ended(before)} before, {_ended(now)} now)"
     return None
 
 
@@ -159,16 +160,16 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
     same_attempts = before.attempts == now.attempts
     if not same_attempts:
         a, b = len(before.attempts), len(now.attempts)
-        yield f"{b} grasp attempts are seen instead of {a}" if a != b else "the grasp attempts are read otherwise"
+        yield f"{b} grasp attempts are seen instead of {a}" if a != b else "the grasp attempts are read differently"
     given = {before.label, now.label} & set(labels_of_second_pass()) or before.candidates != now.candidates
     if same_attempts and given and (before.label, before.rule) != (now.label, now.rule):
-        yield f"the second pass rules otherwise on the attempt at {min(before.start_s, now.start_s):.2f} s"
+        yield f"the second pass rules differently on the attempt at {min(before.start_s, now.start_s):.2f} s"
     else:
         yield _of_rules(before, now)
 
 
 def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
-    """Return how the rule that decides changed."""
+    """Return how the deciding rule changed."""
     same = before.rule == now.rule
     later = now.start_s - before.start_s
     if later < -_SAME_TIME:
@@ -176,7 +177,7 @@ def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
         return f"rule {now.rule} fires earlier, at {now.start_s:.2f} s before{there} at {before.start_s:.2f} s"
     if later > _SAME_TIME:
         if same:
-            return f"rule {now.rule} fires later, at {now.start_s:.2f} s and not at {before.start_s:.2f} s"
+            return f"rule {now.rule} fires later, at {now.start_s:.2f} s instead of {before.start_s:.2f} s"
         return (
             f"rule {before.rule} no longer decides at {before.start_s:.2f} s; rule {now.rule} does at "
             f"{now.start_s:.2f} s"
@@ -186,10 +187,10 @@ def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
     if before.label != now.label:
         return f"rule {now.rule} gives another label"
     if abs(before.end_s - now.end_s) > _SAME_TIME:
-        return f"the evidence of rule {now.rule} ends at {now.end_s:.2f} s and not at {before.end_s:.2f} s"
+        return f"the evidence of rule {now.rule} ends at {now.end_s:.2f} s instead of {before.end_s:.2f} s"
     if before.text != now.text:
-        return f"rule {now.rule} says the same in other words"
-    return f"rule {now.rule} decides as before; only the attempts or candidates beside it differ"
+        return f"rule {now.rule} gives the same evidence with another text"
+    return f"rule {now.rule} decides as before; only the listed attempts or candidates differ"
 
 
 def _ended(trial: StoredTrial) -> str:

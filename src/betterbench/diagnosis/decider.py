@@ -1,4 +1,4 @@
-"""Cues that decide a policy's choice when it ignores the instruction: slot, kind, color or distance of an object."""
+"""Cues that may decide when a policy ignores the instruction: slot, kind, color or distance of an object."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _BY_PLACE = "its place"
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """Cues that may decide the first target of a policy instead of the instruction, as far as the trials separate them.
+    """Cues that may decide a policy's first target instead of the instruction, as far as the trials separate them.
 
     Attributes:
-        names: Cues that may decide, each by itself; empty if none of the known cues explains the first attempts.
+        names: Cues, each of which may decide by itself; empty if no known cue explains the first attempts.
     """
 
     names: tuple[str, ...]
@@ -27,18 +27,18 @@ class Decider:
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the cues in words."""
         if not self.names:
             return (
-                "neither one place, one kind of thing, one color nor the nearest thing: something else that stays the "
-                "same within a seed, such as the arm's start pose"
+                "not one slot, kind, color or the nearest object, but something else that is constant within a seed, "
+                "such as the arm's start pose"
             )
         more = "" if len(self.names) == 1 else ", which these trials do not separate"
         return f"{' or '.join(self.names)}{more}"
 
 
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
-    """Return the cues that may decide instead of an instruction that is not used.
+    """Return the cues that may decide when the instruction is not used.
 
     ``choices`` are the first attempts of each task. The favored slot or kind may differ from task to task.
     """
@@ -54,6 +54,6 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 
 
 def _usual(names: Sequence[str]) -> str | None:
-    """Return the name that nearly all are, or None."""
+    """Return the most frequent name if nearly all names agree, or None."""
     most = max(sorted(set(names)), key=names.count, default=None)
     return most if most is not None and names.count(most) >= NEARLY_ALL * len(names) else None

@@ -1,4 +1,4 @@
-"""Exposure of a variation: its test condition and the training distribution, which decide what faults it can show.
+"""Exposure of a variation: its test condition and the training distribution, which determine the faults it can show.
 
 Each failure mode has a function of an :class:`Exposure` that tells whether the variation tests for that fault. A
 variation claims only the failure modes for which this function returns True.
@@ -40,7 +40,7 @@ class Exposure:
         """Return the exposure of a variation.
 
         Raises:
-            UnknownNameError: If there is no such task or variation.
+            UnknownNameError: If the task or variation does not exist.
         """
         task = get_task(task_id)
         found = resolve_condition(task_id, variation)
@@ -52,22 +52,22 @@ class Exposure:
         return self.test.instruction.subgoals
 
     def slots(self, goal: Subgoal) -> set[str]:
-        """Return the slots in which what a subgoal means stands at the start."""
+        """Return the start slots of the objects that a subgoal refers to."""
         return {self.test.layout[n] for n in self.test.resolve(goal.reference) if n in self.test.layout}
 
     @property
     def open_goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals for which something is left to be picked up, in order."""
+        """Subgoals that are not done at the start and have an object, in order."""
         return tuple(goal for goal in self.goals if self.slots(goal))
 
     @property
     def due(self) -> tuple[Subgoal, ...]:
-        """Subgoals that may rightly be worked on first."""
+        """Subgoals that may be worked on first."""
         return self.open_goals[:1] if self.test.instruction.ordered else self.open_goals
 
     @property
     def right_slots(self) -> set[str]:
-        """Slots of everything that may rightly be picked first."""
+        """Slots of all objects that may be picked first."""
         return {slot for goal in self.due for slot in self.slots(goal)}
 
     def movable_in(self, slot: str) -> str | None:
@@ -78,9 +78,9 @@ class Exposure:
         return self.test.object(name).kind
 
     def known(self, kind: str) -> bool:
-        """Tell whether some instruction of the task means a kind of object."""
+        """Return whether any instruction of the task refers to a kind of object."""
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:
-        """Return the kinds of object that a subgoal means."""
+        """Return the kinds of object that a subgoal refers to."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}

@@ -1,4 +1,4 @@
-"""Failure modes: the class that a file of ``modes`` registers, and the view of a trial that its detector gets."""
+"""Failure modes: the class that a file of ``modes`` registers, and the view of a trial for its detector."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class TrialView:
 
     Attributes:
         record: The record of the trial, with its outcome.
-        episode: The record seen against what was asked for: every grasp attempt, subgoal and place.
-        unexplained: True when every mode has been asked once and none has found anything.
+        episode: The analyzed record: every grasp attempt and placement, compared with the instruction.
+        unexplained: True in the second round of detectors, when none has found anything in the first.
     """
 
     record: Record
@@ -33,7 +33,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode ended at its step limit, with a subgoal never done or with a goal just reached."""
+        """Whether the episode reached its step limit with a subgoal never done, or with a goal reached just then."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
@@ -48,19 +48,19 @@ Finder = Callable[[TrialView], Evidence | None]
 class FailureMode:
     """One outcome label, with its detector and its texts for tables and reports.
 
-    An instance registers itself with the function that it decorates, the finder of the mode.
+    Used as a decorator, an instance registers itself with the decorated finder.
 
     Attributes:
         short: Name of one or two words for a segment of a bar.
-        definition: Condition that the record has to fulfill, one sentence (suite, section 5).
+        definition: Condition on the record, one sentence (suite, section 5).
         conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
-        sharper: Returns the same sentence about given trials of this mode where they show more, or an empty text.
-        finding: Beginning of the sentence that counts such trials; empty if none is said.
-        detail: Returns what the trials of one such sentence have in common, to go on with it.
+        sharper: Returns a more specific conclusion from the trials of this mode, or an empty text.
+        finding: Beginning of the sentence that counts such trials; empty if the mode yields no finding.
+        detail: Returns a continuation of that sentence: what its trials have in common.
         rule: Kind of rule of the second pass that explains it (see ``ruling``), or None.
-        needs_rule: Whether only an upheld rule proves it: one trial alone is then called ``wrong_object``.
-        title: Full name, if it is not the words of the label.
-        exposed_by: Tells whether a variation puts policies with this fault to the test; None where it shows anywhere.
+        needs_rule: Whether only an upheld rule proves the mode; without one, a trial is labeled ``wrong_object``.
+        title: Full name, if it differs from the words of the label.
+        exposed_by: Returns whether a variation can reveal this fault; None if every variation can.
     """
 
     label: Label
@@ -80,10 +80,10 @@ class FailureMode:
         """Register the mode with its finder.
 
         Raises:
-            InvalidInputError: If the label has a mode.
+            InvalidInputError: If the label already has a mode.
         """
         if self.label in _MODES:
-            raise InvalidInputError("failure mode", f"{self.label} is registered already", "Make a new label")
+            raise InvalidInputError("failure mode", f"{self.label} is already registered", "Use a new label")
         find = registered("failure mode", self.label.value, find, _MODES)
         known = {**_MODES, self.label: replace(self, find=find)}
         _MODES.clear()
@@ -106,7 +106,7 @@ class FailureMode:
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return a function from trials to the sentence of the rule that nearly all of them broke, else ""."""
+    """Return a function from trials to the sentence for the rule that nearly all of them broke, else ""."""
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:
         rule, count = Counter(trial.evidence.rule for trial in trials).most_common(1)[0]
@@ -122,12 +122,12 @@ MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
 
 
 def remove_mode(label: Label) -> None:
-    """Take a mode out again, as tests do."""
+    """Remove a mode; used by tests."""
     del _MODES[label]
 
 
 def labels_of_second_pass() -> tuple[Label, ...]:
-    """Return the labels that no trial gets by itself."""
+    """Return the labels that only the second pass assigns."""
     return tuple(mode.label for mode in MODES.values() if mode.needs_rule)
 
 
@@ -135,7 +135,7 @@ def exposed_labels(task_id: str, variation: str) -> tuple[Label, ...]:
     """Return the labels of the failure modes that a variation can bring out, in the order of the labels.
 
     Raises:
-        UnknownNameError: If there is no such task or variation.
+        UnknownNameError: If the task or variation does not exist.
     """
     exposure = Exposure.of(task_id, variation)
     return tuple(m.label for m in MODES.values() if m.exposed_by is not None and m.exposed_by(exposure))

@@ -1,9 +1,9 @@
 """Favorite kind of object of a policy, in a world whose tasks never share a scene.
 
-In our own scenes trials that differ in the instruction alone show whether it is used
-(:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO every task has a scene of its own, so there are no such
-pairs; but the same kinds of objects stand in many scenes of a suite. A policy that takes the milk in each scene that
-holds one, regardless of the instruction, does not choose by the instruction there.
+In betterbench's own scenes, trials that differ only in the instruction show whether it is used
+(:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO every task has its own scene, so there are no such pairs.
+However, the same kinds of objects appear in many scenes of a suite. A policy that takes the milk in every scene with
+milk, regardless of the instruction, does not choose by the instruction.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from betterbench.statistics.unpaired import binomial_probabilities
 
 @dataclass(frozen=True, slots=True)
 class FavoriteThing:
-    """Kind of object that a policy goes for in every scene that holds one.
+    """Kind of object that a policy attempts in every scene that contains it.
 
     Attributes:
         kind: The kind.
-        rate: Trials that begin with an attempt at it, of those in which one stands and something else is asked for.
+        rate: Trials that begin with an attempt at it, among trials with such an object and a request for another kind.
         asked: Number of other kinds that these trials ask for.
     """
 
@@ -33,28 +33,28 @@ class FavoriteThing:
     asked: int
 
     def words(self) -> str:
-        """Return the sentence that counts the trials."""
+        """Return a sentence that counts the trials."""
         return (
-            f"Where a thing of the kind {self.kind!r} stands and something else is asked for ({self.asked} different "
-            f"things), the first attempt is at it in {self.rate.k} of {self.rate.n} trials."
+            f"In scenes with an object of kind {self.kind!r} and a request for another kind ({self.asked} kinds in "
+            f"all), the first attempt is at it in {self.rate.k} of {self.rate.n} trials."
         )
 
     def finding(self, suite: str) -> str:
         """Return the finding of a suite."""
         low, high = 100 * self.rate.low, 100 * self.rate.high
         return (
-            f"{suite}: It goes for the {self.kind} wherever one stands, whatever the instruction says: in "
-            f"{self.rate.k} of {self.rate.n} trials that ask for {self.asked} other things (95 % interval {low:.0f} to "
+            f"{suite}: It goes for the {self.kind} in every scene that has one, regardless of the instruction: in "
+            f"{self.rate.k} of {self.rate.n} trials that ask for {self.asked} other kinds (95 % interval {low:.0f} to "
             f"{high:.0f} %)."
         )
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the kind of object that a policy goes for in every scene of a suite that holds one, or None if not proven.
+    """Return the kind of object that a policy provably attempts in every scene of a suite that has it, or None.
 
-    It has to be asked for other things in :data:`LEAST_PAIRS` trials where
-    one stands, :data:`LEAST_ASKED` kinds in all, and to go for it more often than a policy that picks one of two things
-    at random (exact binomial test, one-sided, corrected for the kinds that it wrongly went for).
+    At least :data:`LEAST_PAIRS` trials with such an object must ask for another kind, :data:`LEAST_ASKED` kinds in all.
+    The policy must attempt it more often than a policy that picks one of two objects at random (exact binomial test,
+    one-sided, corrected for the number of kinds that it wrongly attempted).
     """
     wrong = Counter(c.thing for c in choices.values() if c.thing and not c.correct)
     if not wrong:
@@ -70,6 +70,6 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
 
 
 def _asks_for_another(choice: Choice, kind: str) -> bool:
-    """Tell whether an object of a kind stands in the scene of a trial that asks for another kind."""
+    """Return whether the scene of a trial contains an object of a kind while another kind is requested."""
     standing = {slot for slot, k in choice.layout if k == kind}
     return bool(standing) and bool(choice.right) and not standing & choice.right

@@ -1,4 +1,4 @@
-"""Findings that need several trials of a policy, in sentences, and notes on the limits of the run."""
+"""Findings that need several trials of a policy, as sentences, and notes on the limits of the run."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from betterbench.statistics.wording import p_text, plural
 from betterbench.tasks.labels import Kind, Label
 
 _SHOWN = 5
-"""Trials that a note names before it says that there are more."""
+"""Number of trials that a note lists before "and more"."""
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
-    """Return one sentence per task and failure mode, the most frequent first, reasoning before execution."""
+    """Return one sentence per task and failure mode, most frequent first, reasoning before execution."""
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     planned: dict[tuple[str, str], int] = defaultdict(int)
     for t in trials:
@@ -55,14 +55,15 @@ def find_notes(
 ) -> tuple[str, ...]:
     """Return the limits of the run, one sentence each.
 
-    ``missing`` are the trials that broke down. ``even_pairs`` are those that no outcome has chosen, where that is not
-    all of them. ``cure`` says how trials get their twins.
+    ``missing`` are the trials that broke down. ``even_pairs`` are the pairs of the first round of a run until decided.
+    ``cure`` says how to get the missing twins.
     """
     notes = []
     if pending:
         notes.append(
-            f"The run is still going: {len(trials)} of {len(trials) + pending} planned trials are done, and the other "
-            f"{pending} are in no number. Which ones come first depends on the machine, so the numbers will move."
+            f"The run is still going: {len(trials)} of {len(trials) + pending} planned trials are done; the other "
+            f"{pending} are not counted yet. The order of the trials depends on the machine, so the numbers will "
+            f"change."
         )
     if missing:
         have = "has" if len(missing) == 1 else "have"
@@ -71,20 +72,22 @@ def find_notes(
     left = [t.key for t in trials if t.kind is Kind.UNFINISHED]
     if left:
         notes.append(
-            f"{len(left)} of {len(trials)} planned trials are unfinished: they count in every rate, as no success and "
-            f"no failure of any kind, and in no pair. The same command runs them: {_first_few(left)}."
+            f"{len(left)} of {len(trials)} planned trials are unfinished: they count in the denominator of every "
+            f"rate, but not as a failure of any kind, and in no pair. Run the same command again to finish them: "
+            f"{_first_few(left)}."
         )
     for task, found in sorted(rules.items()):
         if found.undecided:
             notes.append(
-                f"{task}: in {found.undecided} trials the run is too small to prove, or tell apart, 'the word leads "
-                "there' and 'always the same place'; they keep the label wrong_object. Run the training conditions "
+                f"{task}: {found.undecided} trials keep the label wrong_object, because the run is too small to prove "
+                f"or distinguish the rules 'the word leads there' and 'always the same place'. Run the training "
+                f"conditions "
                 "and all variations of the task with the same seeds."
             )
     lonely = sum(t.variation is not None and t.kind is not Kind.UNFINISHED for t in trials) - pairs
     if lonely and pending:
-        wait = "1 trial waits for its" if lonely == 1 else f"{lonely} trials wait for their"
-        notes.append(f"{wait} counterfactual twin, so far left out of the illusion gap.")
+        wait = "1 trial still lacks its" if lonely == 1 else f"{lonely} trials still lack their"
+        notes.append(f"{wait} counterfactual twin and is not in the illusion gap yet.")
     elif lonely:
         notes.append(
             f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap; {cure}."
@@ -111,7 +114,7 @@ def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRule
     if found is None or mode.rule is None:
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
-    if mode.rule == PLACE:  # a slot may go by the name of another one at its place
+    if mode.rule == PLACE:  # a slot may be named after another slot at the same position
         rule = _rule(found, place_rule(slot or "")) or next(
             (r for r in found.rules if r.family == PLACE and r.name in found.upheld), None
         )

@@ -1,9 +1,9 @@
 """Instruction effect: share of trial pairs in which the first target changes with the instruction (suite, section 4).
 
-Trials of one seed begin with the same scene wherever their conditions hold the same objects at the same places: the
-streams of chance do not depend on the condition. So every run holds pairs of trials that differ in the instruction
-alone. If their instructions ask for different objects first, a policy that uses the instruction goes for different
-objects, rightly or wrongly; a policy that ignores it goes for the same object in both.
+Trials of one seed begin with the same scene if their conditions have the same objects in the same slots, because the
+random streams do not depend on the condition. Every run therefore contains pairs of trials that differ only in the
+instruction. If their instructions ask for different objects first, a policy that uses the instruction goes for
+different objects, correctly or not. A policy that ignores it goes for the same object in both trials.
 """
 
 from __future__ import annotations
@@ -25,18 +25,19 @@ from betterbench.tasks.labels import Kind
 Pair = tuple[TrialDiagnosis, TrialDiagnosis]
 
 SAME_TARGET = "same_target_whatever_the_instruction"
-"""Rule of evidence of a wrong first attempt of a policy that does not use the instruction."""
+"""Evidence rule for a wrong first attempt of a policy that does not use the instruction."""
 
 SAME_THING = "same_thing_whatever_the_instruction"
-"""Rule of evidence of a wrong first attempt at a thing that a policy goes for wherever it stands
-(:mod:`betterbench.diagnosis.favorite_thing`)."""
+"""Evidence rule for a wrong first attempt at the favorite kind of a policy
+(:mod:`betterbench.diagnosis.favorite_thing`).
+"""
 
 _PLACE_DIGITS = 4
-"""Decimals of the positions [m] and rotations by which two initial states are compared: 0.1 mm."""
+"""Decimals to which positions [m] and rotations are rounded to compare initial states: 0.1 mm."""
 
 
 def scene_of(record: Record) -> str:
-    """Return a digest of the initial state: which objects there are, where each one is, and how the arm stands."""
+    """Return a digest of the initial state: the objects, their poses and the pose of the arm."""
     things = sorted(
         (thing.asset, thing.kind, np.round([*position, *quaternion], _PLACE_DIGITS).tolist())
         for thing, position, quaternion in zip(
@@ -44,17 +45,17 @@ def scene_of(record: Record) -> str:
         )
     )
     arm = np.round([*record.joint_positions[0], record.finger_width[0]], _PLACE_DIGITS).tolist()
-    # Adding zero turns -0.0 into 0.0, which is another text and the same place.
+    # Adding zero turns -0.0 into 0.0: a different text for the same number.
     form = json.dumps([[a, k, [x + 0.0 for x in numbers]] for a, k, numbers in things] + [[x + 0.0 for x in arm]])
     return hashlib.sha256(form.encode()).hexdigest()[:16]
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials that differ in the instruction alone and whose instructions name different first targets.
+    """Return pairs of trials that differ only in the instruction and whose instructions name different first targets.
 
-    A trial is in one pair at most, so that pairs count by themselves: a variation goes with its counterfactual twin if
-    that is possible, and otherwise with the first trial of the same scene that is left. Trials without a first grasp
-    attempt, and those in which nothing should be grasped first, are in none.
+    A trial is in at most one pair, so that pairs are independent. A variation is paired with its counterfactual twin if
+    possible, otherwise with the first remaining trial of the same scene. Trials without a first grasp attempt, and
+    those in which nothing should be grasped first, are left out.
     """
     groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:
@@ -75,19 +76,20 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the first target of a trial: the name of an object, or of the slot that was grasped at, if any."""
+    """Return the first target of a trial: the name of the object, or of the empty slot, or None."""
     return trial.first_attempt or trial.first_slot
 
 
 def changes_target(pair: Pair) -> bool:
-    """Tell whether the first target changes with the instruction."""
+    """Return whether the first target changes with the instruction."""
     return first_target(pair[0]) != first_target(pair[1])
 
 
 def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
-    """Yield the instruction effect over all trials and of each task; training conditions count as variations do.
+    """Yield the instruction effect over all trials and per task; training conditions and variations count alike.
 
-    The p-value is that of as few changes, or fewer, from a policy that picks one of two objects at random (exact).
+    The p-value is the probability of at most this many changes for a policy that picks one of two objects at random
+    (exact).
     """
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     pairs = instruction_pairs(ended)
@@ -106,10 +108,10 @@ def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
 
 
 def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
-    """Tell whether an instruction effect proves that the instruction is not used.
+    """Return whether an instruction effect proves that the instruction is not used.
 
-    That takes :data:`LEAST_PAIRS` pairs and a p-value below 2.5 % over so many tests, which is an interval below
-    :data:`USED` where there is one test.
+    This takes :data:`LEAST_PAIRS` pairs and a p-value below 2.5 %, corrected for the number of tests. For a single
+    test, this is an interval below :data:`USED`.
     """
     if effect is None or effect.p_value is None:
         return False
@@ -119,8 +121,8 @@ def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
 def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
     """Return the tasks in which a policy does not use the instruction, each with the metric that proves it.
 
-    What all tasks prove together holds for each of them whose own pairs do not speak against it; otherwise a task needs
-    pairs of its own.
+    A proof over all tasks applies to each task whose own pairs do not contradict it. Otherwise a task needs its own
+    proof.
     """
     effects = {m.scope: m for m in instruction_effects(trials)}
     overall = effects.pop("overall", None)
@@ -139,18 +141,18 @@ def effect_sentence(effect: Metric | None) -> str:
     """Return the conclusion of an instruction effect in one sentence: used, not used, or not decided."""
     if effect is None or not effect.n:
         return (
-            "No two trials of this run differ in the instruction alone and ask for different first targets, so it does "
-            "not show whether the instruction is used."
+            "This run has no two trials that differ only in the instruction and ask for different first targets, so "
+            "it does not show whether the instruction is used."
         )
     pairs = "pair of trials that differs" if effect.n == 1 else "pairs of trials that differ"
-    seen = f"The first target changes in {effect.k or 0} of {effect.n} {pairs} in the instruction alone"
+    seen = f"The first target changes in {effect.k or 0} of {effect.n} {pairs} only in the instruction"
     if is_unused(effect):
         return f"{seen}: the instruction is not used."
     if effect.n < LEAST_PAIRS:
         return f"{seen}; fewer than {LEAST_PAIRS} pairs do not show whether the instruction is used."
     if (effect.low or 0.0) > USED:
-        return f"{seen}: the instruction is used, rightly or wrongly."
-    return f"{seen}, as it may by chance: this does not show whether the instruction is used."
+        return f"{seen}: the instruction is used, correctly or not."
+    return f"{seen}, which may be chance: this does not show whether the instruction is used."
 
 
 def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]:
@@ -167,4 +169,4 @@ def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]
 
 
 def _counted(effect: Metric) -> str:
-    return f"{effect.n - (effect.k or 0)} of {effect.n} pairs of trials that differ in the instruction alone"
+    return f"{effect.n - (effect.k or 0)} of {effect.n} pairs of trials that differ only in the instruction"

@@ -15,7 +15,7 @@ from betterbench.records import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 
 FIRST_STEP = "most_frequent_first_step"
-"""The rule of evidence that the second pass may reject: other evidence of behavioral inertia is proof by itself."""
+"""The evidence rule that the second pass may reject; other evidence of behavioral inertia needs no second pass."""
 
 
 class LabelEvidence(NamedTuple):
@@ -28,8 +28,8 @@ class LabelEvidence(NamedTuple):
 def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
     """Return all evidence that a trial gives, in the order of the labels.
 
-    A success, or an end that the policy's reasoning did not cause, is the only evidence of its trial. Labels that need
-    the second pass are among the others.
+    A success, or an end that the policy's reasoning did not cause, is the only evidence of its trial. Otherwise the
+    list includes labels that need the second pass.
 
     Returns:
         At least one piece of evidence.
@@ -43,7 +43,7 @@ def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...
 
 
 def _with_harm(view: TrialView, findings: tuple[LabelEvidence, ...]) -> tuple[LabelEvidence, ...]:
-    """Return the findings with a sentence on what no success may do, where it was done and they do not say it yet."""
+    """Return the findings, with a sentence on harm added where the trial caused harm and they do not mention it."""
     said = []
     for label, evidence in findings:
         clauses = [words for words in view.episode.harm_words() if words not in evidence.text]
@@ -59,16 +59,16 @@ def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:
 
 
 _OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
-"""Rules of evidence that a favorite place explains as well."""
+"""Evidence rules that a favorite place would explain as well."""
 
 
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
     """Return the piece of evidence that decides a trial.
 
-    The first one in time decides; for the same attempt the order of the labels does. Where the second pass leaves open
-    which rule explains an attempt, the label is ``wrong_object`` with the labels that remain possible, unless a look or
-    a habit of training explains the same attempt. A wrong order does not: it would be taken for one in tasks with an
-    order, and a favorite place for a wrong object in all others.
+    The earliest evidence decides; for the same attempt, the order of the labels does. If the second pass leaves open
+    which rule explains an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's
+    appearance or a habit of training explains the attempt. A wrong order is no such explanation: otherwise a favorite
+    place would be labeled as an order violation in ordered tasks and as a wrong object in all others.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}
@@ -80,7 +80,7 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     for finding in findings:
         (label, evidence), status = finding, _status(finding, ruling)
         if status == "rejected" or (status == "open" and evidence.start_s in known):
-            continue  # an unproven label gives way to any other finding about the same attempt
+            continue  # an unproven label yields to any other finding about the same attempt
         if status == "open":
             possible = undecided[evidence.start_s]
             label, evidence = Label.WRONG_OBJECT, replace(evidence, rule="undecided", candidates=_values(possible))
@@ -89,7 +89,7 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
             evidence = replace(evidence, candidates=_values(possible))
             label = Label.WRONG_OBJECT if evidence.rule in _OF_ORDER else label
         kept.append((evidence.start_s, order.index(label), LabelEvidence(label, evidence)))
-    if not kept:  # only a rule that was rejected explained the trial
+    if not kept:  # only a rejected rule explained the trial
         return LabelEvidence(Label.WRONG_OBJECT, findings[0].evidence)
     return min(kept, key=lambda entry: entry[:2])[2]
 

@@ -1,9 +1,9 @@
 """Rules of a policy as hypotheses about its first attempts: their predictions, and the likelihood of the attempts.
 
-A policy that follows a rule with strength ``q`` goes where the rule predicts with probability ``q``, and otherwise
-where it is right, apart from slips. Confusion is the null hypothesis: a policy that errs at one rate and without
-direction. The cost of a hypothesis is its negative log-likelihood at the best value of its one parameter [nats].
-docs/second-pass.md has the formulas and an example.
+A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise
+it goes to a right slot, apart from slips. Confusion is the null hypothesis: a policy with a constant error rate and no
+direction. The cost of a hypothesis is its negative log-likelihood at the best value of its one parameter [nats]. See
+docs/second-pass.md for the formulas and an example.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
 LATER_NEXT, LATER_LAST = f"{LATER}:next", f"{LATER}:last"
-"""Begins with the step after the one that is due, or with the last step."""
+"""Rules that begin with the step after the due one, or with the last step."""
 
 ROUNDING = 1e-9
-"""Difference of two costs up to which they are equal [nats]."""
+"""Largest difference of two equal costs [nats]."""
 
 _GRID_POINTS = 100
 _STRENGTHS = np.linspace(0.0, HIGHEST_STRENGTH, _GRID_POINTS)
-"""Strengths that are tried, shape (100,)."""
+"""Grid of tried strengths, shape (100,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,8 @@ class PolicyRule:
     """One rule, fitted to all first attempts of a task.
 
     Attributes:
-        name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of slots that are stocked.
-        cost: Negative log-likelihood at the best strength [nats], with the price of its choice and of its kind.
+        name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of occupied slots.
+        cost: Negative log-likelihood at the best strength [nats], plus the costs of choosing it and its kind.
         strength: The best strength, from 0 to 1.
         explained: Wrong first attempts that it explains.
         opportunities: Trials in which it predicts a wrong first attempt.
@@ -70,12 +70,12 @@ def place_rule(slot: str) -> str:
 
 
 def family_of(rule: str) -> str:
-    """Return the kind of rule of a name."""
+    """Return the kind of a rule."""
     return rule.partition(":")[0]
 
 
 def predicted_slots(rule: str, choice: Choice) -> frozenset[str]:
-    """Return the slots to which a rule leads in a trial; empty if it predicts nothing there."""
+    """Return the slots that a rule predicts in a trial; empty if it makes no prediction."""
     steps = choice.step_slots or (choice.later_slots,)
     predictions = {
         WORD: choice.word_slots,
@@ -89,12 +89,12 @@ def predicted_slots(rule: str, choice: Choice) -> frozenset[str]:
 
 
 def fits(rule: str, choice: Choice) -> bool:
-    """Tell whether a first attempt went where a rule leads."""
+    """Return whether a first attempt went to a predicted slot."""
     return choice.slot is not None and choice.slot in predicted_slots(rule, choice)
 
 
 def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
-    """Return a rule at the strength at which the first attempts are most likely.
+    """Return a rule at its maximum-likelihood strength.
 
     Args:
         rule: Its name.
@@ -113,7 +113,7 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
         cost=price - float(log_likelihoods[best]),
         strength=float(_STRENGTHS[best]),
         explained=explained,
-        # A wrong attempt may be where the rule predicts a right one besides, if it predicts several.
+        # If a rule predicts several slots, a wrong attempt may follow it although a right slot was also predicted.
         opportunities=max(len(predicting) - len(elsewhere), explained),
         errors_elsewhere=sum(not c.correct and not fits(rule, c) for c in elsewhere),
         elsewhere=len(elsewhere),
@@ -121,25 +121,25 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
 
 
 def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
-    """Return the log-likelihood of a first attempt at each strength that is tried, shape (100,)."""
+    """Return the log-likelihood of a first attempt at each strength of the grid, shape (100,)."""
     predicted = predicted_slots(rule, choice)
     unguided = undirected_probability(choice, THRESHOLDS.slip)
     if not predicted:
         return np.full_like(_STRENGTHS, math.log(unguided))
-    # "A later step" names no step, so its probability is shared among them. Other rules that lead to several slots say
-    # that any of them will do.
+    # "A later step" does not say which, so its probability is shared among them. Other rules with several slots allow
+    # any of them.
     guided = 1.0 / len(predicted) if rule == LATER else 1.0
     found: npt.NDArray[np.float64] = np.log(_STRENGTHS * fits(rule, choice) * guided + (1.0 - _STRENGTHS) * unguided)
     return found
 
 
 def undirected_probability(choice: Choice, error_rate: float) -> float:
-    """Return the probability of a first attempt for a policy that errs at a rate, at each wrong place alike."""
+    """Return the probability of a first attempt for a policy that errs at a given rate, uniformly over wrong slots."""
     return 1.0 - error_rate if choice.correct else error_rate / max(1, choice.places - len(choice.right))
 
 
 def confusion_cost(choices: Sequence[Choice]) -> float:
-    """Return the negative log-likelihood of confusion at its best error rate, at most that of guessing [nats]."""
+    """Return the negative log-likelihood of confusion at its best error rate [nats]; guessing is the upper limit."""
     if not choices:
         return 0.0
     guessing = float(np.mean([1.0 - min(1, len(c.right)) / c.places for c in choices]))

@@ -1,4 +1,4 @@
-"""Rulings of the second pass over all trials of a policy on each of them."""
+"""Rulings of the second pass: the conclusions from all trials of a policy for each single trial."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 WORD, HABIT, LATER, PLACE, CONFUSION = "word", "habit", "later", "place", "confusion"
-"""Kinds of rule that can explain a wrong first attempt; confusion is no rule at all."""
+"""Kinds of rule that can explain a wrong first attempt; confusion is the absence of a rule."""
 
 RuleStatus = Literal["upheld", "rejected", "open"]
-"""Status of a rule for a trial: it explains the trial, does not, or too few trials separate it from another rule."""
+"""Status of a rule for a trial: it explains the trial, does not, or cannot be separated from another rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,9 +18,9 @@ class Ruling:
 
     Attributes:
         shortcut: Whether "the word leads there" explains this trial.
-        place: Whether "always the same place" does; "open" where the run is too small to prove it of any policy.
-        habit: Whether "the most frequent first step" may; one trial shows it, unless the policy is known to begin with
-            later steps.
+        place: Whether "always the same place" explains it; "open" if the run is too small to prove this for any policy.
+        habit: Whether "the most frequent first step" may explain it. One trial is enough, unless the policy is known to
+            begin with later steps.
     """
 
     shortcut: RuleStatus = "open"
@@ -34,4 +34,4 @@ class Ruling:
 
 
 ALONE = Ruling("open", "open")
-"""The ruling on a trial that was not compared with others."""
+"""The ruling on a trial without other trials to compare it with."""

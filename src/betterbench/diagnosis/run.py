@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +13,6 @@ from pydantic import Field, TypeAdapter
 from betterbench.diagnosis.decider import Decider, decider_of
 from betterbench.diagnosis.favorite_thing import FavoriteThing, favorite_thing
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.foreign import BASE, NOTE, PLUS_NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
 from betterbench.diagnosis.instruction_effect import (
     SAME_TARGET,
     SAME_THING,
@@ -22,36 +21,34 @@ from betterbench.diagnosis.instruction_effect import (
     tasks_without_effect,
 )
 from betterbench.diagnosis.labels import decide
+from betterbench.diagnosis.libero import BASE
 from betterbench.diagnosis.measures.metrics import compute_metrics, twins
-from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
+from betterbench.diagnosis.readers import OwnReader, Reader, reader_of
 from betterbench.diagnosis.ruling import Ruling
 from betterbench.diagnosis.second_pass import judge_policy
 from betterbench.diagnosis.task_rules import TaskRules
-from betterbench.diagnosis.trial import Choice, Reading, read_trial
+from betterbench.diagnosis.trial import Choice, Reading
 from betterbench.diagnosis.until_decided import UntilDecided, decided_of
 from betterbench.diagnosis.verdict import Metric, RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.jobs import OnCount
 from betterbench.json_form import open_form, read_form
-from betterbench.quoting import shell_word
 from betterbench.records import Record, RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
-from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.labels import Label
-from betterbench.tasks.worlds.libero_plus import axis_of
-from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 @dataclass(slots=True)
 class _Trials:
-    """The planned trials of a run as far as they were read.
+    """The planned trials of a run, with the records read so far.
 
     Attributes:
         plan: Every trial that counts, in plan order.
         readings: Reading of the record, by trial.
-        missing: Reason for a missing record, by trial, or None where that is not known.
-        pending: Trials that a run in progress has not reached; they count nowhere.
+        missing: Reason for a missing record, by trial; None if unknown.
+        pending: Trials that a run in progress has not reached; they are not counted.
         until_decided: Rule and decisions, or None for a run of all planned trials.
     """
 
@@ -72,31 +69,31 @@ def diagnose_run(
     allow_mixed: bool = False,
     whole: bool = False,
     twins_in: RunFolder | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
     """Return the diagnosis of a run. Every planned trial appears, finished or not.
 
-    While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
-    nowhere. Once no process writes any more, they are unfinished: they count in every rate over planned trials, and in
-    no kind of failure. Of a run until decided, this holds for the round under way; the trials that its verdicts have
-    spared are left out.
+    While a process is still writing to the run, the trials that it has not reached are pending and not counted. When no
+    process writes any more, they are unfinished: they count in the denominator of every rate over planned trials, but
+    not as a failure of any kind. In a run until decided, this applies to the current round; trials that its verdicts
+    made unnecessary are left out.
 
     Args:
         folder: The run, or its folder.
         allow_mixed: True to diagnose records of several versions, engines or policies together.
-        whole: True to count the trials that a running run has not reached as trials without a record, too.
-        twins_in: For a run in LIBERO-PRO, one of its base suite: the twins are its trials of the same numbers.
-        on_progress: Called with the number of planned trials that have been looked at, and that of all of them.
+        whole: True to count trials that a run in progress has not reached as trials without a record.
+        twins_in: For a run in LIBERO-PRO, a run of its base suite. Its trials with the same numbers are the twins.
+        on_progress: Called with the number of processed trials and the number of planned trials.
 
     Raises:
         RecordError: If the plan or a record cannot be read.
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
-        InvalidInputError: If ``twins_in`` holds no twin of a planned trial.
+        InvalidInputError: If ``twins_in`` contains no twin of a planned trial.
         UnknownNameError: If the plan names an unknown task, variation or training condition.
     """
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan, rule = read_plan(run)
-    foreign = _foreign_of(run)
+    reader = reader_of(run)
     running = run.is_running and not whole  # asked before the journal is read: a run that ends now has its last lines
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
@@ -106,7 +103,7 @@ def diagnose_run(
         entry = entries.get(trial)
         if entry is None or entry.status != "done":
             continue
-        _read_one(run, trial, trials, versions, foreign)
+        _read_one(run, trial, trials, versions, reader)
     expected = frozenset(plan)
     if rule is not None:
         trials.until_decided = decided_of(rule, plan, trials.outcome)
@@ -120,38 +117,24 @@ def diagnose_run(
             continue
         trials.plan.append(trial)
         if trial not in trials.readings:
-            trials.missing[trial] = None if entry is None else entry.message or "its record is not there"
+            trials.missing[trial] = None if entry is None else entry.message or "its record is missing"
     if twins_in is not None:
-        _take_in_twins(twins_in, trials, versions, foreign)
-    found = _diagnose(policy, trials, versions.found, foreign)
-    said = () if foreign is None else (NOTE, *_plus_notes(run, found))
-    return replace(found, notes=(*_policy_notes(run.context), *said, *found.notes))
+        _take_in_twins(twins_in, trials, versions, reader)
+    found = _diagnose(policy, trials, versions.found, reader)
+    return replace(found, notes=(*_policy_notes(run.context), *reader.notes(run, found), *found.notes))
 
 
-def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
-    """Yield notes on a run in LIBERO-Plus, and its variants that were not run."""
-    if not any(axis_of(trial.variation) for trial in found.trials):
-        return
-    yield PLUS_NOTE
-    left_out = run.plan["world"].get("left_out", {})
-    if left_out:
-        counted = ", ".join(f"{axis} {number}" for axis, number in left_out.items())
-        yield f"Variants that were not run, because they want the assets of LIBERO-Plus's authors: {counted}."
-
-
-def _read_one(
-    run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordVersions, foreign: ForeignRun | None
-) -> None:
+def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
     """Read the record of a finished trial, if it is there."""
     path = run.record_path(trial.task, trial.condition, trial.seed)
     if path.exists():
         record = run.read_record(trial.task, trial.condition, trial.seed)
         versions.add(record.metadata)
         at = path.relative_to(run.path).as_posix()
-        trials.readings[trial] = read_trial(record, path=at) if foreign is None else foreign.read(record, path=at)
+        trials.readings[trial] = reader.read(record, path=at)
 
 
-def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, foreign: ForeignRun | None) -> None:
+def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
     """Add the twins of the planned trials, read from ``run``, a run of the base suite.
 
     The run under diagnosis does not contain them.
@@ -159,17 +142,17 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, fo
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]
-    if foreign is None or not shared:
+    if not reader.twins_elsewhere or not shared:
         raise InvalidInputError(
             str(run.path),
-            "it holds no twin of these trials",
+            "it contains no twin of these trials",
             "Name a run of their base suite in LIBERO, with the same --seed",
         )
     for trial in shared:
         record = run.read_record(trial.task, trial.condition, trial.seed)
         versions.add(record.metadata, but="suite_version")
         trials.plan.append(trial)
-        trials.readings[trial] = foreign.read(record)
+        trials.readings[trial] = reader.read(record)
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
@@ -177,34 +160,34 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
 
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
-        RecordError: If there is no record, or one lacks a predicate of its task.
+        RecordError: If no record is given, or one lacks a predicate of its task.
     """
     if not records:
         raise RecordError("There are no records to diagnose. Give at least one.")
-    trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
+    trials, versions, reader = _Trials(), RecordVersions(allow_mixed=allow_mixed), OwnReader()
     for record in records:
         versions.add(record.metadata)
-        reading = read_trial(record)
+        reading = reader.read(record)
         trials.plan.append(reading.diagnosis.trial_id)
         trials.readings[reading.diagnosis.trial_id] = reading
-    return _diagnose(records[0].metadata.policy, trials, versions.found)
+    return _diagnose(records[0].metadata.policy, trials, versions.found, reader)
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a note for every time that a run went on although its policy had changed."""
+    """Yield a note for each time that a run was continued although its policy had changed."""
     changes = context.get("policy_changes", [])
     for change in changes if isinstance(changes, list) else []:
         if isinstance(change, dict):
             yield (
                 f"The policy changed during the run, after {change.get('trials_before', 'some')} trials: "
-                f"{change.get('difference', 'it declared something else')}. The numbers are of both together."
+                f"{change.get('difference', 'it declared something else')}. The numbers combine both versions."
             )
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class _PlannedForm:
-    """One trial of a plan, as the file names it."""
+    """One trial in a plan file."""
 
     task: str
     seed: Annotated[int, Field(ge=0)]
@@ -225,54 +208,14 @@ class _PlanForm:
 _PLAN = TypeAdapter(_PlanForm)
 
 
-@open_form
-@dataclass(frozen=True, slots=True)
-class _WorldTaskForm:
-    """Fields of a stored LIBERO task that the diagnosis reads."""
-
-    instruction: str
-
-
-@open_form
-@dataclass(frozen=True, slots=True)
-class _WorldForm:
-    """Fields of a run's stored world settings that the diagnosis reads."""
-
-    regime: tuple[TrainedTask, ...]
-    tasks: dict[str, _WorldTaskForm]
-
-
-_WORLD = TypeAdapter(_WorldForm)
-
-
-def _foreign_of(run: RunFolder) -> ForeignRun | None:
-    """Return the training distribution and instructions of a run in LIBERO, or None for a run in our own scenes.
-
-    Raises:
-        RecordError: If the plan does not say it.
-    """
-    if not run.is_foreign:
-        return None
-    world = run.plan["world"]
-    if isinstance(world, dict) and world.get("name") == "calvin":
-        raise RecordError(
-            f"{run.path}: a run in CALVIN gets no labels, because its success rules name no target for every subtask. "
-            f"Give `better compare {shell_word(run.path)}` for its five rates, its average length and its rates per "
-            "subtask."
-        )
-    where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
-    form = read_form(_WORLD, world, where=where, cure=cure, raises=RecordError)
-    return ForeignRun.of(form.regime, {name: task.instruction for name, task in form.tasks.items()})
-
-
 def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | None]:
-    """Return the policy and the planned trials of a run, and when it stops if it is run until decided.
+    """Return the policy, the planned trials and, for a run until decided, the stopping rule.
 
     Raises:
         RecordError: If the plan lacks them or they are malformed.
     """
     where = f"{run.path / 'run.json'}: plan"
-    plan = read_form(_PLAN, run.plan, where=where, cure="Restore the file, or start the run again", raises=RecordError)
+    plan = read_form(_PLAN, run.plan, where=where, cure="Restore the file, or start a new run", raises=RecordError)
     trials = tuple(TrialId(t.task, t.variation or t.condition, t.seed) for t in plan.trials)
     twice = next((trial for trial, times in Counter(trials).items() if times > 1), None)
     if twice is not None:
@@ -280,14 +223,13 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
     return plan.policy, trials, plan.until_decided
 
 
-def _diagnose(
-    policy: str, trials: _Trials, versions: dict[str, str], foreign: ForeignRun | None = None
-) -> RunDiagnosis:
+def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
     """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes.
 
-    The rules of a policy are judged per task; in LIBERO per suite, because each of its tasks has one sentence alone.
+    The rules of a policy are judged per task. In LIBERO they are judged per suite, because each task has only one
+    instruction.
     """
-    group = {t.task: t.task if foreign is None else suite_of(t.task) for t in trials.plan}
+    group = {t.task: reader.group(t.task) for t in trials.plan}
     choices: dict[str, dict[str, Choice]] = {}
     for trial in trials.plan:
         reading = trials.readings.get(trial)
@@ -298,7 +240,7 @@ def _diagnose(
     found = tuple(
         _settled(trial, trials.readings[trial], rules)
         if trial in trials.readings
-        else _without_record(trial, policy, trials.missing.get(trial), foreign)
+        else reader.without_record(trial, policy, trials.missing.get(trial))
         for trial in trials.plan
     )
     unused = tasks_without_effect(found)
@@ -309,21 +251,20 @@ def _diagnose(
         else t
         for t in found
     )
-    favorites = {} if foreign is None else _favorites(found, choices, group)
+    favorites = _favorites(found, choices, group) if reader.finds_favorites else {}
     found = tuple(
         _wherever_it_stands(t, trials.readings[t.trial_id], favorites[group[t.task]])
         if group[t.task] in favorites and t.trial_id in trials.readings
         else t
         for t in found
     )
-    waiting = tuple(_without_record(trial, policy, None, foreign) for trial in trials.pending)
+    waiting = tuple(reader.without_record(trial, policy, None) for trial in trials.pending)
     broken = sorted(str(trial) for trial, reason in trials.missing.items() if reason)
     decided = trials.until_decided
     even = None if decided is None else len(twins([t for t in found if t.seed in decided.first_seeds]))
-    more = {} if foreign is None else {"cure": TWINS_CURE}
-    notes = find_notes(found, judged, broken, len(twins(found)), pending=len(waiting), even_pairs=even, **more)
-    if foreign is not None and (untold := untold_by(found)):
-        notes = (*notes, f"A base suite shows what training showed: to learn why the policy succeeds, {untold}.")
+    notes = find_notes(
+        found, judged, broken, len(twins(found)), pending=len(waiting), even_pairs=even, cure=reader.twins_cure
+    )
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided),
         findings=(
@@ -331,8 +272,8 @@ def _diagnose(
             *(favorite.finding(suite) for suite, favorite in favorites.items()),
             *find_findings(found, rules),
         ),
-        notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),
-        versions=versions, waiting=waiting, until_decided=decided,
+        notes=(*(() if decided is None else decided.notes()), *notes, *reader.last_notes(found)),
+        thresholds=THRESHOLDS.to_json(), versions=versions, waiting=waiting, until_decided=decided,
     )  # fmt: skip
 
 
@@ -349,8 +290,8 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
-    A wrong first attempt that no rule explains is then explained: it does not depend on the instruction.
-    So is one at a place that is a favorite in its task, where over all tasks it is not the place that decides.
+    A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
+    attempt at the favorite place of its task if the place does not decide over all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial
@@ -362,7 +303,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the favorite kind of object of a policy, for each suite in which no rule explains its attempts."""
+    """Return the favorite kind of object of a policy for each suite whose attempts no rule explains."""
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)
@@ -373,7 +314,6 @@ def _favorites(
 
 
 def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: FavoriteThing) -> TrialDiagnosis:
-    """Return the diagnosis of a trial of a policy with a favorite kind of object."""
     if trial.label is not Label.WRONG_OBJECT or reading.choice is None or reading.choice.correct:
         return trial
     if reading.choice.thing != favorite.kind:
@@ -382,24 +322,10 @@ def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: Favor
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
-    """Return a wrong first attempt that no rule explains as one that does not depend on the instruction."""
+    """Return the label of an unexplained wrong first attempt as not depending on the instruction."""
     if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))
     if label is not Label.VISUAL_LAYOUT_BIAS:
         return trial
     return replace(trial, label=label, evidence=replace(evidence, rule=rule, text=f"{evidence.text} {why}"))
-
-
-def _without_record(trial: TrialId, policy: str, reason: str | None, foreign: ForeignRun | None) -> TrialDiagnosis:
-    if foreign is not None:
-        return foreign.without_record(trial, policy, reason)
-    resolved = resolve_condition(trial.task, trial.condition)
-    return TrialDiagnosis(
-        task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
-        axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
-        success=False, expected=resolved.condition.expected.value, label=label_without_record(reason),
-        first_attempt=None, first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None,
-        intended_any=(), intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason),
-        collisions=None, steps=0, duration_s=0.0, record=None,
-    )  # fmt: skip

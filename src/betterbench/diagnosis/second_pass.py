@@ -1,21 +1,22 @@
 """Second pass: search for the one rule that explains the wrong first attempts of a policy in all its tasks.
 
-Four kinds of rule predict the slot of a first attempt: the *word* goes where it led in training; the *habit* begins
-with the most frequent first step; *later* begins with what a later step asks for; the *place* is always the same slot,
-or the same one for each set of stocked slots, as when the nearest object is taken. All rules compete with plain
-confusion. :mod:`betterbench.diagnosis.rule_likelihood` says how likely the attempts are under each, and
-:mod:`betterbench.diagnosis.task_rules` what follows within a task. docs/second-pass.md has the whole model.
+Four kinds of rule predict the slot of a first attempt: *word* goes to the slot where a word of the instruction led in
+training. *habit* begins with the most frequent first step. *later* begins with the object of a later step. *place*
+always goes to the same slot, or to the same one for each set of occupied slots, as a policy does that takes the nearest
+object. All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the
+likelihood of the attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` the ruling within a task. See
+docs/second-pass.md for the whole model.
 
-A wrong order shows in a single trial, a favorite place only in several trials with different instructions. So if
-"later" explains all first attempts of a policy, in all its tasks together, at least as well as the other rules do, an
-object that it went for too early is a step taken too early (:func:`mistakes_order`).
+A wrong order shows in a single trial, a favorite place only in several trials with different instructions. If "later"
+explains the first attempts of a policy in all its tasks together at least as well as the other rules, an attempt at the
+object of a later step is therefore a wrong order (:func:`mistakes_order`).
 
-Evidence is pooled over a policy's tasks, so what is found in one task counts a little in the others: each kind of rule
-has a prior cost from the share of the tasks with wrong attempts that it explains (:func:`pooled_prior_costs`); and one
-that explains all of them clearly better than any other is the rule of the policy (:func:`rule_of_all_tasks`). If two
-rules predict a single wrong attempt alike, the other tasks thereby decide between them. The attempts of one task can
-still outweigh this: over ten tasks the prior costs are 3.0 nats at most, as much as one attempt that one rule predicts
-and another does not.
+Evidence is pooled over a policy's tasks, so that findings in one task count a little in the others. Each kind of rule
+has a prior cost that depends on the share of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A
+kind that explains all of them clearly better than any other is the rule of the policy (:func:`rule_of_all_tasks`). If
+two rules both predict a wrong attempt, the other tasks thus decide between them. The attempts of one task can still
+outweigh this: over ten tasks the prior costs are at most 3.0 nats, as much as one attempt that only one of two rules
+predicts.
 """
 
 from __future__ import annotations
@@ -41,10 +42,10 @@ from betterbench.diagnosis.thresholds import CLEARLY, ONE_ATTEMPT, ORDER_TRIALS,
 from betterbench.diagnosis.trial import Choice
 
 _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
-"""Ways to mistake the order: begin with any later step, with the next, or with the last."""
+"""Variants of "mistakes the order": begins with any later step, with the next, or with the last."""
 
 _PSEUDOCOUNT = 0.5
-"""Tasks that each kind of rule has explained before any is looked at: Jeffreys' prior of a multinomial."""
+"""Prior count of tasks explained by each kind of rule: Jeffreys' prior of a multinomial."""
 _EM_STEPS = 200
 
 _Attempts = Mapping[str, Mapping[str, Choice]]
@@ -66,13 +67,13 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs by which the rule of a policy decides each attempt that it explains as well as another one."""
+    """Return prior costs that assign ambiguous attempts to the rule of the policy."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 
 
 def _proven_elsewhere(task: str, alone: Mapping[str, TaskRules], prior_costs: Mapping[str, float]) -> list[str]:
-    """Return the kinds of rule that enough other tasks have proven and that are the usual ones of the policy."""
+    """Return the kinds of rule that enough other tasks have proven and that are the policy's most frequent ones."""
     others = [found for name, found in alone.items() if name != task]
     return [
         family
@@ -85,8 +86,8 @@ def _proven_elsewhere(task: str, alone: Mapping[str, TaskRules], prior_costs: Ma
 def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str | None:
     """Return the kind of rule that explains a policy in all its tasks clearly better than any other, or None.
 
-    A kind that leaves wrong attempts unexplained which another one explains is not that of the policy, even if it costs
-    less because it has fewer rules to choose from.
+    A kind that explains fewer wrong attempts than another one is rejected, even if it costs less because it has fewer
+    rules to choose from.
     """
     tasks = [alone[task] for task in _with_errors(choices)]
     (least, best), (second, _), *_ = sorted((_total_cost(family, tasks), family) for family in FAMILIES)
@@ -97,23 +98,23 @@ def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str
 
 
 def mistakes_order(choices: _Attempts, alone: Mapping[str, TaskRules]) -> bool:
-    """Tell whether "it begins with a later step" explains the first attempts of a policy as well as anything else.
+    """Return whether "begins with a later step" explains a policy's first attempts at least as well as any other rule.
 
-    All tasks with wrong attempts are judged together: a later step, the next, or the last, against the word, a favorite
-    place per task, and confusion.
+    All tasks with wrong attempts are judged together. The variants "any later step", "the next" and "the last" compete
+    with the word, a favorite place per task, and confusion.
     """
     wrong_tasks = _with_errors(choices)
     too_early = sum(not c.correct and fits(LATER, c) for attempts in wrong_tasks.values() for c in attempts)
     if too_early < ORDER_TRIALS:
         return False
     costs = (sum(fit_rule(rule, attempts, 0.0).cost for attempts in wrong_tasks.values()) for rule in _ORDER_RULES)
-    order = min(costs) + math.log(len(_ORDER_RULES))  # the price of the choice among them
+    order = min(costs) + math.log(len(_ORDER_RULES))  # the cost of choosing among them
     tasks = [alone[task] for task in wrong_tasks]
     return order <= min(_total_cost(family, tasks) for family in (WORD, PLACE, CONFUSION)) + ROUNDING
 
 
 def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
-    """Return the first attempts of the tasks in which some are wrong."""
+    """Return the first attempts of the tasks with at least one wrong attempt."""
     return {
         task: list(attempts.values())
         for task, attempts in choices.items()
@@ -122,17 +123,16 @@ def _with_errors(choices: _Attempts) -> dict[str, list[Choice]]:
 
 
 def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
-    """Return how many wrong first attempts the rules of a kind explain, the best of them in each task."""
+    """Return the number of wrong first attempts explained by a kind of rule, using its best rule in each task."""
     return sum(max((rule.explained for rule in _rules_of(family, task)), default=0) for task in tasks)
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return the summed cost of the best rules of a kind in several tasks, or of confusion where none fits."""
+    """Return the summed cost of the best rules of a kind in several tasks; tasks without one count as confusion."""
     return sum(_least_cost(family, task, otherwise=task.confusion) for task in tasks)
 
 
 def _least_cost(family: str, task: TaskRules, *, otherwise: float) -> float:
-    """Return the cost of the best rule of a kind in a task."""
     return min((rule.cost for rule in _rules_of(family, task)), default=otherwise)
 
 
@@ -141,10 +141,10 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 
 
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
-    """Return the prior cost of each kind of rule in a task, from all tasks together [nats, 0 for the usual].
+    """Return the prior cost of each kind of rule in a task, from all tasks together [nats, 0 for the most frequent].
 
-    Each task with wrong attempts is explained by one kind, and the shares of the kinds are estimated from all of them
-    (empirical Bayes). The cost of a kind is how much rarer it is than the most frequent one, as a logarithm.
+    Each task with wrong attempts is explained by one kind, and the shares of the kinds are estimated over all tasks
+    (empirical Bayes). The cost of a kind is the logarithm of the ratio of the largest share to its own.
     """
     costs = [
         [

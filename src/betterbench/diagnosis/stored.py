@@ -1,4 +1,4 @@
-"""Stored diagnosis of a run, ``RUN/diagnosis.json``, with which a later version compares its own."""
+"""Stored diagnosis of a run, ``RUN/diagnosis.json``, for comparison with a later diagnosis."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from betterbench.records import RunFolder
 from betterbench.version import __version__
 
 STORED_SCHEMA_VERSION = 2
-"""Version of ``diagnosis.json``; the second has a seal, and the first is read with a warning."""
+"""Version of ``diagnosis.json``. Version 2 has a checksum; version 1 is read with a warning."""
 
 _MAX_BYTES = 256 * 1024 * 1024
-_CURE = "Restore the file, or move it elsewhere to store a new one"
+_CURE = "Restore the file, or move it elsewhere and store a new one"
 
 
 @open_form
@@ -45,7 +45,7 @@ class StoredTrial:
     """Stored form of the diagnosis of one trial.
 
     Attributes:
-        label: The outcome, by the names of the version that gave it.
+        label: The outcome, under the label names of the version that wrote it.
         candidates: Labels that the trial alone could not tell apart.
         has_record: Whether there was a record.
     """
@@ -77,7 +77,9 @@ class StoredMetric:
 
 def _readable(version: object) -> object:
     if isinstance(version, int) and not isinstance(version, bool) and version not in (1, STORED_SCHEMA_VERSION):
-        raise ValueError(f"is {version} and not {STORED_SCHEMA_VERSION}: another version of betterbench wrote the file")
+        raise ValueError(
+            f"expected {STORED_SCHEMA_VERSION}, got {version}: another version of betterbench wrote the file"
+        )
     return version
 
 
@@ -96,7 +98,7 @@ _FILE = TypeAdapter(_File)
 
 @dataclass(frozen=True, slots=True)
 class StoredDiagnosis:
-    """Stored diagnosis of a run, with which a later one of the same run is compared."""
+    """Stored diagnosis of a run, for comparison with a later diagnosis of the same run."""
 
     package_version: str
     thresholds: Mapping[str, float]
@@ -105,7 +107,7 @@ class StoredDiagnosis:
 
     @classmethod
     def of(cls, diagnosis: RunDiagnosis) -> StoredDiagnosis:
-        """Return the stored form of a diagnosis made now."""
+        """Return the stored form of a new diagnosis."""
         return cls.from_json(dump_json(_stored_form(diagnosis)), where="diagnosis")
 
     @classmethod
@@ -113,8 +115,8 @@ class StoredDiagnosis:
         """Read the JSON document; errors call it ``where``.
 
         Raises:
-            RecordError: If it was changed after it was written, the schema version is another one, or a field is
-                missing or of the wrong type.
+            RecordError: If the file was changed after it was written, its schema version is not supported, or a field
+                is missing or of the wrong type.
         """
         form = open_seal(raw, where=where, cure=_CURE, raises=RecordError, since=("schema_version", 2))
         file = read_form(_FILE, form, where=where, cure=_CURE, raises=RecordError)
@@ -123,7 +125,7 @@ class StoredDiagnosis:
             ("metrics", [(m.name, m.scope) for m in file.metrics]),
         ):
             if len(set(keys)) < len(keys):
-                raise RecordError(f"{where}: {what}: one stands there twice. {_CURE}.")
+                raise RecordError(f"{where}: {what}: one occurs twice. {_CURE}.")
         return cls(
             package_version=file.package_version,
             thresholds=file.thresholds,
@@ -138,18 +140,18 @@ def _stored_form(diagnosis: RunDiagnosis) -> dict[str, Any]:
 
 
 def stored_path(run: RunFolder) -> Path:
-    """Return the place of a run's stored diagnosis."""
+    """Return the path of a run's stored diagnosis."""
     return run.path / "diagnosis.json"
 
 
 def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
-    """Write the diagnosis of a run into its folder and return the place; the former one is replaced.
+    """Write the diagnosis of a run into its folder, replacing an earlier one, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.
         RunConflictError: If another process is writing to the run.
         StorageError: If the disk is full, broken or protected.
-        InvalidInputError: If the place is a link that leads out of the folder.
+        InvalidInputError: If the path is a link that leads out of the folder.
     """
     path = stored_path(run)
     form = _stored_form(diagnosis)
@@ -159,7 +161,7 @@ def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
 
 
 def read_stored(run: RunFolder) -> StoredDiagnosis | None:
-    """Return the diagnosis that a run keeps, or None if it keeps none.
+    """Return the stored diagnosis of a run, or None if it has none.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.

@@ -1,7 +1,7 @@
 """Rules of a policy in one task: fitting, comparison with confusion, and a ruling for each trial.
 
-A rule is upheld if it costs less than confusion, which is a likelihood ratio with a price for the choice of the rule. A
-favorite place also needs a pair of trials that shows it whatever is asked for (:func:`has_pair`).
+A rule is upheld if it costs less than confusion. This is a likelihood ratio with a penalty for choosing the rule. A
+favorite place also needs a pair of trials that shows it under different instructions (:func:`has_pair`).
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from betterbench.diagnosis.ruling import CONFUSION, HABIT, LATER, PLACE, WORD, R
 from betterbench.diagnosis.trial import Choice
 
 FAMILIES = (WORD, HABIT, LATER, PLACE, CONFUSION)
-"""Kinds of rule, with the null hypothesis."""
+"""Kinds of rule, including the null hypothesis."""
 
 _DECIMALS = 9
-"""Decimals of a cost [nats] by which rules are sorted."""
+"""Decimals of a cost [nats] used for sorting rules."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +27,11 @@ class TaskRules:
     """Result of the second pass for a policy in one task: rules, their costs, and a ruling for each trial.
 
     Attributes:
-        rules: All rules, the cheapest first; at equal cost word, then habit, then place.
+        rules: All rules, the cheapest first; at equal cost in the order word, habit, later, place.
         confusion: Cost of plain confusion [nats].
-        upheld: Names of the rules that are proven better than confusion and could be told apart.
+        upheld: Names of the rules that are proven better than confusion and distinguishable from similar rules.
         rulings: Ruling by trial key.
-        undecided: Number of wrong trials in which no rule can be told from another, or proven, for lack of trials.
+        undecided: Number of wrong trials for which too few trials prove a rule or separate it from another.
     """
 
     rules: tuple[PolicyRule, ...]
@@ -52,12 +52,12 @@ def judge_rules(
 
     Args:
         choices: First attempt per trial key.
-        prior_costs: Cost of each kind of rule before the task is looked at [nats]; zero if not given.
-        known: Kinds of rule that other tasks have proven of the policy. A place then needs no pair of trials of its
-            own here; "later" is judged by other tasks alone, because within one a favorite place may look like it.
-            None if nothing is known of other tasks yet: all rules are then judged by the trials of this one.
-        ordered: Whether the policy is known to mistake the order. What it goes for too early then proves neither word
-            nor place.
+        prior_costs: Prior cost of each kind of rule [nats]; zero if not given.
+        known: Kinds of rule that other tasks have proven for the policy. A known "place" needs no pair of trials in
+            this task. "later" is judged only by other tasks, because within one task a favorite place may look like it.
+            None if other tasks have not been judged yet; all rules are then judged by the trials of this task.
+        ordered: Whether the policy is known to mistake the order. A premature attempt then proves neither word nor
+            place.
     """
     prior = dict.fromkeys(FAMILIES, 0.0) | dict(prior_costs or {})
     place_known = known is not None and PLACE in known
@@ -91,10 +91,10 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 
 
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
-    """Return the prior cost of a rule, apart from its likelihood [nats].
+    """Return the cost of a rule apart from its likelihood [nats].
 
-    The slots of a place rule are fitted to the trials, so each of them costs the choice among all places. The other
-    rules come from training and have nothing to choose.
+    The slots of a place rule are fitted to the trials, so each slot adds the cost of a choice among all slots. The
+    other rules follow from training and have no free choice.
     """
     if name in (WORD, HABIT, LATER):
         return prior[name]
@@ -102,14 +102,14 @@ def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mappi
 
 
 def _choice_of_slot(attempts: Sequence[Choice]) -> float:
-    """Return the cost of the choice of one slot among all, all alike before anything is seen [nats]."""
+    """Return the cost of choosing one slot under a uniform prior [nats]."""
     return math.log(max((c.places for c in attempts), default=2))
 
 
 def _proven(
     attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
 ) -> frozenset[str]:
-    """Return the names of the rules that are upheld: cheaper than confusion, and told from what looks like them."""
+    """Return the names of the upheld rules: cheaper than confusion, and distinguishable from similar rules."""
 
     def told_apart(rule: PolicyRule) -> bool:
         if rule.family == LATER:
@@ -120,10 +120,10 @@ def _proven(
 
 
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
-    """Tell whether the policy went to a slot although asked elsewhere, and was asked for different slots, in one scene.
+    """Return whether trials of one scene with different right slots all went to a given slot, at least one wrongly.
 
-    A favorite place shows only in trials with one scene and different instructions; or in trials with other objects in
-    the same slots, which exclude a favorite object.
+    A favorite place shows only in trials with the same scene and different instructions, or with different objects in
+    the same slots, which excludes a favorite object.
     """
     went = [c for c in choices if c.slot == slot and c.right]
     same_layout = _grouped(went, lambda c: c.layout)
@@ -142,9 +142,9 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 
 
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
-    """Return the choices with the slot that each may favor: the most frequent one where the same slots are stocked.
+    """Return the choices with their possible favorite slot, the most frequent one per set of occupied slots.
 
-    With ``paired``, it is left out if no pair of trials shows that the slot is favored regardless of the instruction.
+    With ``paired``, a slot counts only if a pair of trials shows that it is favored regardless of the instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
     for group in _grouped(trials.values(), lambda c: c.stocked):
@@ -165,8 +165,8 @@ def _open_slots(
 ) -> frozenset[str]:
     """Return the slots that may be favorites although the trials do not prove it.
 
-    They are likelier than confusion but for their price, and no policy that always goes there would be proven by these
-    trials: it is for lack of trials that they are not upheld.
+    Without the penalty they are likelier than confusion, but these trials could not even prove a policy that always
+    goes there: there are too few of them.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
     found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}
@@ -176,7 +176,7 @@ def _open_slots(
 
 
 def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
-    """Tell whether trials like these would prove a policy that always goes to a slot."""
+    """Return whether these trials would prove a policy that always goes to a slot."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
     rule = fit_rule(place_rule(slot), certain, price)
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
@@ -189,8 +189,8 @@ class _Judged:
     Attributes:
         attempts: All first attempts.
         rules: All rules, the cheapest first.
-        proven: Names of those that are upheld.
-        open_slots: Slots that may be favorites, which these trials could prove of no policy.
+        proven: Names of the upheld rules.
+        open_slots: Possible favorite slots that these trials could not prove for any policy.
         ordered: Whether the policy is known to mistake the order.
     """
 
@@ -226,6 +226,6 @@ class _Judged:
         return Ruling("rejected", place=open_place if choice.replaced else "rejected")  # the habit
 
     def _word_is_told_from(self, slot: str) -> bool:
-        """Tell whether the trials separate "the word leads there" from "always this slot"."""
+        """Return whether the trials separate "the word leads there" from "always this slot"."""
         place = place_rule(slot)
         return bool({place, PLACE} & self.proven) or any(fits(WORD, c) != fits(place, c) for c in self.attempts)

@@ -12,260 +12,265 @@ from betterbench.tasks.thresholds import THRESHOLDS, threshold
 # fmt: off
 # Between a grasp and its target.
 DOUBT = threshold("doubt", 0.03, "m",
-    "Distance by which what was asked for may be farther from a gripper that closed on nothing than something else "
-    "is, for the miss to be one of what was asked for: a bad aim proves no wrong choice.",
-    "Larger: more misses are of what was asked for; more execution_failure, fewer wrong_object and "
+    "When a gripper closes on nothing, the requested object counts as the missed one if it is at most this much "
+    "farther away than another object: poor aim does not prove a wrong choice.",
+    "Larger: more misses are attributed to the requested object; more execution_failure, fewer wrong_object and "
     "behavioral_inertia.")
 BETWEEN = threshold("between", 0.02, "m",
-    "Distance by which something else may be farther from a gripper that closed on nothing than what was asked for "
-    "is, for the closing to be between the two, so that it cannot be told which was meant; the noise of a closing "
-    "point.",
-    "Larger: more misses are between two objects; more execution_failure without a first attempt that counts, fewer "
+    "When a gripper closes on nothing, the target is ambiguous if another object is at most this much farther away "
+    "than the requested one; about the noise of a closing point.",
+    "Larger: more misses are ambiguous; more execution_failure without a first attempt that counts, fewer "
     "wrong_object.")
 SQUEEZES = threshold("squeezes", 3, "1",
-    "Times that fingers close by a little around what is asked for and open again from which they have tried to "
-    "take it; once or twice may be a flicker of the command.",
-    "Larger: fewer closings in part are tries; fewer execution_failure of a weak grip, more timeout.")
+    "Number of times that the fingers must partly close around a requested object and open again to count as an "
+    "attempt; one or two may be flicker of the command.",
+    "Larger: fewer partial closings are attempts; fewer execution_failure with a weak grip, more timeout.")
 TRIES_IN_VAIN = threshold("tries_in_vain", 3, "1",
-    "Times that a gripper has closed on the right thing and lost it or let go of it too early from which it fails, "
-    "though it has it once more when the limit comes; honest policies did so at most twice.",
-    "Larger: more tries are forgiven if the last one holds the object; fewer execution_failure, more timeout.")
+    "Number of failed or prematurely released grasps of the right object from which the trial is an execution "
+    "failure, even if the gripper holds the object at the step limit; honest policies had at most two.",
+    "Larger: more failed grasps are tolerated if the last one holds the object; fewer execution_failure, more "
+    "timeout.")
 MEMORIZED_SPOT = threshold("memorized_spot", 0.04, "m",
-    "Distance from where a target would have taken something, if it stood where training had it, up to which that "
-    "was put there; slots vary by 15 mm a side and placements by as much.",
-    "Larger: more objects were put where training had the target; more behavioral_inertia, fewer execution_failure.")
+    "Maximum distance of an object from the spot that would be right if the target still stood in its training slot; "
+    "slots vary by 15 mm to each side, and placements by as much.",
+    "Larger: more placements count as memorized; more behavioral_inertia, fewer execution_failure.")
 
 # Stays: what an empty gripper is over.
 OVER_HEIGHT = threshold("over_height", 0.12, "m",
-    "Height above the top of an object up to which an open gripper is over it; grasps from above begin there.",
+    "Maximum height above the top of an object at which an open gripper is over it; grasps from above begin there.",
     "Larger: the gripper is over objects from higher up; more wrong_object and semantic_feature_collapse by a stay, "
     "fewer phase_conflict and timeout.")
 BESIDE = threshold("over_beside", 0.01, "m",
-    "Distance beside a thing, seen from above, up to which an open gripper is over it.",
-    "Larger: the gripper is over objects from farther beside them; more wrong_object and semantic_feature_collapse "
-    "by a stay, fewer phase_conflict and timeout.")
+    "Maximum horizontal distance from an object at which an open gripper is still over it.",
+    "Larger: the gripper is over objects from farther away; more wrong_object and semantic_feature_collapse by a "
+    "stay, fewer phase_conflict and timeout.")
 STAY_TIME = threshold("stay_time", 2.0, "s",
-    "Time that an open gripper stays over something, in all, until it has chosen it. Honest policies of the "
-    "independent family stay over something else for up to 4 s, but grasp then, and are judged by the grasp.",
+    "Total time for which an open gripper must stay over an object to choose it. Honest policies of the independent "
+    "family stay over another object for up to 4 s, but then grasp, and are judged by the grasp.",
     "Larger: fewer stays choose an object; fewer wrong_object and semantic_feature_collapse, more timeout.")
 STAY_SHARE = threshold("stay_share", 0.7, "1",
-    "Share of the time over things that is spent over one of them if that one is chosen; less is to and fro.",
-    "Larger: a stay chooses only what it is over nearly all the time; fewer wrong_object, more phase_conflict and "
-    "timeout.")
+    "Minimum share of the time over any object that is spent over the chosen one; a smaller share is motion to and "
+    "fro.",
+    "Larger: a stay chooses an object only if the gripper is over it nearly all the time; fewer wrong_object, more "
+    "phase_conflict and timeout.")
 PASSING = threshold("passing", 0.08, "m",
-    "Distance between the places where the gripper comes over something and leaves it again from which it only "
-    "passes.",
-    "Larger: fewer ways over an object are passing; more wrong_object and semantic_feature_collapse by a stay, "
-    "fewer timeout.")
+    "Minimum distance between the points where the gripper comes over an object and leaves it again, for the gripper "
+    "to be only passing.",
+    "Larger: fewer paths over an object are passing; more wrong_object and semantic_feature_collapse by a stay, fewer "
+    "timeout.")
 PASSING_AT_END = threshold("passing_at_end", 0.25, "1",
-    "Share of passing that a gripper which is still over something at the end must have gone there to be passing "
-    "it; it had no time to leave.",
+    "Minimum share of the passing distance that a gripper must have covered to be passing if it is still over the "
+    "object when the episode ends.",
     "Larger: more stays at the end count; more wrong_object by a stay, fewer timeout.",
     listed=False)
 STRAIGHT = threshold("straight", 0.8, "1",
-    "Distance from begin to end over the length of a way from which it goes straight on; to and fro has less.",
-    "Larger: fewer ways at the end are passing; more wrong_object by a stay, fewer timeout.",
+    "Minimum ratio of the distance between start and end to the length of a path that goes straight on; motion to and "
+    "fro has a smaller ratio.",
+    "Larger: fewer paths at the end are passing; more wrong_object by a stay, fewer timeout.",
     listed=False)
 RETREAT = threshold("retreat", 0.15, "m",
-    "Distance from where an open gripper was over something by which it has gone away from it, until it comes back.",
+    "Distance that an open gripper must move away from its position over an object before coming back counts as a "
+    "return.",
     "Larger: fewer returns count; fewer phase_conflict, more timeout.")
 RETURNS = threshold("returns", 3, "1",
-    "Times that an open gripper comes over the right thing, and goes away in between, from which it goes to and "
-    "fro. None of 645 honest trials of the independent family did so even twice before its first grasp.",
-    "Larger: more returns are forgiven; fewer phase_conflict, more timeout.")
+    "Number of times that an open gripper must come over the right object, leaving it in between, to count as moving "
+    "to and fro. None of 645 honest trials of the independent family had even two before the first grasp.",
+    "Larger: more returns are tolerated; fewer phase_conflict, more timeout.")
 COMES_DOWN = threshold("comes_down", 0.035, "m",
-    "Height over the foot of a flat object up to which a gripper has come down to it; plates, slices and cutlery "
-    "are lower than the fingers that take them, so that the tool center point is above their top when it takes "
-    "them.",
-    "Larger: the gripper has come down to flat objects earlier; more timeout of a gripper that does not close, "
-    "fewer phase_conflict.")
+    "Maximum height above the base of a flat object at which a gripper has come down to it. Plates, slices and "
+    "cutlery are lower than the fingers, so the tool center point is above their top during a grasp.",
+    "Larger: the gripper has come down to flat objects earlier; more timeout of a gripper that does not close, fewer "
+    "phase_conflict.")
 FLICKER_TIME = threshold("flicker_time", 0.25, "s",
-    "Time up to which an interruption of a contact, a stay or a grip is none: contacts and places tremble.",
-    "Larger: more interruptions are none; fewer phase_conflict and execution_failure that need several separate "
-    "times, more wrong_object by a stay.",
+    "Interruptions of a contact, a stay or a grip that are shorter than this are ignored, because contacts and "
+    "positions tremble.",
+    "Larger: more interruptions are ignored; fewer phase_conflict and execution_failure that need several separate "
+    "events, more wrong_object by a stay.",
     listed=False)
 
 # Pushes, and failed ways of taking the right object.
 PUSH_TRAVEL = threshold("push_travel", 0.08, "m",
-    "Distance over which an empty gripper moves something in front of it that is a push and no slip; honest "
-    "policies of the independent family moved nothing by more than 1 cm without grasping it, in 297 trials.",
+    "Minimum distance over which an empty gripper must move an object for a push; honest policies of the independent "
+    "family moved no object by more than 1 cm without grasping it, in 297 trials.",
     "Larger: fewer touches are pushes; fewer wrong_object and execution_failure by a push, more timeout.")
 PUSH_SHARE = threshold("push_share", 0.5, "1",
-    "Share of push_travel that the gripper has to go itself for a push, and that an object has to move to be shoved "
-    "aside; what rolls off goes farther than what moved it.",
+    "Minimum share of push_travel that the gripper itself must move for a push, and that an object must move to be "
+    "shoved aside; an object that rolls off moves farther than the gripper.",
     "Larger: fewer touches are pushes or shoves; fewer wrong_object and execution_failure by a push, more "
     "phase_conflict and timeout.",
     listed=False)
 PUSH_GAP = threshold("push_gap", 1.0, "s",
-    "Time between two touches up to which they are one push: what slides ahead of a gripper is touched now and "
-    "then, and goes on sliding for a moment.",
-    "Larger: more touches are one push; fewer objects that are moved several times, so fewer wrong_object and "
+    "Maximum time between two touches of the same push: an object that slides ahead of a gripper is touched "
+    "intermittently and keeps sliding for a moment.",
+    "Larger: more touches belong to one push; fewer objects are moved several times, so fewer wrong_object and "
     "execution_failure by a push.")
 PUSH_ALONG = threshold("push_along", 0.8, "1",
-    "Cosine of the angle between the ways of gripper and object from which one pushes the other.",
-    "Larger: a push has to go more nearly the gripper's way; fewer wrong_object and execution_failure by a push.")
+    "Minimum cosine of the angle between the displacements of gripper and object for a push.",
+    "Larger: the displacements must be more nearly parallel; fewer wrong_object and execution_failure by a push.")
 PUSH_AGAIN = threshold("push_again", 3, "1",
-    "Times that an empty gripper comes to a thing and moves it from which it goes for it, also where the thing "
-    "rolls off or falls over and takes another way than the gripper.",
-    "Larger: fewer objects are pushed by being moved again and again; fewer wrong_object and execution_failure, "
-    "more timeout.")
+    "Number of times that an empty gripper must come to an object and move it for the object to count as attempted, "
+    "even if the object rolls off or falls over and moves in another direction than the gripper.",
+    "Larger: fewer objects count as pushed by repeated contact; fewer wrong_object and execution_failure, more "
+    "timeout.")
 SHOVED_AGAIN = threshold("shoved_again", 2, "1",
-    "Times that an empty gripper moves the right thing aside from which it fails to take it, if it never grasps it. "
-    "A wrong thing is gone for where it is moved more often, or pushed: an arm may run into it on its way.",
-    "Larger: more shoves are forgiven; fewer execution_failure, more timeout.")
+    "Number of times that an empty gripper must move the right object aside, without ever grasping it, for the grasp "
+    "to have failed. For a wrong object more contacts or a push are required, because an arm may run into it on its "
+    "way.",
+    "Larger: more shoves are tolerated; fewer execution_failure, more timeout.")
 BEGINS_TO_MOVE = threshold("begins_to_move", 0.002, "m",
-    "Distance from where it stood from which a touched object moves; contacts let things tremble by less.",
-    "Larger: pushes begin later, so that other evidence comes first more often; fewer wrong_object by a push.",
+    "Displacement from which a touched object is moving; the noise of contacts is smaller.",
+    "Larger: pushes begin later, so that other evidence more often comes first; fewer wrong_object by a push.",
     listed=False)
 CLOSED_IN_PART = threshold("closed_in_part", THRESHOLDS.finger_travel, "m",
-    "Least travel of fingers that close around something without touching it, for a grasp that was meant; they are "
-    "brought to the width of a thing before they come down to it.",
-    "Larger: fewer closings in part are meant as grasps; fewer execution_failure, more timeout.")
+    "Minimum finger travel of a closing around an object without contact that counts as an intended grasp; fingers "
+    "are preset to the width of an object before they descend to it.",
+    "Larger: fewer partial closings are intended grasps; fewer execution_failure, more timeout.")
 RUNS_INTO = threshold("runs_into", 3, "1",
-    "Times that an open gripper comes down and runs into the right thing, and rises again, from which it tries in "
-    "vain to take it. Who is slow on the right way runs into nothing.",
-    "Larger: more runs into the right object are forgiven; fewer execution_failure, more timeout.")
+    "Number of times that an open gripper must descend, run into the right object and rise again for the grasp to "
+    "have failed. A policy that is only slow runs into nothing.",
+    "Larger: more contacts with the right object are tolerated; fewer execution_failure, more timeout.")
 RISEN_AGAIN = threshold("risen_again", 0.03, "m",
-    "Height by which a gripper that closed in part, or ran into something, rises again if it has given up that try.",
-    "Larger: fewer tries are over; fewer execution_failure, more timeout.",
+    "Height by which a gripper must rise after a partial closing or a contact from above to have given up that "
+    "attempt.",
+    "Larger: fewer attempts are given up; fewer execution_failure, more timeout.",
     listed=False)
 
 # To and fro.
 TO_AND_FRO = threshold("to_and_fro", 5.0, "1",
-    "Length of the way of an empty gripper, in diameters of the region it stays in, from which it goes to and fro; "
-    "a straight way has 1, and of the ways of honest policies between two grasps 99 % have less than 4.4.",
-    "Larger: fewer ways go to and fro; fewer phase_conflict, more timeout.")
+    "Minimum ratio of the path length of an empty gripper to the diameter of its region for motion to and fro. A "
+    "straight path has 1; 99 % of the paths of honest policies between two grasps have less than 4.4.",
+    "Larger: fewer paths are to and fro; fewer phase_conflict, more timeout.")
 TO_AND_FRO_TRAVEL = threshold("to_and_fro_travel", 0.4, "m",
-    "Least length of a way to and fro; servo jitter adds up to less in a minute.",
-    "Larger: fewer ways go to and fro; fewer phase_conflict, more timeout.")
+    "Minimum path length of motion to and fro; servo jitter adds up to less in a minute.",
+    "Larger: fewer paths are to and fro; fewer phase_conflict, more timeout.")
 LEAST_REGION = threshold("least_region", 0.02, "m",
-    "Diameter that a region of a way to and fro has at least, so that an arm which trembles in place does not go to "
-    "and fro.",
-    "Larger: fewer small ways go to and fro; fewer phase_conflict, more timeout and early_halt.",
+    "Minimum diameter of the region of motion to and fro, so that an arm trembling in place is excluded.",
+    "Larger: fewer small motions are to and fro; fewer phase_conflict, more timeout and early_halt.",
     listed=False)
 COMES_NEARER = threshold("comes_nearer", 0.15, "1",
-    "Share of its distance to the right thing by which the middle of a way to and fro comes nearer from each "
-    "quarter to the next if it leads there, slowly; who goes to and fro and settles on nothing comes no nearer.",
-    "Larger: fewer ways lead to what is asked for; more phase_conflict, fewer timeout.")
+    "Minimum share of its distance to the right object by which the center of a path must come nearer from each "
+    "quarter to the next for the path to lead there. The center of undecided motion to and fro does not come nearer.",
+    "Larger: fewer paths lead to a requested object; more phase_conflict, fewer timeout.")
 
 # Halts.
 HALT_RADIUS = threshold("halt_radius", 0.03, "m",
-    "Distance from where it stopped within which an arm that halts stays to the end; noise on the actions moves it "
-    "by less than 1 cm.",
+    "Maximum distance from its stopping point that a halted arm may reach until the end; action noise moves it by "
+    "less than 1 cm.",
     "Larger: more arms stay in place to the end; more early_halt and phase_conflict, fewer timeout.")
 DRIFT = threshold("drift", 0.002, "m/s",
-    "Speed with which an arm that halts may drift off beside that: nobody who watches sees it move, and in the "
-    "whole time of a trial it comes nowhere. A policy whose commands are noise around zero drifts as far.",
-    "Larger: more arms that creep have halted; more early_halt and phase_conflict, fewer timeout.")
+    "Maximum speed at which a halted arm may drift in addition. This drift is invisible to an observer and leads "
+    "nowhere within a trial. A policy whose actions are noise around zero drifts as fast.",
+    "Larger: more creeping arms count as halted; more early_halt and phase_conflict, fewer timeout.")
 COME_TO_REST = threshold("come_to_rest", 0.005, "m",
-    "Distance from where it is within which an arm that was slow before has to stay to the end, drift apart, to "
-    "have come to rest there; one that creeps on at 4 mm/s or more has not.",
+    "Maximum distance, apart from drift, that an arm may move until the end after a slow stretch, to have come to "
+    "rest there. An arm that creeps on at 4 mm/s or more has not.",
     "Larger: more slow stretches end at rest; more early_halt and phase_conflict, fewer timeout.")
 PAUSES_VARY = threshold("pauses_vary", 1.5, "1",
-    "Length of a stand in longest pauses before it, of a policy that makes long ones, from which it is no pause "
-    "more.",
-    "Larger: more stands at the end are pauses; fewer early_halt, more timeout.")
+    "For a policy with long pauses: multiple of its longest earlier pause above which a stop is a halt.",
+    "Larger: more stops at the end are pauses; fewer early_halt, more timeout.")
 TREMBLE_TIME = threshold("tremble_time", 8.0, "s",
-    "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; "
-    "honest policies of the independent family go on after at most 6.5 s.",
+    "Time within halt_radius until the end after which an arm that never stands still counts as halted; honest "
+    "policies of the independent family move on after at most 6.5 s.",
     "Larger: an arm has to tremble in place for longer; fewer early_halt and phase_conflict, more timeout.")
 OVER_GOAL = threshold("over_goal", 0.06, "m",
-    "Horizontal distance from the middle of its place within which a held object has been brought there; wider "
-    "places count up to their edge.",
-    "Larger: more objects are held at their place; more timeout of a gripper that never opens, fewer early_halt.")
+    "Maximum horizontal distance of a held object from the center of its target region at which it has been brought "
+    "there; wider regions count up to their edge.",
+    "Larger: more objects are held at their target region; more timeout of a gripper that never opens, fewer "
+    "early_halt.")
 SEARCH_STEP = threshold("search_step", 0.5, "s",
-    "Time between the rows from which a halt, or a way to and fro, is looked for; shorter steps find the same ones "
-    "a little earlier.",
-    "Larger: halts and ways to and fro begin later or are missed; fewer early_halt and phase_conflict, more "
+    "Interval at which starts of a halt, or of motion to and fro, are searched; a shorter interval finds the same "
+    "ones slightly earlier.",
+    "Larger: halts and motion to and fro begin later or are missed; fewer early_halt and phase_conflict, more "
     "timeout.",
     listed=False)
 
 # Other worlds.
 RESTS_ON_GAP = threshold("rests_on_gap", 0.01, "m",
-    "Height of an object over where it would rest on a target in LIBERO up to which it is on it: tops are uneven, and "
-    "contacts are not asked for.",
+    "Maximum gap between an object and the support surface of a target in LIBERO at which the object is on it: "
+    "surfaces are uneven, and contacts are not required.",
     "Larger: more objects are on their targets; more causal_confusion of finished steps, fewer execution_failure.",
     listed=False)
 
 # The second pass: which rule explains the first attempts of a policy (docs/second-pass.md).
 HIGHEST_STRENGTH = threshold("highest_strength", 0.99, "1",
-    "Largest strength of a rule that is tried; no number of trials of a run can tell a larger one apart.",
-    "Larger: rules without an exception cost less and those with one are unchanged; more lexical_kinematic_shortcut "
-    "and visual_layout_bias, fewer wrong_object.",
+    "Largest tried strength of a rule; no run has enough trials to distinguish a larger one.",
+    "Larger: rules without exceptions cost less, those with one are unchanged; more lexical_kinematic_shortcut and "
+    "visual_layout_bias, fewer wrong_object.",
     listed=False)
 LOWEST_ERROR_RATE = threshold("lowest_error_rate", 0.001, "1",
-    "Smallest error rate of confusion that is tried; above zero, so that one error is not impossible.",
+    "Smallest tried error rate of confusion; above zero, so that a single error is not impossible.",
     "Larger: confusion costs more for a policy that seldom errs; more lexical_kinematic_shortcut and "
     "visual_layout_bias, fewer wrong_object.",
     listed=False)
 HIGHEST_ERROR_RATE = threshold("highest_error_rate", 0.99, "1",
-    "Largest error rate of confusion that is tried, also where guessing errs more often; below 1, so that one right "
-    "attempt is not impossible.",
-    "Larger: confusion costs less for a policy that errs nearly always; more wrong_object, fewer "
+    "Largest tried error rate of confusion, even if guessing errs more often; below 1, so that a single right attempt "
+    "is not impossible.",
+    "Larger: confusion costs less for a policy that nearly always errs; more wrong_object, fewer "
     "lexical_kinematic_shortcut and visual_layout_bias.",
     listed=False)
 ORDER_TRIALS = threshold("order_trials", 3, "1",
-    "Wrong first attempts at later steps from which a policy is taken for one that mistakes the order, if that "
-    "explains its attempts as well as anything else does. One or two may as well be at a favorite place.",
+    "Minimum number of wrong first attempts at later steps for a policy to be classified as mistaking the order, if "
+    "that explains its attempts at least as well as any other rule. One or two may be at a favorite place instead.",
     "Larger: fewer policies mistake the order; fewer order_violation and causal_confusion, more visual_layout_bias "
     "and lexical_kinematic_shortcut.",
     listed=False)
 OTHER_TASKS = threshold("other_tasks", 2, "1",
-    "Other tasks in which a rule has to be proven before it counts in a task whose own trials could not prove it; "
-    "one may be chance.",
-    "Larger: less is known of a policy from its other tasks; fewer visual_layout_bias and order_violation, more "
+    "Number of other tasks in which a rule must be proven to count in a task whose own trials cannot prove it; one "
+    "may be chance.",
+    "Larger: fewer rules carry over from other tasks; fewer visual_layout_bias and order_violation, more "
     "wrong_object.",
     listed=False)
 ONE_ATTEMPT = threshold("one_attempt", 3.0, "1",
-    "What one first attempt is worth that a rule predicts and another does not [nats]: it has a probability of nearly "
-    "1 by the first rule and of slip by the other, and -log(slip) is 3.0.",
+    "Weight of one first attempt that only one of two rules predicts [nats]: its probability is nearly 1 under that "
+    "rule and slip under the other, and -log(slip) is 3.0.",
     "Larger: the rule of all tasks decides more attempts that fit several rules; more of the label of that rule, "
     "fewer wrong_object.",
     listed=False)
 CLEARLY = threshold("clearly_better", 2.0, "1",
-    "Nats by which one kind of rule has to explain all tasks better than any other to be that of the policy: odds "
-    "of 7.",
+    "Margin in nats by which one kind of rule must explain all tasks better than any other to be the rule of the "
+    "policy: odds of 7.",
     "Larger: fewer policies have one rule in all tasks; more wrong_object, fewer lexical_kinematic_shortcut and "
     "visual_layout_bias.",
     listed=False)
 
 # The instruction effect, and what decides in place of the instruction.
 LEAST_PAIRS = threshold("instruction_pairs", 10, "1",
-    "Pairs from which a policy can be said not to use the instruction; with fewer, chance alone could not be told "
-    "from it.",
-    "Larger: fewer policies are said not to use the instruction; fewer visual_layout_bias, more wrong_object.",
+    "Minimum number of pairs for the conclusion that a policy does not use the instruction; with fewer, chance cannot "
+    "be excluded.",
+    "Larger: fewer policies are found not to use the instruction; fewer visual_layout_bias, more wrong_object.",
     listed=False)
 USED = threshold("instruction_used", 0.5, "1",
-    "Instruction effect of a policy that picks one of two things at random: what has to be excluded before a policy "
-    "is said not to use the instruction.",
-    "Larger: more policies are said not to use the instruction, and fewer to go for one thing wherever it stands; "
-    "more visual_layout_bias in our own scenes, fewer in other worlds.",
+    "Instruction effect of a policy that picks one of two objects at random; it must be excluded before the "
+    "conclusion that a policy does not use the instruction.",
+    "Larger: more policies are found not to use the instruction, and fewer to have a favorite kind of object; more "
+    "visual_layout_bias in our own scenes, fewer in other worlds.",
     listed=False)
 LEVEL = threshold("instruction_level", 0.025, "1",
-    "Level of the one-sided tests that the instruction is not used: that of one side of a 95 % interval.",
-    "Larger: more policies are said not to use the instruction; more visual_layout_bias, fewer wrong_object.",
+    "Level of the one-sided tests that the instruction is not used, as for one side of a 95 % interval.",
+    "Larger: more policies are found not to use the instruction; more visual_layout_bias, fewer wrong_object.",
     listed=False)
 LEAST_ASKED = threshold("favorite_asked", 3, "1",
-    "Kinds of things that were asked for in vain, from which on no word that is mistaken for another explains it.",
-    "Larger: fewer policies have a favorite thing; fewer visual_layout_bias, more wrong_object.",
+    "Minimum number of other kinds that were requested in vain; with this many, confusing one word with another no "
+    "longer explains the favorite kind.",
+    "Larger: fewer policies have a favorite kind of object; fewer visual_layout_bias, more wrong_object.",
     listed=False)
 NEARLY_ALL = threshold("nearly_all", 0.9, "1",
-    "Share of the first attempts that a place, a thing, a color or nearness has to explain before it is named in "
-    "place of the instruction; a tenth may be slips.",
-    "Larger: less is named; a visual_layout_bias keeps its label, and its evidence names a place less often.",
+    "Minimum share of the first attempts that a slot, kind, color or distance must explain to be named as the "
+    "deciding cue; a tenth may be slips.",
+    "Larger: fewer cues are named; a visual_layout_bias keeps its label, and its evidence names a place less often.",
     listed=False)
 
 # Sentences about several trials, and the power matrix.
 SHARE_OF_ALL = threshold("share_of_all", 0.8, "1",
-    "Share of a policy's trials of one mode that have to look alike for its conclusion to say more than the mode "
-    "does.",
-    "Larger: no label changes; conclusions say less.",
+    "Minimum share of a policy's trials of one mode that must look alike for a more specific conclusion than that of "
+    "the mode.",
+    "Larger: no label changes; conclusions are less specific.",
     listed=False)
 REPLAY_LIMIT = threshold("replay_limit", 0.25, "1",
-    "Success rate up to which motion without looking is no way to solve a variation: what the jitter of slots "
-    "leaves.",
+    "Maximum success rate of motion without looking on a variation that such motion does not solve; the jitter of "
+    "slots leaves this much.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 FAILS_AT = threshold("fails_at", 0.5, "1",
-    "Success rate up to which a pretender is said to fail a variation: no better than a coin.",
+    "Maximum success rate at which a pretender fails a variation: no better than a coin.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 # fmt: on

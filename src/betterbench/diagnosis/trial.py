@@ -1,4 +1,4 @@
-"""First pass over one trial: the diagnosis of its record alone, and the input of the second pass."""
+"""First pass over one trial: its diagnosis from its record alone, and the input of the second pass."""
 
 from __future__ import annotations
 
@@ -33,25 +33,26 @@ from betterbench.tasks.labels import Label
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """First attempt of a trial: its slot, and the slots to which each rule would have led it.
+    """First attempt of a trial: its slot, and the slots that each rule predicts.
 
-    Slots of two layouts that lie at the same place go by the name of the first one.
+    Slots of two layouts at the same position share the name of the first one.
 
     Attributes:
         layout: Objects by slot at the start, so that trials of one layout can be compared.
-        right: Slots at which the first attempt would have been right; empty where nothing was to be grasped.
-        slot: Slot of the first attempt, or None if there was no attempt where none should be.
+        right: Slots at which the first attempt would have been right; empty if nothing was to be grasped.
+        slot: Slot of the first attempt, or None if no attempt was made and none was right.
         correct: Whether the first attempt (or its absence) was right.
-        word_slots: Slots to which the word leads by training.
-        habit_slots: Slots to which the most frequent first step leads; empty if training has none.
+        word_slots: Slots to which the word led in training.
+        habit_slots: Slots of the most frequent first step; empty if training has none.
         later_slots: Slots of the objects of later steps; empty if the instruction asks for no order.
-        step_slots: The same for each later step by itself, in order.
+        step_slots: Slots of the objects of each later step separately, in order.
         places: Number of slots at which something could be grasped.
         thing: Kind of the object in the slot of the first attempt; empty if the slot was empty.
-        color: Its color.
+        color: Color of that object.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
-        favorite_slots: Slot that the policy may favor where the same slots are stocked; filled by the second pass.
-        replaced: Whether something else stood in the slot of the first attempt, to which the habit leads: a single
+        favorite_slots: Slot that the policy may favor among trials with the same occupied slots; set by the second
+            pass.
+        replaced: Whether another object stood in the slot of the first attempt, to which the habit leads. A single
             trial then does not show the habit.
     """
 
@@ -72,7 +73,7 @@ class Choice:
 
     @property
     def stocked(self) -> frozenset[str]:
-        """The slots in which any object stood at the start."""
+        """The slots that contained an object at the start."""
         return frozenset(slot for slot, _ in self.layout)
 
 
@@ -81,7 +82,7 @@ class Reading:
     """Result of the first pass for one record: its own diagnosis, all evidence, and the choice for the second pass.
 
     Attributes:
-        choice: The first attempt for the second pass, or None if it says nothing about a rule.
+        choice: The first attempt for the second pass, or None if it is no evidence for a rule.
     """
 
     diagnosis: TrialDiagnosis
@@ -97,19 +98,19 @@ def _trained(task: str) -> TrainingDistribution:
 def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosis:
     """Return the diagnosis of one record by itself.
 
-    Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not given:
-    the label is then ``wrong_object``, and the evidence names the candidates.
-    :func:`~betterbench.diagnosis.diagnose_run` settles them.
+    Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not
+    assigned: the label is then ``wrong_object``, and the evidence names the candidates.
+    :func:`~betterbench.diagnosis.diagnose_run` decides between them.
 
     Raises:
-        UnknownNameError: If its task or condition is unknown.
-        RecordError: If it lacks a predicate of its task.
+        UnknownNameError: If the task or condition of the record is unknown.
+        RecordError: If the record lacks a predicate of its task.
     """
     return read_trial(record, path=path).diagnosis
 
 
 def read_trial(record: Record, *, path: str | None = None) -> Reading:
-    """Return everything that one record says (see :func:`diagnose_record`)."""
+    """Return the full reading of one record (see :func:`diagnose_record`)."""
     m = record.metadata
     resolved = resolved_of(m)
     task, condition = resolved.task, resolved.condition
@@ -143,7 +144,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return the diagnosis of an analyzed trial in any world, apart from harm and needless acts."""
+    """Return the diagnosis of an analyzed trial in any world, without harm and needless steps."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(
@@ -162,10 +163,10 @@ def trial_diagnosis(
 
 
 def offline_truth(record: Record) -> list[Truth]:
-    """Judge every state of a record again with the goal tracker that judged it live.
+    """Judge every state of a record again with the goal tracker of the live judgment.
 
     Returns:
-        One truth per row; its subgoals, goal and forbidden flags equal the recorded ones, bit for bit.
+        One goal state per row; its subgoal, goal and forbidden flags equal the recorded ones exactly.
     """
     m = record.metadata
     resolved = resolved_of(m)
@@ -175,12 +176,12 @@ def offline_truth(record: Record) -> list[Truth]:
 
 
 def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
-    """Return the condition that a record was made under."""
+    """Return the condition under which a record was made."""
     return resolve_condition(metadata.task, metadata.variation or metadata.condition)
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode and its closings far from everything, in time."""
+    """Return the grasp attempts of an episode and its closings far from all objects, in time."""
     time = episode.trace.time
     far = (
         Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing
@@ -189,7 +190,7 @@ def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
 
 
 def choice_of(episode: EpisodeAnalysis) -> Choice | None:
-    """Return where the first attempt went; None for look-alikes, which have a label of their own, and for no choice."""
+    """Return the first attempt as a choice; None if there is none, or for look-alikes, which have their own label."""
     trace, trained, goals = episode.trace, episode.trained, episode.goals
     standing = dict(_standing_at_start(episode))
     first = episode.first_choice

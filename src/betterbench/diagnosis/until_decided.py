@@ -1,4 +1,4 @@
-"""Runs until decided: their verdicts, and the trials whose choice did not depend on outcomes."""
+"""Runs until decided: their verdicts, and the trials that were selected independently of outcomes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """Stopping rule and decisions of a run that gives a variation no more trials once its verdict is certain.
+    """Stopping rule and decisions of a run that stops adding trials to a variation once its verdict is certain.
 
     Attributes:
         rule: Rule by which a variation is decided.
-        first_seeds: Seeds of the first round, which every variation gets whatever comes out.
+        first_seeds: Seeds of the first round, which every variation gets regardless of the outcomes.
         decisions: Decisions after the last complete round.
     """
 
@@ -27,12 +27,12 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return the state of a variation by its full name ("fast_food/T1"), or None if the run does not have it."""
+        """Return the state of a variation by its full name ("fast_food/T1"), or None if it is not in the run."""
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
     @property
     def waiting(self) -> frozenset[TrialId]:
-        """The trials of the round under way that have no record; none if nothing is left to run."""
+        """The trials of the current round without a record; empty if the run is complete."""
         return frozenset(_trial(name, seed) for name, seed in self.decisions.waiting)
 
     @property
@@ -46,24 +46,25 @@ class UntilDecided:
             f"{counts[Verdict.NO_DROP]} do not drop by {points}",
         ]
         if counts[Verdict.NOT_LEARNED]:
-            parts.append(f"{counts[Verdict.NOT_LEARNED]} could not, because their twins mostly fail")
+            parts.append(f"{counts[Verdict.NOT_LEARNED]} cannot drop, because their twins mostly fail")
         return (
             f"Decided: {found.decided} of {plural(len(found.answers), 'variation')}; {', '.join(parts)}; "
             f"{counts[Verdict.OPEN]} are open."
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the meaning of the verdicts and of the numbers, one sentence or two each."""
+        """Return notes on the meaning of the verdicts and of the numbers."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
-            f"The run went on until its variations were decided. {self.summary} Of the verdicts that name a drop, and "
-            f"of those that exclude one of {points}, at most {level} are expected to be wrong, whenever it stopped."
+            f"The run went on until its variations were decided. {self.summary} At most {level} of the verdicts that "
+            f"name a drop, and of those that exclude a drop of {points}, are expected to be wrong, whenever the run "
+            f"stopped."
         )
         numbers = (
-            "A variation got no more trials once its verdict stood, so its rates lean towards the verdict; their "
-            "intervals are ones that hold whenever a run stops. Numbers over several variations are of the first "
-            f"{seeds} alone, which every variation got whatever came out."
+            "A variation got no more trials after its verdict, so its rates are biased toward the verdict. Their "
+            f"intervals are valid whenever a run stops. Numbers over several variations use only the first {seeds}, "
+            "which every variation got regardless of the outcomes."
         )
         return verdicts, numbers
 
@@ -84,7 +85,7 @@ def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[T
 
     Args:
         rule: Rule by which a variation is decided.
-        plan: Trials that the run may run at most.
+        plan: All trials that the run may need.
         outcome: Whether a trial succeeded, or None if it has no record.
 
     Raises:

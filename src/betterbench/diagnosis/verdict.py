@@ -1,4 +1,4 @@
-"""Results of the diagnosis, per trial and for a whole run. Plain values with a JSON form."""
+"""Results of the diagnosis per trial and for a whole run, as plain values with a JSON form."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Reason for a label, with its time span, so that a person can check it in the film and disagree.
+    """Reason for a label, with its time span, so that a person can check it in the film.
 
     Attributes:
         start_s: Beginning of the span that shows it [s].
-        shared: Properties that the grasped object shares with the one it was taken for ("color", "shape"; of a
-            look-alike "slot" too), or nothing.
-        candidates: Labels that the trial alone could not tell apart, resolved (or not) by the second pass.
+        shared: Properties that the grasped object shares with the one it was mistaken for ("color", "shape"; for a
+            look-alike also "slot").
+        candidates: Labels that the trial alone could not separate; the second pass may.
     """
 
     rule: str
@@ -34,12 +34,12 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One grasp attempt, or a closing of the gripper far from everything, which has neither object nor slot.
+    """One grasp attempt, or a closing of the gripper far from all objects, which has neither object nor slot.
 
     Attributes:
         object: Object that was grasped at, or None for an air grasp.
-        slot: Slot nearest to the attempt, if within reach of one.
-        result: "target" (what the instruction asked for now), "distractor" (any other object) or "null".
+        slot: Nearest slot, if within reach.
+        result: "target" (an object requested at that time), "distractor" (any other object) or "null".
         secured: True if the object was lifted.
     """
 
@@ -56,29 +56,30 @@ class TrialDiagnosis:
     """Diagnosis of one trial.
 
     Attributes:
-        variation: Name of the variation, or None on a training condition.
-        condition: Name of the training condition; on a variation, the one it is derived from (the twin's condition).
+        variation: Name of the variation, or None for a training condition.
+        condition: Name of the training condition; for a variation, the one it is derived from (the twin's condition).
         axis: Axis of the variation, or None.
         expected: "succeed", "refuse" or "stay_still".
         first_attempt: Object of the first grasp attempt, or None if there is none or it was an air grasp; a drawer that
             had to be moved for it is not counted.
-        first_attempt_kind: Its kind.
+        first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
-        intended: Object that the first attempt should have been at, or None where none should be. Where it was right,
-            the object that it was at; else the first of ``intended_any``.
-        intended_kind: Its kind.
-        intended_any: All objects at which the first attempt would have been right, in the order of the subgoals and
-            then of the slots in which they stand.
-        intention_correct: Whether the first attempt was at what was asked (suite, section 4), or None without a record.
-        progress: Subgoals completed in a valid order divided by subgoals asked.
-        harm: Harm to objects that were not asked for, which excludes success, one clause each ("the mouse lies on
-            the floor"); empty for a success.
-        needless: For a success, the steps of training that it played although they were not asked for, as a replayed
-            grasp at an emptied slot: evidence of inertia that did not spoil the goal. Empty otherwise.
+        intended: Object that the first attempt should have been at, or None if no attempt was right. If the attempt was
+            right, its object; else the first of ``intended_any``.
+        intended_kind: Kind of that object.
+        intended_any: All objects at which the first attempt would have been right, ordered by subgoal and then by slot.
+        intention_correct: Whether the first attempt was at a requested object (suite, section 4), or None without a
+            record.
+        progress: Number of subgoals completed in a valid order, divided by the number requested.
+        harm: Harm to objects that were not requested, which rules out success, one clause each ("the mouse lies on the
+            floor"); empty for a success.
+        needless: For a success, the steps of training that it played although they were not requested, such as a
+            replayed grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty
+            otherwise.
         collisions: Number of times that the robot, or its held object, bumped into a fixture; None without a record.
         record: Path of the record relative to the run, or None if there is none.
-        scene: Digest of the initial state: trials of one seed that share it differ in the instruction alone. Empty
-            without a record, and where first attempts are not judged.
+        scene: Digest of the initial state. Trials of one seed with the same digest differ only in the instruction.
+            Empty without a record, and if first attempts are not judged.
     """
 
     task: str
@@ -121,9 +122,9 @@ class TrialDiagnosis:
 
     @property
     def pool(self) -> str:
-        """Name under which its trials are counted: the variation or training condition.
+        """Name under which the trial is counted: the variation or training condition.
 
-        In LIBERO-Plus it is the axis, because a variant is run once.
+        In LIBERO-Plus it is the axis, because each variant is run once.
         """
         return axis_of(self.variation) or self.variation or self.condition
 
@@ -152,11 +153,11 @@ class Metric:
             "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"; "unfinished_rate" where
             trials are unfinished; "twin_success_rate" and "paired_success_rate": the two sides of "illusion_gap", over
             its pairs).
-        scope: Trials that it is measured over: "overall" (all trials of variations), "training" (all trials of training
-            conditions), "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training",
-            "fast_food/T1", "fast_food/train1".
-        k: Count of the numerator, or None where the number is no single rate.
-        n: Count of the denominator (for paired numbers: pairs).
+        scope: Set of trials: "overall" (all trials of variations), "training" (all trials of training conditions),
+            "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training", "fast_food/T1",
+            "fast_food/train1".
+        k: Numerator, or None if the number is not a single rate.
+        n: Denominator (for paired numbers: pairs).
         value: The number, a fraction in [-1, 1], or None for n = 0.
         p_value: The p-value of the paired test, if there is one.
         method: Method of the interval ("wilson", "newcombe", "paired bootstrap", "anytime-valid").
@@ -187,13 +188,14 @@ class RunDiagnosis:
     """Diagnosis of a run: its trials, metrics and findings.
 
     Attributes:
-        trials: One entry per planned trial that counts, finished or not, in plan order.
+        trials: One entry per counted trial, finished or not, in plan order.
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
         notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
-        waiting: Planned trials that a run in progress has not reached; no number counts them. Empty for a run that no
-            process writes to any more: its missing trials are among ``trials``, as unfinished.
-        until_decided: Verdict on each variation of a run until decided, or None. Spared trials are left out.
-        address: Address by which commands name the policy; that of ``policy`` if not given.
+        waiting: Planned trials that a run in progress has not reached; they are not counted. Empty if no process writes
+            to the run any more: its missing trials are then unfinished ``trials``.
+        until_decided: Verdict on each variation of a run until decided, or None. Trials that its verdicts made
+            unnecessary are left out.
+        address: Address of the policy for commands; default: ``policy``.
     """
 
     policy: str
@@ -208,7 +210,7 @@ class RunDiagnosis:
     address: str = ""
 
     def __post_init__(self) -> None:
-        """Take the name of the policy as its address, which it is until it is called something else."""
+        """Use the name of the policy as its default address."""
         if not self.address:
             object.__setattr__(self, "address", self.policy)
 
@@ -219,22 +221,22 @@ class RunDiagnosis:
 
     @property
     def unfinished(self) -> tuple[TrialDiagnosis, ...]:
-        """The trials that count although the run was stopped before they had ended."""
+        """The counted trials that had not ended when the run was stopped."""
         return tuple(t for t in self.trials if t.kind is Kind.UNFINISHED)
 
     @property
     def even_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """The trials that no outcome has chosen: all, or of a run until decided those of its first round."""
+        """The trials that were selected independently of outcomes: all, or the first round of a run until decided."""
         if self.until_decided is None:
             return self.trials
         return tuple(t for t in self.trials if t.seed in self.until_decided.first_seeds)
 
     def even(self) -> RunDiagnosis:
-        """Return the diagnosis with its even trials alone, for numbers over several variations."""
+        """Return the diagnosis restricted to its even trials, for numbers over several variations."""
         return replace(self, trials=self.even_trials)
 
     def named(self, name: str) -> RunDiagnosis:
-        """Return the diagnosis under another name of its policy, in every trial too."""
+        """Return the diagnosis under another policy name, also in every trial."""
         trials, waiting = (tuple(replace(t, policy=name) for t in part) for part in (self.trials, self.waiting))
         return replace(self, policy=name, trials=trials, waiting=waiting)
 
@@ -251,7 +253,7 @@ class RunDiagnosis:
         return None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form that ``better diagnose --json`` prints: "trials" holds all planned ones."""
+        """Return the JSON form that ``better diagnose --json`` prints: "trials" contains all planned trials."""
         return {
             "policy": self.policy,
             "trials": [t.to_json() for t in (*self.trials, *self.waiting)],

@@ -1,4 +1,4 @@
-"""Versions with which the records of a run were made, and which must not be mixed silently."""
+"""Versions used for the records of a run, which must not be mixed silently."""
 
 from __future__ import annotations
 
@@ -9,20 +9,19 @@ from betterbench.errors import RunConflictError
 from betterbench.records import RecordMetadata
 
 _SCENE_KEYS = ("model", "scene", "hash")
-"""Words in the names of those parts of an engine fingerprint that differ from scene to scene by design."""
+"""Words in the names of engine fingerprint parts that differ between scenes by design."""
 
 
 class RecordVersions:
     """The versions found in the records of a run."""
 
     def __init__(self, *, allow_mixed: bool) -> None:
-        """Begin without any."""
         self._allow_mixed = allow_mixed
         self._seen: dict[str, dict[str, str]] = {}
 
     @property
     def found(self) -> dict[str, str]:
-        """All versions by name; several values of one name are joined by " | ". The policy is checked, but is none."""
+        """All versions by name; several values of one name are joined by " | ". The policy is not included."""
         return {
             name: " | ".join(values)
             for name, values in sorted(self._seen.items())
@@ -30,10 +29,10 @@ class RecordVersions:
         }
 
     def add(self, metadata: RecordMetadata, *, but: str = "") -> None:
-        """Take in the versions of one record, all but the one that is named.
+        """Add the versions of one record, except the named one.
 
         Raises:
-            RunConflictError: If one differs from those before and mixing is not allowed.
+            RunConflictError: If a version differs from an earlier record and mixing is not allowed.
         """
         trial = f"{metadata.task}/{metadata.condition} seed {metadata.seed}"
         for name, value in _versions(metadata):
@@ -44,10 +43,10 @@ class RecordVersions:
                 other, at = next(iter(known.items()))
                 raise RunConflictError(
                     f"{name} is {value!r} in the record of {trial} and {other!r} in that of {at}. "
-                    "Run one of them again, or allow mixed versions and read the numbers with care."
+                    "Run one of them again, or allow mixed versions and interpret the numbers with care."
                 )
             known.setdefault(value, trial)
-        if "simulator" in metadata.engine:  # of a task of another world, the file's fingerprint is in each record
+        if "simulator" in metadata.engine:  # for a task of another world, each record has the fingerprint
             return
         wanted = resolved_of(metadata).task.version
         if metadata.task_version != wanted and not self._allow_mixed:

@@ -1,4 +1,4 @@
-"""Episodes: one rollout of one policy in one scene, and what it leaves behind."""
+"""Episodes: one rollout of one policy in one scene, and its record."""
 
 from betterbench.episodes.answers import POLICY_BOUNDARY, Question, Reply, answer
 from betterbench.episodes.describe import TrialContext, describe

@@ -1,4 +1,4 @@
-"""Questions and replies between an episode and its policy, and the boundary that catches a policy's errors."""
+"""Questions and replies between an episode and its policy, and the handling of a policy's errors."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Question(NamedTuple):
     """Input that an episode gives its policy; a named tuple because one is made at every control step, like its reply.
 
     Attributes:
-        seen: The start of the episode, which asks for no actions; an observation; or the privileged state.
-        wanted_in: Control steps for which the episode can go on without the reply; 0 where it has to wait.
+        seen: The start of the episode, which requests no actions; an observation; or the privileged state.
+        wanted_in: Control steps for which the episode can continue without the reply; 0 if it must wait.
     """
 
     seen: EpisodeStart | Observation | WorldState
@@ -26,7 +26,7 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Answer of a policy, with the time that it took.
+    """Answer of a policy, with its duration.
 
     Attributes:
         actions: The answer as an array of any shape and type; empty for the start of an episode.
@@ -41,12 +41,12 @@ _NO_ACTIONS = np.empty(0)
 
 
 def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> Reply:
-    """Show a policy something and wait for its answer.
+    """Pass an input to a policy and wait for its answer.
 
     Raises:
-        PolicyError: If the policy fails, whatever it raises.
+        PolicyError: If the policy raises any exception.
         PolicyUnavailableError: If its server cannot be reached.
-        HandshakeError: If it has become another policy.
+        HandshakeError: If its server now serves another policy.
     """
     began = time.perf_counter()
     try:
@@ -58,16 +58,16 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
         else:
             actions = np.asarray(policy.act(seen))  # type: ignore[union-attr]
     except BaseException:
-        with POLICY_BOUNDARY:  # entered only now: a privileged policy answers at every control step
+        with POLICY_BOUNDARY:  # not entered above, because a privileged policy answers at every control step
             raise
     return Reply(actions, time.perf_counter() - began)
 
 
 class PolicyBoundary:
-    """Turns every exception of a policy into a :class:`PolicyError`: the trial ends, the run goes on.
+    """Turns every exception of a policy into a :class:`PolicyError`: the trial ends, the run continues.
 
     Two errors pass unchanged, because they concern the whole run: a server that cannot be reached, and one that
-    declares other conventions than before. A context manager without state: one instance serves all.
+    declares other conventions than before. The context manager has no state, so one instance is enough.
     """
 
     __slots__ = ()
@@ -84,4 +84,4 @@ class PolicyBoundary:
 
 
 POLICY_BOUNDARY = PolicyBoundary()
-"""The boundary at which errors of policies become errors of their trial."""
+"""Boundary at which errors of policies become errors of their trial."""

@@ -1,4 +1,4 @@
-"""Action chunks: times at which a policy is asked, and the action of its answers that is executed at a control step."""
+"""Action chunks: times of the requests to a policy, and the action of its answers for each control step."""
 
 from __future__ import annotations
 
@@ -14,42 +14,44 @@ from betterbench.errors import InvalidActionError
 from betterbench.interface import EpisodeStart, Execution, Observation, episode_number
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import PrivilegedPolicy, WorldState
-from betterbench.sim.scenes import Scene
-from betterbench.sim.worlds import ForeignScene
+from betterbench.sim.worlds import TrialScene
 
 
 class Chunks:
-    """Asks for actions and plays them out.
+    """Requests actions and executes them.
 
-    With ``ahead`` the next chunk is asked for while some actions of the old one are left. As many actions of the reply
-    belong to steps that have passed when it is used, and are dropped. So the observation that a chunk answers and the
-    step at which each action is played do not depend on how fast the policy is.
+    With ``ahead`` the next chunk is requested while some actions of the old one are left. The corresponding number of
+    actions of the reply belong to steps that have passed, and are dropped. So the observation for a chunk and the step
+    of each action do not depend on the speed of the policy.
     """
 
     def __init__(
-        self, scene: Scene | ForeignScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
+        self, scene: TrialScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
         """Prepare for one episode, which began at ``began`` on the clock of ``time.perf_counter`` [s]."""
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
-        self._passing = 0  # actions of the next reply whose steps pass before it is used
+        self._passing = 0  # actions of the next reply that are dropped, because their steps pass first
         self._predictions: deque[tuple[int, np.ndarray]] = deque()
         self._views: Views | None = None
         self._latencies: list[float] = []
         self._observe_s = 0.0
         self._began = self._resumed = began
         self._simulation_s = 0.0
-        self._world_steps: dict[bool, list[float]] = {False: [], True: []}  # times of a foreign world, by drawn or not
+        self._world_steps: dict[bool, list[float]] = {
+            False: [],
+            True: [],
+        }  # of scenes that draw in a step, by drawn or not
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
-        """Tell the policy that an episode begins."""
+        """Notify the policy that an episode begins."""
         scene = self._scene
         start = EpisodeStart(scene.condition.instruction.text, episode_number(scene.seed), scene.action_space.name)
         yield from self._pause(Question(start))
 
     def begin_again(self) -> Generator[Question | None, Reply | None, None]:
-        """Tell the policy its next instruction, and drop what it answered to the one before."""
+        """Send the policy its next instruction, and drop its answers to the last one."""
         if self._asked:
             yield from self._pause(None)
         self._asked, self._views = False, None
@@ -57,8 +59,15 @@ class Chunks:
         self._predictions.clear()
         yield from self.begin()
 
-    def next(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Return the action to play now; InvalidActionError if an answer is not an array of actions."""
+    def next(
+        self, state: WorldState, privileged: PrivilegedPolicy | None = None
+    ) -> Generator[Question | None, Reply | None, np.ndarray]:
+        """Return the action to play now; InvalidActionError if an answer is not an array of actions.
+
+        A ``privileged`` policy answers in this thread, and nothing is yielded.
+        """
+        if privileged is not None:
+            return self._next_of(privileged, state)
         queue = self._queue
         if self._execution.ensemble is not None:
             return (yield from self._mean(state))
@@ -67,32 +76,28 @@ class Chunks:
             self._asked = False
             actions = self._answered((yield from self._pause(question)))
             if not self._execution.ahead and actions.shape == (self._scene.action_space.dim,):
-                return actions  # checked when it is applied, which is at once
+                return actions  # checked when it is applied, right now
             self._queue_up(actions, passed)
         if self._asks_ahead(state.step):
             self._asked, self._passing = True, len(queue)
             yield from self._pause(Question(self._see(state), wanted_in=len(queue)))
         return queue.popleft()
 
-    def next_of(self, policy: PrivilegedPolicy, state: WorldState) -> np.ndarray:
-        """Return the action to play now, like :meth:`next`, of a policy that answers in this thread.
-
-        It is asked at every control step, so it does without the generators of those that answer elsewhere.
-        """
+    def _next_of(self, policy: PrivilegedPolicy, state: WorldState) -> np.ndarray:
         if self._queue:
             return self._queue.popleft()
         reply = answer(policy, state)
-        self._simulation_s -= reply.took_s  # its clock has run on
+        self._simulation_s -= reply.took_s  # this clock includes the answer
         actions = self._answered(reply)
         if actions.shape == (self._scene.action_space.dim,):
-            return actions  # checked when it is applied, which is at once
+            return actions  # checked when it is applied, right now
         self._queue_up(actions, 0)
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """Render the images of the next question, if it follows at once, before the state is used for anything else.
+        """Render the images of the next question, if it follows at once, before other uses of the state.
 
-        Rendering empties the processor's caches; what follows up to the next action then fills them only once.
+        Rendering empties the processor's caches; in this order the work up to the next action fills them only once.
         """
         if self.looks_at(step):
             began = time.perf_counter()
@@ -100,25 +105,25 @@ class Chunks:
             self._observe_s += time.perf_counter() - began
 
     def looks_at(self, step: int) -> bool:
-        """Tell whether the policy is asked at a step, which comes after the action that is played now."""
+        """Tell whether the policy is called at a step, after the current action."""
         if self._observer is None:
             return False
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Note how long a foreign world took for a control step, and whether it drew its images in it [s]."""
+        """Note how long a scene that draws in its steps took for one, and whether it drew [s]."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the rendering time of a foreign world: the extra time of steps with images over steps without [s].
+        """Return the time of drawing in steps: the extra time of steps with images over steps without [s].
 
-        It is 0 where every step was drawn, as nothing tells both parts of a step apart then.
+        It is 0 if every step had images, because the two parts cannot be separated then.
         """
         plain, drawn = self._world_steps[False], self._world_steps[True]
         return max(0.0, float(np.median(drawn) - np.median(plain))) * len(drawn) if plain and drawn else 0.0
 
     def wall_figures(self) -> dict[str, float]:
-        """Return how long the episode and its parts took [s]."""
+        """Return the durations of the episode and its parts [s]."""
         now = time.perf_counter()
         drawn_s = self._drawn_in_world_s()
         simulated = self._simulation_s + now - self._resumed - self._observe_s - drawn_s
@@ -134,12 +139,12 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Tell whether the next chunk is to be asked for while the queue is played; never one that nobody will use."""
+        """Tell whether the next chunk should be requested while the queue is executed; never an unneeded one."""
         left = len(self._queue)
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
 
     def _pause(self, question: Question | None) -> Generator[Question | None, Reply | None, Reply | None]:
-        """Yield, and keep the time until the reply comes apart from that of the simulation."""
+        """Yield, and exclude the time until the reply from that of the simulation."""
         self._simulation_s += time.perf_counter() - self._resumed
         try:
             return (yield question)
@@ -171,13 +176,13 @@ class Chunks:
         queue.extend(chunk[passed : passed + horizon])
         if not queue:
             msg = (
-                f"the policy answered {len(chunk)} actions and the steps of {passed} had passed, so none is left. "
-                "Ask less far ahead."
+                f"the policy answered with {len(chunk)} actions, but {passed} steps had passed, so none is left. "
+                "Reduce ahead."
             )
             raise InvalidActionError(msg)
 
     def _mean(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Ask, and return the weighted mean of all that was predicted for this step."""
+        """Call the policy, and return the weighted mean of all predictions for this step."""
         space, predictions, step = self._scene.action_space, self._predictions, state.step
         answer = self._answered((yield from self._pause(Question(self._see(state)))))
         predictions.append((step, checked_chunk(answer, space)))
@@ -191,12 +196,12 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
     """Return a copy of an answer as a chunk, shape (horizon, dim), float64.
 
     Raises:
-        InvalidActionError: If it is neither one action nor an array of actions, or any number of it is not finite.
+        InvalidActionError: If it is neither one action nor an array of actions, or has a non-finite number.
     """
     actions = answer[None, :] if answer.shape == (space.dim,) else answer
     if actions.ndim != 2 or actions.shape[1] != space.dim or len(actions) == 0:
         msg = (
-            f"the policy answered an array of shape {answer.shape}. {space.name} wants ({space.dim},) or "
+            f"the policy answered with an array of shape {answer.shape}. {space.name} needs ({space.dim},) or "
             f"(horizon, {space.dim}) with at least one action."
         )
         raise InvalidActionError(msg)
@@ -215,8 +220,8 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
 def weighted_mean(actions: np.ndarray, rate: float, space: ActionSpace) -> np.ndarray:
     """Return the mean of (n, dim) predictions for one step, the oldest first; shape (dim,).
 
-    The weights are exp(-m i) for the rate m, with i = 0 for the oldest. A quaternion and its negative are one rotation,
-    so their signs are made equal first.
+    The weights are exp(-m i) for the rate m, with i = 0 for the oldest. A quaternion and its negative are the same
+    rotation, so their signs are aligned first.
     """
     if "qw" in space.components:
         first = space.components.index("qw")

@@ -25,8 +25,8 @@ _BOUNDS = {
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Number of values and bound of each measurement, wider than anything that can happen: the joints' limits stay within
-3.8 rad and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m."""
+"""Number of values and bound of each measurement, wider than all possible values: the joints' limits are within 3.8 rad
+and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m."""
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
@@ -35,7 +35,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (7,) [rad],
     ``joint_velocities`` (7,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
     The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of
-    success, else 0. Nothing privileged is observed; ``info`` holds the truth for training and evaluation code.
+    success, else 0. Observations are not privileged; ``info`` contains the goal state for training and evaluation code.
 
     Args:
         task: Task id.

@@ -1,7 +1,7 @@
-"""Lazy vector environments: they make their environments at a reset, and one of a group holds them at a time.
+"""Lazy vector environments: they make their environments at a reset, and only one of a group has them at a time.
 
 An evaluation over all conditions makes all its vector environments before the first episode, and uses one at a time.
-Each environment that was reset holds a scene of some 25 MB, and in a process of its own an interpreter too.
+Each environment that was reset has a scene of about 25 MB, and in a separate process an interpreter too.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ Factory = Callable[[], TaskEnv]
 
 
 class ActiveEnv:
-    """A group of vector environments, of which one holds its environments."""
+    """A group of vector environments, of which only one has open environments."""
 
     def __init__(self) -> None:
         self._active: _LazyVectorEnv | None = None
 
     def take(self, env: _LazyVectorEnv) -> None:
-        """Make a vector environment the active one, and close the environments of the one before."""
+        """Make a vector environment the active one, and close the environments of the last one."""
         if self._active is not None and self._active is not env:
             self._active.close_extras()
         self._active = env
@@ -34,14 +34,14 @@ class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
     """Base of both vector environments, which makes its environments at the first reset after they were closed."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
-        """Prepare; ``group`` is that to which the vector environment belongs."""
+        """Prepare; ``group`` is the group of the vector environment."""
         self._make, self._group, self._empty = tuple(make), group, True
         self.num_envs = len(self._make)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Make the environments if need be, and reset all."""
+        """Make the environments if necessary, and reset all."""
         if self._empty:
             self._group.take(self)
             self._make_envs()
@@ -66,12 +66,12 @@ class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray
 
 
 class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarray]):  # type: ignore[misc] # narrower close_extras
-    """Environments in processes of their own; ``stand_ins`` in this process are for code that reads ``envs``."""
+    """Environments in separate processes; ``stand_ins`` in this process are for code that reads ``envs``."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
         super().__init__(make, group)
         self.envs = list(stand_ins)
 
     def _make_envs(self) -> None:
-        # A forked process would share the OpenGL and the threads of this one.
+        # A forked process would share the OpenGL context and the threads of this one.
         AsyncVectorEnv.__init__(self, self._make, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)

@@ -1,4 +1,4 @@
-"""LeRobot's environment hook: ``make_env`` gives every condition as a vector environment of LeRobot's kind.
+"""LeRobot's environment hook: ``make_env`` returns every condition as a vector environment for LeRobot.
 
 ``lerobot-eval`` reads the instruction from the environments themselves, with ``hasattr``. A wrapper of Gymnasium would
 hide it, so these environments are never wrapped. Nothing here imports LeRobot; LeRobot imports
@@ -25,7 +25,7 @@ ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
 """Id under which Gymnasium makes one of these environments, without any wrapper."""
 
 SETTINGS = ("state", "cameras", "observation", "action_space", "quality")
-"""Options that a configuration may set beside its task, by the names that :class:`LeRobotTaskEnv` gives them."""
+"""Options of a configuration besides its task, by their names in :class:`LeRobotTaskEnv`."""
 
 gymnasium.register(
     ENVIRONMENT_ID,
@@ -36,7 +36,7 @@ gymnasium.register(
 
 
 class _Seen:
-    """Stand-in for an environment in another process, with the attributes that LeRobot looks for with ``hasattr``."""
+    """Stand-in for an environment in another process, with the attributes that LeRobot checks with ``hasattr``."""
 
     def __init__(self, env: LeRobotTaskEnv) -> None:
         self.task, self.task_description = env.task, env.task_description
@@ -50,19 +50,19 @@ def make_env(
     conditions: str | Sequence[str] | None = None,
     **settings: Any,  # noqa: ANN401 - passed on to LeRobotTaskEnv, which names and checks each
 ) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-    """Return the vector environments of all conditions, as LeRobot's hub wants them.
+    """Return the vector environments of all conditions, as required by LeRobot's hub.
 
     Args:
         n_envs: Environments per condition.
-        use_async_envs: True for one process per environment.
-        cfg: LeRobot's configuration of the environment; its ``task`` stands for ``conditions``, and its attributes
-            named in :data:`SETTINGS` for ``settings``.
+        use_async_envs: Whether each environment has its own process.
+        cfg: LeRobot's configuration of the environment; its ``task`` replaces ``conditions``, and its attributes
+            named in :data:`SETTINGS` replace ``settings``.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
             list or one text separated by commas; default the whole suite better60.
         settings: Further arguments of :class:`LeRobotTaskEnv`, the same for all.
 
     Returns:
-        Suite to number to vector environment; each condition is a suite of its own, so that LeRobot lists its success
+        Vector environments by suite and number; each condition is a separate suite, so that LeRobot lists its success
         rate under its name. Seeds given to a reset are those of ``better eval``: seed 3 is trial 3.
 
     Raises:
@@ -81,7 +81,7 @@ def make_env(
     envs: dict[str, dict[int, VectorEnv[Any, Any, Any]]] = {}
     for task, name in select_conditions(wanted):
         make = functools.partial(LeRobotTaskEnv, task, variation=name, **given)
-        seen = _Seen(make())  # a wrong setting is reported now, not at the first reset
+        seen = _Seen(make())  # report a wrong setting now instead of at the first reset
         env = (
             LazyAsyncVectorEnv([make] * n_envs, group, stand_ins=[seen] * n_envs)
             if use_async_envs

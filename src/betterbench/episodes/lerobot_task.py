@@ -17,11 +17,11 @@ from betterbench.tasks import Truth
 
 
 def ee_state(seen: Observation) -> np.ndarray:
-    """Return the state that policies trained on LIBERO expect.
+    """Return the state for policies trained on LIBERO.
 
     Returns:
         (8,) float32: tool position [m], rotation vector [rad], continuous around a tool that points down, and the
-        positions of both fingers [m], the second one negative, as robosuite counts them.
+        positions of both fingers [m], the second one negative, as in robosuite.
     """
     finger = 0.5 * seen.gripper_width
     w, x, y, z = seen.ee_quaternion.tolist()
@@ -31,7 +31,7 @@ def ee_state(seen: Observation) -> np.ndarray:
 
 
 def joint_state(seen: Observation) -> np.ndarray:
-    """Return the joints, (8,) float32: arm joint positions [rad] and the distance of the finger pads [m]."""
+    """Return the joints, (8,) float32: arm joint positions [rad] and the opening width [m]."""
     return np.array([*seen.joint_positions, seen.gripper_width], dtype=np.float32)
 
 
@@ -44,8 +44,8 @@ STATE_DIM = 8
 class LeRobotTaskEnv(TaskEnv):
     """One task under one condition, with LeRobot's observation keys.
 
-    Observation: ``pixels``, one (height, width, 3) uint8 image per camera, upright as ``better eval`` shows them, and
-    ``agent_pos`` (8,) float32. ``info["is_success"]`` is there at reset and at every step.
+    Observation: ``pixels``, one (height, width, 3) uint8 image per camera, upright as in ``better eval``, and
+    ``agent_pos`` (8,) float32. ``info["is_success"]`` is set at reset and at every step.
 
     Args:
         task: Task id.
@@ -88,7 +88,7 @@ class LeRobotTaskEnv(TaskEnv):
         self._state_of = STATES[state]
         self._names = {name: (cameras or {}).get(name, name) for name in own}
         if len(set(self._names.values())) < len(own):
-            raise InvalidInputError("cameras", "two of them get the same name", "Give each camera a name of its own")
+            raise InvalidInputError("cameras", "two of them have the same name", "Give each camera a different name")
         self.observation_space = spaces.Dict(
             {
                 "pixels": spaces.Dict(
@@ -97,7 +97,7 @@ class LeRobotTaskEnv(TaskEnv):
                         for c in self._spec.cameras
                     }
                 ),
-                # Wider than anything that can happen: joints within 3.8 rad, rotation vectors within 2 pi, and meters.
+                # Wider than all possible values: joints within 3.8 rad, rotation vectors within 2 pi, and meters.
                 "agent_pos": spaces.Box(-7.0, 7.0, (STATE_DIM,), np.float32),
             }
         )

@@ -1,4 +1,4 @@
-"""The conditions that an external loop runs, as its configuration names them."""
+"""The conditions of an external loop, as named in its configuration."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from betterbench.tasks.interventions import condition_names, resolve_condition
 def select_conditions(names: str | Sequence[str] | None) -> tuple[tuple[str, str], ...]:
     """Return the conditions that a list of names selects, each once, as pairs of task and condition.
 
-    A task selects all its conditions, "task/condition" one; one text may hold several, separated by commas. Without
-    names, all of better60 are selected. A name that is unknown raises UnknownNameError.
+    A task selects all its conditions, "task/condition" one; a text may contain several, separated by commas. Without
+    names, all of better60 are selected. An unknown name raises UnknownNameError.
     """
     listed = [n.strip() for n in (names.split(",") if isinstance(names, str) else names or ())]
     found: dict[tuple[str, str], None] = {}

@@ -2,8 +2,8 @@
 
 The packages, from the bottom up: ``planning`` (plan and manifest of a run), ``trials`` (one trial in one process),
 ``workers`` (worker processes of this machine), ``serving`` (policies behind the openpi protocol), ``ray_engine``
-(workers on a Ray cluster), ``running`` (a whole run, your own loop, replay), ``preflight`` (a policy is asked before a
-run) and ``integrations`` (the tasks in other harnesses). ``figures`` renders images of scenes and films of records.
+(workers on a Ray cluster), ``running`` (a whole run, your own loop, replay), ``preflight`` (a policy check
+before a run) and ``integrations`` (the tasks in other harnesses). ``figures`` renders images and videos.
 
 Each public name is imported from its module when it is first used.
 """
@@ -24,12 +24,13 @@ if TYPE_CHECKING:
         render_twin_films,
         write_twin_film,
     )
-    from betterbench.evaluation.planning.plan import Plan, Trial, make_plan, named_trial
+    from betterbench.evaluation.planning.plan import Plan, make_plan, named_trial
     from betterbench.evaluation.preflight.check import Convention, PreflightCheck, run_preflight
     from betterbench.evaluation.running.external_run import ExternalRun
     from betterbench.evaluation.running.replay import ReplayCheck, check_record
     from betterbench.evaluation.running.runner import Progress, evaluate
     from betterbench.evaluation.serving.server import open_server
+    from betterbench.tasks.trial import Trial
 
 __all__ = [
     "Convention",

@@ -1,4 +1,4 @@
-"""What policies see and what they may answer: observations, actions and the protocol between them and an episode."""
+"""Interface between policies and episodes: observations, actions and the policy protocol."""
 
 from betterbench.interface.observation import CameraSpec, Observation, ObservationSpec, observation_spec
 from betterbench.interface.policy import BatchPolicy, EpisodeStart, Execution, Policy, PolicyInfo, episode_number

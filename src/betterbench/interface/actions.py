@@ -1,9 +1,9 @@
-"""Action spaces: the meaning of the numbers of an action, as values that both sides of a handshake compare.
+"""Action spaces: the meaning of each number of an action, as values that both sides of a handshake compare.
 
 The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
-width. Only the sign counts, and the fingers travel at finite speed. That is what LIBERO and robosuite policies expect
-(robosuite adds ``sign(action)`` times a speed to the commanded width at every control step). CALVIN's own action spaces
-have the other sign (:data:`CALVIN_RELATIVE`), and only its world plays them.
+width. Only the sign counts, and the fingers move at finite speed. LIBERO and robosuite policies expect the same
+convention (robosuite adds ``sign(action)`` times a speed to the commanded width at every control step). CALVIN's own
+action spaces have the opposite sign (:data:`CALVIN_RELATIVE`) and are used only in CALVIN.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ ROTATION_PER_UNIT_RAD = 0.5
 """Rotation of one action unit [rad]; the same controller's scale for its axis-angle part."""
 
 JOINT_STEP_PER_UNIT_RAD = 0.1
-"""Joint step of one action unit [rad]: 2.0 rad/s at 20 Hz, just below the slowest Panda joint's limit of 2.175 rad/s.
+"""Joint step of one action unit [rad]: 2.0 rad/s at 20 Hz, just below the limit of the slowest Panda joint, 2.175
+rad/s.
 """
 
 GRIPPER_CONVENTION = (
@@ -34,12 +35,12 @@ GRIPPER_CONVENTION = (
 
 @dataclass(frozen=True, slots=True)
 class ActionSpace:
-    """Declaration of the meaning of the numbers of an action.
+    """Declaration of the meaning of each number of an action.
 
     Attributes:
         name: Name of the action space ("ee_delta").
         components: Name of each number, in order; the last one is always "gripper".
-        units: Unit of each number after multiplication with its scale ("m", "rad", "1").
+        units: Unit of each number after multiplication by its scale ("m", "rad", "1").
         low: Smallest allowed value of each number; smaller ones are clipped, except in CALVIN (:attr:`clips`).
         high: Largest allowed value of each number; larger ones are clipped, except in CALVIN.
         scale: Size of one unit of each number, in ``units``.
@@ -55,7 +56,7 @@ class ActionSpace:
     convention: str
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a part has another number of entries than components, or a bound is not finite."""
+        """Raise InvalidInputError if a part does not have one entry per component, or a bound is not finite."""
         where = f"action space {self.name!r}"
         for part in ("units", "low", "high", "scale"):
             if len(getattr(self, part)) != len(self.components):
@@ -78,39 +79,39 @@ class ActionSpace:
 
     @property
     def neutral(self) -> np.ndarray | None:
-        """The action that asks for no motion, shape (dim,), or None where that depends on the state of the robot."""
+        """The action for no motion, shape (dim,), or None if it depends on the state of the robot."""
         return np.zeros(self.dim) if self.is_delta and self.name not in WORLD_ACTION_SPACES else None
 
     @property
     def is_delta(self) -> bool:
-        """Whether actions are changes (zero means stay) rather than absolute targets."""
+        """Whether actions are changes (zero means no motion) rather than absolute targets."""
         return self.name in _DELTAS
 
     @property
     def clips(self) -> bool:
-        """Whether numbers out of bounds are clipped; CALVIN applies them as they are, and they are only counted."""
+        """Whether out-of-bounds numbers are clipped; CALVIN applies them unchanged and only counts them."""
         return self.name not in WORLD_ACTION_SPACES
 
     def clip(self, action: object) -> np.ndarray:
-        """Return the action as it is applied: a new array, (dim,) float64, inside the bounds if the space clips.
+        """Return the applied action: a new array, (dim,) float64, within the bounds if the space clips.
 
-        Clipping is idempotent, so a recorded action can be applied again and gives the same bits.
+        Clipping is idempotent, so that applying a recorded action again gives the same result.
 
         Raises:
-            InvalidActionError: If the shape or type is wrong or a number is not finite.
+            InvalidActionError: If the shape or type is wrong, or a number is not finite.
         """
         given = action if isinstance(action, np.ndarray) else _as_array(action, self.name)
         if given.dtype.kind not in "fiu":
             raise InvalidActionError(
-                f"{self.name} action: its type is {given.dtype}, not a real number. Send float32 or float64."
+                f"{self.name} action: expected real numbers, got {given.dtype}. Send float32 or float64."
             )
         if given.shape != (len(self.components),):
             raise InvalidActionError(
-                f"{self.name} action: its shape is {given.shape}, not ({self.dim},). "
+                f"{self.name} action: expected shape ({self.dim},), got {given.shape}. "
                 f"Send one action of {self.dim} numbers: {', '.join(self.components)}."
             )
-        # Plain floats in a plain loop: between two physics steps the caches are cold, and an array operation takes 3 us
-        # instead of 1, a chain of `all` and `map` twice as long as the loop.
+        # A plain loop over floats: between two physics steps the caches are cold, and an array operation takes 3 us
+        # instead of 1. A chain of `all` and `map` takes twice as long as the loop.
         values: list[float] = given.tolist()
         for value, low, high in zip(values, self.low, self.high, strict=True):
             if not low <= value <= high:
@@ -126,19 +127,19 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def count_clipped(self, actions: np.ndarray) -> int:
-        """Return the number of actions, shape (n, dim), that have a number out of bounds, clipped or not."""
+        """Return the number of actions, shape (n, dim), with at least one number out of bounds, clipped or not."""
         if not len(actions):
             return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))
         return int(outside.any(axis=1).sum())
 
     def _refuse(self, values: list[float]) -> NoReturn:
-        """Raise an error that names the components which are not finite."""
+        """Raise an error that names the components that are not finite."""
         bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values, strict=True) if not math.isfinite(v))
-        raise InvalidActionError(f"{self.name} action: {bad}. Send finite numbers only.")
+        raise InvalidActionError(f"{self.name} action: {bad}. Send only finite numbers.")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which also travels in policy handshakes."""
+        """Return the JSON form, which policy handshakes also use."""
         return {
             "name": self.name,
             "components": list(self.components),
@@ -151,7 +152,7 @@ class ActionSpace:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any]) -> ActionSpace:
-        """Read the JSON form; InvalidInputError if a field is missing, unknown or of the wrong type."""
+        """Read the JSON form. Raises InvalidInputError if a field is missing, unknown or of the wrong type."""
         try:
             texts = {name: tuple(str(v) for v in form[name]) for name in ("components", "units")}
             numbers = {name: tuple(float(v) for v in form[name]) for name in ("low", "high", "scale")}
@@ -163,12 +164,12 @@ class ActionSpace:
 
 
 def _as_array(action: object, name: str) -> np.ndarray:
-    """Return an array of the given sequence, or raise InvalidActionError."""
+    """Return the given sequence as an array. Raises InvalidActionError if that is impossible."""
     try:
         return np.asarray(action)
     except (TypeError, ValueError) as error:
         raise InvalidActionError(
-            f"{name} action: it is not an array of numbers ({error}). Send a flat numpy array."
+            f"{name} action: expected an array of numbers ({error}). Send a flat numpy array."
         ) from error
 
 
@@ -177,7 +178,7 @@ _JOINTS = (*(f"joint{i}" for i in range(1, 8)), "gripper")
 
 
 def _twist(name: str, reference: str) -> ActionSpace:
-    """Return an action space of translation and rotation vector, both added to a reference pose."""
+    """Return an action space of a translation and a rotation vector, both added to a reference pose."""
     return ActionSpace(
         name=name,
         components=_TWIST,
@@ -200,7 +201,7 @@ EE_POSE = ActionSpace(
     name="ee_pose",
     components=("x", "y", "z", "qw", "qx", "qy", "qz", "gripper"),
     units=("m", "m", "m", "1", "1", "1", "1", "1"),
-    # A ball of the Panda's largest reach (0.855 m to the flange, Franka's data sheet) and the tool fits in this box.
+    # A ball with the Panda's reach (0.855 m to the flange, Franka's data sheet) plus the tool fits in this box.
     low=(-1.2, -1.2, -0.5, -1.0, -1.0, -1.0, -1.0, -1.0),
     high=(1.2, 1.2, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0),
     scale=(1.0,) * 8,
@@ -214,7 +215,7 @@ JOINT_POSITION = ActionSpace(
     name="joint_position",
     components=_JOINTS,
     units=("rad",) * 7 + ("1",),
-    # The Panda's own joint limits are narrower and are enforced by the controller.
+    # The Panda's joint limits are narrower; the controller enforces them.
     low=(-math.pi,) * 7 + (-1.0,),
     high=(math.pi,) * 3 + (math.pi,) * 2 + (4.0, math.pi, 1.0),
     scale=(1.0,) * 8,
@@ -234,7 +235,7 @@ JOINT_DELTA = ActionSpace(
 ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)
 }
-"""The action spaces of our own scenes."""
+"""The action spaces of betterbench's own scenes."""
 
 CALVIN_RELATIVE = ActionSpace(
     name="calvin_relative",
@@ -249,16 +250,16 @@ CALVIN_RELATIVE = ActionSpace(
     ),
 )
 """CALVIN's relative actions (calvin_env@797142c, ``robot/robot.py``: ``relative_to_absolute``, ``max_rel_pos``,
-``max_rel_orn``; the gripper as its wrapper ``play_lmp_wrapper.py`` makes it 1 or -1)."""
+``max_rel_orn``). The gripper is 1 or -1, as in its wrapper ``play_lmp_wrapper.py``."""
 
 _UNBOUNDED = 1000.0
-"""Bound of a number that its world does not clip; it stops values that cannot be a position or an angle."""
+"""Bound for numbers that a world does not clip; it rejects values that cannot be a position or an angle."""
 
 _CALVIN_GRIPPER = "gripper: positive opens, anything else closes"
 
 
 def _calvin(name: str, rotation: tuple[str, ...], convention: str) -> ActionSpace:
-    """Return an action space of CALVIN in meters and radians, which its world does not clip."""
+    """Return an action space of CALVIN in meters and radians, which is not clipped."""
     components = ("x", "y", "z", *rotation, "gripper")
     units = ("m",) * 3 + ("rad" if len(rotation) == len("xyz") else "1",) * len(rotation) + ("1",)
     bound = (_UNBOUNDED,) * len(components)
@@ -273,14 +274,15 @@ CALVIN_ABSOLUTE = _calvin(
     ("roll", "pitch", "yaw"),
     "CALVIN's world frame; absolute position, then angles about the fixed axes x, y, z",
 )
-"""CALVIN's absolute actions with angles (calvin_env@797142c, ``robot/robot.py``: ``apply_action`` of three parts)."""
+"""CALVIN's absolute actions with Euler angles (calvin_env@797142c, ``robot/robot.py``: ``apply_action`` with three
+parts)."""
 
 CALVIN_ABSOLUTE_QUATERNION = _calvin(
     "calvin_absolute_quaternion",
     ("qx", "qy", "qz", "qw"),
     "CALVIN's world frame; absolute position, then a quaternion (x, y, z, w)",
 )
-"""The same with a quaternion, as PyBullet takes it."""
+"""CALVIN's absolute actions with a quaternion, in the order of PyBullet."""
 
 CALVIN_DELTA = _calvin(
     "calvin_delta",
@@ -288,8 +290,8 @@ CALVIN_DELTA = _calvin(
     "CALVIN's world frame; meters and angles about the fixed axes x, y, z, added to the last commanded pose, which is "
     "the measured one where an instruction begins; the sum is played as an absolute pose",
 )
-"""Deltas as vla-evaluation-harness adds them up (``benchmarks/calvin/benchmark.py``: ``_process_delta_action``); angles
-are kept in [-pi, pi), and the pose is rounded to float32 before it is played."""
+"""Delta actions as accumulated by vla-evaluation-harness (``benchmarks/calvin/benchmark.py``:
+``_process_delta_action``). Angles are kept in [-pi, pi), and the pose is rounded to float32 before it is applied."""
 
 LIBERO_ABSOLUTE = ActionSpace(
     name="libero_absolute",
@@ -303,28 +305,27 @@ LIBERO_ABSOLUTE = ActionSpace(
         f"{GRIPPER_CONVENTION}"
     ),
 )
-"""Absolute poses for robosuite's OSC_POSE with ``use_delta`` switched off after settling, as X-VLA's client and
-vla-evaluation-harness (``absolute_action``) play LIBERO."""
+"""Absolute poses for robosuite's OSC_POSE with ``use_delta`` switched off after settling, as in X-VLA's client and in
+vla-evaluation-harness (``absolute_action``) for LIBERO."""
 
 WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space
     for space in (CALVIN_RELATIVE, CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, LIBERO_ABSOLUTE)
 }
-"""The action spaces that only a foreign world plays."""
+"""The action spaces that only worlds other than ours play."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "": tuple(ACTION_SPACES),
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
-    "libero_plus": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }
-"""The action spaces that a world plays, its usual one first; the empty name stands for our own scenes."""
+"""Action spaces in the conventions of each world, the usual one first; the empty name stands for our own scenes."""
 
 _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name, CALVIN_DELTA.name})
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return a registered action space by name, of our own scenes or of a foreign world."""
+    """Return a registered action space by name, of our own scenes or of another world."""
     known = ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]

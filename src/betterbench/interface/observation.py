@@ -1,4 +1,4 @@
-"""Observations: what a policy is allowed to see, with every convention as a value."""
+"""Observations: the inputs that a policy may see, with every convention as a value."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """One camera of an observation: its name in the scene, and the size of its image [pixel]."""
+    """One camera of an observation: its name in the scene, and its image size [pixel]."""
 
     name: str
     width: int = 256
@@ -26,7 +26,8 @@ class ObservationSpec:
 
     Attributes:
         depth: True to add depth images [m].
-        masks: True to add instance masks. Both are privileged and are refused for real policies unless asked for.
+        masks: True to add instance masks. Depth and masks are privileged and refused for real policies unless
+            requested.
     """
 
     name: str
@@ -35,7 +36,7 @@ class ObservationSpec:
     masks: bool = False
 
     def only(self, cameras: Collection[str] | None) -> ObservationSpec:
-        """Return this with only these of its cameras, all of them if None; UnknownNameError if it lacks one."""
+        """Return the preset restricted to some of its cameras, or unchanged for None. Raises UnknownNameError."""
         if cameras is None:
             return self
         known = {camera.name: camera for camera in self.cameras}
@@ -72,9 +73,9 @@ def observation_spec(name: str) -> ObservationSpec:
     """Return an observation preset by name.
 
     The presets are "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views of the paper's
-    own release), "droid" (from beside the robot and from the wrist, 320 x 180, as policies trained on DROID see),
-    "calvin" (front, 200 x 200, and wrist, 84 x 84, the sizes of CALVIN), "calvin_depth" (the same with depth images)
-    and "state_only" (proprioception and the instruction alone).
+    release), "droid" (side and wrist views, 320 x 180, for policies trained on DROID), "calvin" (front, 200 x 200, and
+    wrist, 84 x 84, as in CALVIN), "calvin_depth" (the same with depth images) and "state_only" (only proprioception and
+    instruction).
     """
     try:
         return _PRESETS[name]
@@ -89,7 +90,7 @@ class Observation:
     Attributes:
         instruction: Instruction of the task.
         step: Control steps taken since reset.
-        images: Per camera an upright RGB image, (height, width, 3) uint8.
+        images: Upright RGB image per camera, (height, width, 3) uint8.
         joint_positions: (7,) arm joint angles [rad].
         joint_velocities: (7,) arm joint velocities [rad/s].
         ee_position: (3,) tool center point in the robot base frame [m].
@@ -97,7 +98,7 @@ class Observation:
         gripper_width: Distance of the finger pads [m].
         depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless asked for.
         masks: Per camera (height, width) int32 instance ids; empty unless asked for.
-        native: In a foreign world, what its own clients read of the state, by the names of our state parts; else empty.
+        native: State as the clients of another world read it, by the names of our state parts; else empty.
     """
 
     instruction: str

@@ -1,4 +1,4 @@
-"""The protocol between an episode and a policy that sees only observations."""
+"""Protocol between an episode and a policy that sees only observations."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class Execution:
     """Execution settings of action chunks: horizon, requests ahead of time, and temporal ensembling.
 
     Attributes:
-        horizon: Actions of each chunk that are executed before the policy is asked again; None for all of them.
-        ahead: Control steps before the end of a chunk at which the next one is asked for, while the rest of the old
-            one is executed. As many actions of the new chunk, whose steps have passed by then, are dropped. With 0 the
-            simulation waits for every answer.
-        ensemble: None, or the rate m of temporal ensembling: the policy is asked at every step, and the action of a
-            step is the mean of all that were predicted for it, weighted by exp(-m i) with i = 0 for the oldest
-            prediction (Zhao et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A
-            negative rate gives more weight to newer predictions.
+        horizon: Number of actions of each chunk that are executed before the next request; None for all of them.
+        ahead: Number of control steps before the end of a chunk at which the next one is requested. The rest of the old
+            chunk is executed meanwhile, and the same number of actions at the beginning of the new chunk is dropped,
+            because their steps have passed. With 0, the simulation waits for every answer.
+        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action of a
+            step is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction (Zhao
+            et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A negative rate
+            gives newer predictions more weight.
     """
 
     horizon: int | None = None
@@ -42,7 +42,7 @@ class Execution:
     ensemble: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a value has the wrong type or is out of range, or two exclude each other."""
+        """Raise InvalidInputError if a value has the wrong type, is out of range, or excludes another one."""
         for name, kind, words in _EXECUTION_KINDS:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, kind):
@@ -59,17 +59,17 @@ class Execution:
             raise InvalidInputError("ensemble", f"{self.ensemble:g} is out of range", "Give a rate; 0.01 is usual")
         if self.ensemble is not None and (self.ahead or self.horizon is not None):
             raise InvalidInputError(
-                "ensemble", "asks at every step, so it excludes horizon and ahead", "Give one or the other"
+                "ensemble", "calls the policy at every step, so it excludes horizon and ahead", "Give one or the other"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStart:
-    """Message to a policy at the start of an episode; it does not reveal whether the condition is for training or test.
+    """Message to a policy at the start of an episode. It does not reveal whether the condition is a training condition.
 
     Attributes:
-        episode: Number that a policy may seed its random numbers with, by :func:`episode_number`.
-        action_space: Name of the action space in force ("ee_delta").
+        episode: Number that a policy may use as a random seed; see :func:`episode_number`.
+        action_space: Name of the current action space ("ee_delta").
     """
 
     instruction: str
@@ -78,9 +78,9 @@ class EpisodeStart:
 
 
 def episode_number(seed: int) -> int:
-    """Return the number of an episode as policies see it, from 0 to 2**31 - 1.
+    """Return the episode number that policies receive, from 0 to 2**31 - 1.
 
-    A trial and its twin have the same number. It is a hash of the trial's seed, because the seed is part of its name.
+    A trial and its twin have the same number. It is a hash of the trial's seed.
     """
     return int.from_bytes(hashlib.sha256(f"betterbench episode {seed}".encode()).digest()[:4], "big") >> 1
 
@@ -90,14 +90,14 @@ class PolicyInfo:
     """Description of a policy, given by the policy itself and stored with the run.
 
     Attributes:
-        name: Address by which the policy was asked for.
-        action_space: Action space in which it answers.
-        needs_images: False if it uses no image, so that none is rendered for it.
-        cameras: Cameras of the run's observation that it looks at, so that no other is rendered; None for all.
+        name: Address under which the policy was requested.
+        action_space: Action space of its answers.
+        needs_images: False if it uses no images, so that none are rendered.
+        cameras: Cameras of the observation that it uses, so that no others are rendered; None for all.
         metadata: Texts by name (checkpoint, revision, server); they are copied.
         execution: Execution settings of its action chunks.
-        heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
-            batches (:class:`BatchPolicy`); otherwise there is one worker unless more are requested.
+        heavy: True if it keeps model weights in this process. All workers of a run then share one instance if it
+            accepts batches (:class:`BatchPolicy`). Otherwise a run uses one worker unless more are requested.
     """
 
     name: str
@@ -109,7 +109,7 @@ class PolicyInfo:
     cameras: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the types, because users write their own; raise InvalidInputError or UnknownNameError."""
+        """Raise InvalidInputError or UnknownNameError for invalid fields, because users define them."""
         for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__
@@ -129,44 +129,44 @@ class PolicyInfo:
             isinstance(cameras, tuple | list) and all(isinstance(name, str) for name in cameras)
         ):
             raise InvalidInputError(
-                "PolicyInfo: cameras", "they are no names", "Give names of cameras, or None for all"
+                "PolicyInfo: cameras", "they are not names", "Give names of cameras, or None for all"
             )
-        # Not every kind of mapping can be sent to another process.
+        # Some kinds of mapping cannot be sent to another process.
         object.__setattr__(self, "metadata", dict(self.metadata))
-        if self.action_space:  # empty for a replay, whose records name theirs
+        if self.action_space:  # empty for a replay, because each record names its own
             action_space(self.action_space)
 
 
 class Policy(Protocol):
-    """A policy that sees only what an :class:`Observation` shows."""
+    """A policy that sees only an :class:`Observation`."""
 
     @property
     def info(self) -> PolicyInfo:
-        """Description of the policy, which is stored with the run."""
+        """Description of the policy, stored with the run."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode and prepare for the next one."""
+        """Reset the state of the policy for a new episode."""
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions: (horizon, dim), to execute one after the other, or (dim,) for one action."""
+        """Return the next actions, (horizon, dim), to execute in order, or a single action, (dim,)."""
 
 
 @runtime_checkable
 class BatchPolicy(Policy, Protocol):
-    """A policy that answers the observations of many environments at once.
+    """A policy that processes the observations of many environments at once.
 
-    Each answer depends on its observation alone. ``reset`` is called when an episode begins in any environment.
+    Each answer depends only on its observation. ``reset`` is called when an episode begins in any environment.
     """
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
-        """Return one array per observation, in their order, each as :meth:`Policy.act` returns it."""
+        """Return one array per observation, in order, as :meth:`Policy.act` does."""
 
 
 def require_policy(policy: object, where: str) -> None:
-    """Check that an object has what a :class:`Policy` needs.
+    """Check that an object implements :class:`Policy`.
 
     Raises:
-        InvalidInputError: If it is a class and no instance, or lacks ``info``, ``reset`` or ``act``.
+        InvalidInputError: If it is a class instead of an instance, or lacks ``info``, ``reset`` or ``act``.
     """
     if isinstance(policy, type):
         raise InvalidInputError(where, f"{policy.__name__} is a class", f"Give an instance: {policy.__name__}(...)")

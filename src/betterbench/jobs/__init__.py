@@ -1,15 +1,51 @@
-"""Resumable jobs: journals that survive a crash, locks on folders and files, retries, and worker processes.
+"""Resumable jobs: a plan of items, a journal or files that survive a crash, workers, and child processes.
 
-``places`` and ``lock`` guard a folder or a file against a second writer, ``durable`` writes whole files or none,
-``line_journal`` appends what is finished, and ``outputs`` is the folder of a command that is not a run. ``retries``
-counts failed attempts; ``item_threads`` and ``ahead`` work on several items at once; ``worker_process``,
-``process_output`` and ``leftovers`` start child processes, read what they print, and end those that outlive their
-parent.
+- ``job``: runs the items of a plan that are not done yet and keeps each result (:func:`run_items`), in a locked folder
+  (:func:`job_folder`). ``conflict`` refuses a folder that holds other files or another job.
+- ``item_processes``, ``item_threads``, ``retries``: work on several items at once; what died is tried again alone.
+- ``line_journal``, ``durable``: one synced line per finished item, and files that are complete or absent.
+- ``lock``, ``places``, ``outputs``: one writer per folder or file, no link out of it, and nothing of others replaced.
+- ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their end with the parent.
+- ``ahead``: items that a thread makes before they are needed.
 """
 
-from betterbench.jobs.durable import write_durably
-from betterbench.jobs.line_journal import LineJournal
-from betterbench.jobs.lock import RunLock
-from betterbench.jobs.retries import RetryLedger
+from typing import TYPE_CHECKING
 
-__all__ = ["LineJournal", "RetryLedger", "RunLock", "write_durably"]
+from betterbench.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from betterbench.jobs.durable import write_durably
+    from betterbench.jobs.item_processes import in_processes
+    from betterbench.jobs.item_threads import in_threads
+    from betterbench.jobs.job import JobProgress, OnCount, counts, job_folder, run_items
+    from betterbench.jobs.line_journal import LineJournal
+    from betterbench.jobs.lock import RunLock
+    from betterbench.jobs.retries import RetryLedger
+
+__all__ = [
+    "JobProgress",
+    "LineJournal",
+    "OnCount",
+    "RetryLedger",
+    "RunLock",
+    "counts",
+    "in_processes",
+    "in_threads",
+    "job_folder",
+    "run_items",
+    "write_durably",
+]
+
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "durable": ("write_durably",),
+            "item_processes": ("in_processes",),
+            "item_threads": ("in_threads",),
+            "job": ("JobProgress", "OnCount", "counts", "job_folder", "run_items"),
+            "line_journal": ("LineJournal",),
+            "lock": ("RunLock",),
+            "retries": ("RetryLedger",),
+        },
+    )

@@ -59,9 +59,9 @@ class _Ahead(Generic[ItemT]):
 
 @contextmanager
 def ahead(items: Iterator[ItemT], most: int) -> Iterator[Iterator[ItemT]]:
-    """Give the items of an iterator, which a thread takes up to so many ahead; what it raises is raised here.
+    """Yield the items of an iterator, which a thread prefetches up to ``most`` ahead; its errors are raised here.
 
-    The thread ends with the context, after the item that it is waiting for.
+    The thread ends with the context, after its current item.
     """
     with closing(_Ahead(items, max(1, most))) as taken:
         yield iter(taken)

@@ -18,17 +18,17 @@ from betterbench.jobs.lock import LOCK_NAME, is_locked, require_held
 from betterbench.jobs.places import claim_of, naming, require_guarded
 
 PART_SUFFIX = ".part"
-"""Ending of a file that is still being written; what carries it after a crash can be deleted."""
+"""Suffix of an unfinished file; such files can be deleted after a crash."""
 
 _PART = re.compile(rf"\..+\.[a-z0-9_]{{3,8}}{re.escape(PART_SUFFIX)}", re.DOTALL)
-"""Names that ``tempfile`` gives."""
+"""Pattern of the names made by ``tempfile``."""
 
 
 class DurableFile:
-    """A file that is written bit by bit beside its final place, and is there when it is finished and not before.
+    """A file that is written beside its final place and moved there when it is finished.
 
-    A context manager, which removes what is not finished. A reader sees the old file or the new one, never a part.
-    Missing folders are made.
+    A context manager, which removes an unfinished file. A reader sees the old file or the new one, never a part.
+    Missing folders are created.
 
     Attributes:
         file: The open file to write to.
@@ -36,10 +36,10 @@ class DurableFile:
 
     Raises:
         StorageError: If the disk is full, broken or protected, here or while the context manager is open, or if the
-            folder that this process has locked was removed or moved.
-        OSError: If the place cannot be written for another reason; it names the file, and not its part.
-        InvalidInputError: If a link leads out of the folder that this process has locked.
-        RunConflictError: If something stands there that the owner of the folder did not write.
+            folder locked by this process was removed or moved.
+        OSError: If the place cannot be written for another reason; it names the final file instead of its part.
+        InvalidInputError: If a link leads out of the folder locked by this process.
+        RunConflictError: If the place contains a file that the owner of the folder did not write.
     """
 
     def __init__(self, path: Path) -> None:
@@ -59,18 +59,18 @@ class DurableFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError):  # of a full disk, raised before
+        with contextlib.suppress(OSError):  # of a full disk, already raised
             self.file.close()
-        with contextlib.suppress(OSError):  # it is at its place, or its folder is gone or protected
+        with contextlib.suppress(OSError):  # it was already moved, or its folder is gone or protected
             self.part.unlink()
-        if isinstance(error, OSError) and error.filename is None:  # of a write, which does not say where
+        if isinstance(error, OSError) and error.filename is None:  # write errors have no file name
             with on_disk(self._path):
                 raise error
 
     def finish(self) -> None:
-        """Force the file to disk and put it at its place.
+        """Flush the file to disk and move it to its place.
 
-        Raises StorageError if its folder is not there any more, and OSError.
+        Raises StorageError if its folder no longer exists, and OSError.
         """
         self.file.flush()
         os.fchmod(self.file.fileno(), 0o644)
@@ -90,7 +90,7 @@ class DurableFile:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Write a whole file as :class:`DurableFile` does.
+    """Write a whole file like :class:`DurableFile`.
 
     Raises:
         OSError: If the disk is full or the place cannot be written; nothing is left behind then.
@@ -101,14 +101,14 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Tell whether a file has the name of a :class:`DurableFile` that is still being written."""
+    """Tell whether a file has the name of an unfinished :class:`DurableFile`."""
     return _PART.fullmatch(path.name) is not None
 
 
 def remove_parts(folder: Path) -> None:
-    """Delete what killed processes left half-written in a folder and below; the caller holds the lock of the folder.
+    """Delete unfinished files of killed processes in a folder and below; the caller holds the lock of the folder.
 
-    A folder below whose own lock is held is left alone: somebody is writing there.
+    A folder below with its own held lock is skipped, because another process is writing there.
     """
     for place, folders, files in os.walk(folder):
         inside = Path(place)
@@ -119,7 +119,7 @@ def remove_parts(folder: Path) -> None:
 
 
 def remove_parts_of(file: Path) -> None:
-    """Delete what killed processes left half-written of a single file; the caller holds the lock of that file."""
+    """Delete the unfinished part of a single file left by killed processes; the caller holds the lock of that file."""
     for part in file.parent.glob(f".{glob.escape(file.name)}.*{PART_SUFFIX}"):
         if is_part(part) and part.name.count(".") == file.name.count(".") + 3:
             part.unlink(missing_ok=True)
@@ -138,7 +138,7 @@ def on_disk(path: Path) -> Iterator[None]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Force the names in a folder to disk, so that a rename survives a power cut."""
+    """Flush the names in a folder to disk, so that a rename survives a power cut."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)

@@ -1,12 +1,12 @@
-"""Many items, such as the trials of a run, over threads that each keep a resource, such as a drawing process."""
+"""Processing of many items, such as the trials of a run, in threads with a resource each, such as a renderer."""
 
 from __future__ import annotations
 
+import itertools
 import threading
-from collections import deque
-from collections.abc import Callable, Iterable
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager, ExitStack
 from typing import Protocol, TypeVar
 
 from betterbench.errors import require_between
@@ -18,63 +18,83 @@ class Stoppable(Protocol):
     """A resource of a thread."""
 
     def stop(self) -> None:
-        """Let whatever waits for the resource, in any thread, end soon with an error."""
+        """Make any thread that waits for the resource end soon with an error."""
+
+
+class NoResource(AbstractContextManager["NoResource"]):
+    """Resource of a thread whose work needs none."""
+
+    def stop(self) -> None:
+        """Do nothing."""
+
+    def __exit__(self, *_: object) -> None:
+        """Do nothing."""
 
 
 WorkT = TypeVar("WorkT")
+FoundT = TypeVar("FoundT")
 ResourceT = TypeVar("ResourceT", bound=Stoppable)
 
 
 def in_threads(
     items: Iterable[WorkT],
-    work: Callable[[ResourceT, WorkT], None],
+    work: Callable[[ResourceT, WorkT], FoundT],
     *,
     workers: int,
     open_resource: Callable[[], AbstractContextManager[ResourceT]],
-    on_done: Callable[[WorkT], None],
-) -> None:
-    """Work on each item once, begun in the order given; what is left behind must not depend on the number of workers.
+    in_order: bool = False,
+) -> Iterator[FoundT]:
+    """Yield the result of each item; items are begun in the order given, at most ``workers`` before one has ended.
 
-    After an error, or Ctrl-C, no further item is begun, the resources are stopped, and the first error is raised when
-    all threads have ended. ``on_done`` is called after each item, by one thread at a time.
+    What is left behind must not depend on the number of workers. After an error, after Ctrl-C, or when the iterator is
+    closed, no further item is begun, the resources are stopped, and the error is raised when all threads have ended.
 
-    Raises InvalidInputError if the number of workers is out of range.
+    Args:
+        items: The items.
+        work: Works on one item with the resource of its thread.
+        workers: Number of threads.
+        open_resource: Opens the resource of a thread.
+        in_order: Yield results in the order of the items, and not as they come.
+
+    Raises:
+        InvalidInputError: If the number of workers is out of range.
     """
     require_between("--workers", workers, 1, MOST_THREADS)
-    waiting, lock = deque(items), threading.Lock()
-    resources: list[ResourceT] = []
-    problems: list[BaseException] = []
+    own, lock, resources = threading.local(), threading.Lock(), list[ResourceT]()
+    stopped = threading.Event()
+    waiting, pending = iter(items), list[Future[FoundT]]()
 
-    def stop() -> None:
-        with lock:
-            waiting.clear()
-            for resource in resources:
-                resource.stop()
-
-    def take() -> tuple[WorkT] | None:
-        with lock:
-            return (waiting.popleft(),) if waiting else None
-
-    def run() -> None:
-        try:
-            with open_resource() as resource:
-                with lock:
-                    resources.append(resource)
-                while (taken := take()) is not None:
-                    work(resource, *taken)
-                    with lock:
-                        on_done(*taken)
-        except BaseException as problem:
+    def run(item: WorkT) -> FoundT:
+        if not hasattr(own, "resource"):
+            opened = open_resource()
+            own.resource = opened.__enter__()
             with lock:
-                problems.append(problem)
-            raise
+                closing.push(opened)
+                resources.append(own.resource)
+            if stopped.is_set():  # while it was opened
+                own.resource.stop()
+        return work(own.resource, item)
 
-    with ThreadPoolExecutor(max(1, min(workers, len(waiting)))) as pool:
-        futures = [pool.submit(run) for _ in range(min(workers, len(waiting)))]
+    with ExitStack() as closing, ThreadPoolExecutor(workers) as pool:
         try:
-            wait(futures, return_when=FIRST_EXCEPTION)
+            while True:
+                pending += [pool.submit(run, item) for item in itertools.islice(waiting, workers - len(pending))]
+                if not pending:
+                    return
+                done = {future for future in pending if future.done()}
+                for future in done:
+                    if (problem := future.exception()) is not None:
+                        raise problem
+                ended = next((f for f in (pending[:1] if in_order else pending) if f in done), None)
+                if ended is None:
+                    wait([future for future in pending if future not in done], return_when=FIRST_COMPLETED)
+                else:
+                    pending.remove(ended)
+                    yield ended.result()
         finally:
-            if any(not future.done() for future in futures) or problems:
-                stop()
-    if problems:
-        raise problems[0]
+            stopped.set()
+            for future in pending:
+                future.cancel()
+            with lock:
+                for resource in resources:
+                    resource.stop()

@@ -12,13 +12,13 @@ _ROUNDS = 5
 
 
 def end_leftovers(variable: str, value: str, session: int) -> None:
-    """End all processes of a session, and all whose environment had a variable with this value when they began.
+    """End all processes of a session, and all whose environment had a variable with this value at their start.
 
-    A child may leave the group and the session of its parent, but a fork keeps the environment. Where there is no
-    ``/proc``, nothing happens.
+    A child may leave the group and the session of its parent, but a fork keeps the environment. Without ``/proc``, this
+    does nothing.
     """
     mark = f"{variable}={value}".encode()
-    for _ in range(_ROUNDS):  # they may be starting more
+    for _ in range(_ROUNDS):  # they may start further processes
         found = list(_marked(mark, session))
         if not found:
             return

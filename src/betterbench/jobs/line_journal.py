@@ -1,7 +1,7 @@
 """An append-only file of JSON lines that survives a killed process and a full disk.
 
-Each line holds a link, the SHA-256 of the link before it and of the line itself, so that a line that is changed, left
-out or moved is noticed. A last line without its end is a lost tail: it does not count, and that is said.
+Each line contains a link, the SHA-256 of the previous link and of the line itself, so that a changed, missing or moved
+line is detected. An incomplete last line is a lost tail: it is ignored with a warning.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.json_form import dump_json, form_errors, open_ordinary, parse_j
 from betterbench.quoting import json_line
 
 MAX_BYTES = 1 << 30
-"""Largest journal that is read; a line takes some 600 bytes."""
+"""Largest journal that is read [byte]; a line takes about 600 bytes."""
 
 LINK = "link"
 """Key of a line's link."""
@@ -33,11 +33,11 @@ logger = logging.getLogger(__name__)
 class LineJournal:
     """A file of JSON lines, open for appending by one process at a time.
 
-    Opening locks the folder (RunConflictError if another process holds the lock), hands all complete lines to
-    :meth:`_take_in` and cuts off a last line that a killed process left unfinished. Each line that is appended is on
-    disk when :meth:`_append_line` returns. A file that somebody else removes, replaces or cuts meanwhile is written
-    again. With ``alone`` the file is locked, and not its folder. With ``renews`` that holds for the whole folder too,
-    whose owner makes the other files anew; otherwise StorageError is raised.
+    Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
+    :meth:`_take_in` and removes an unfinished last line of a killed process. Each appended line is on disk when
+    :meth:`_append_line` returns. A file that is removed, replaced or truncated by another program is written again.
+    With ``alone`` only the file is locked, not its folder. With ``renews`` the whole folder may be removed, because its
+    owner writes the other files again; otherwise StorageError is raised.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
@@ -62,15 +62,15 @@ class LineJournal:
 
     @property
     def is_empty(self) -> bool:
-        """True if the file holds no complete line."""
+        """True if the file has no complete line."""
         return self._length == 0
 
     def _take_in(self, lines: list[bytes]) -> None:
-        """Read the lines that the file holds when it is opened."""
+        """Read the existing lines of the file when it is opened."""
         raise NotImplementedError
 
     def _append_line(self, form: object) -> None:
-        """Append a JSON value and force it to disk; if that raises an OSError, the file is as it was before."""
+        """Append a JSON value and flush it to disk; after an OSError, the file is unchanged."""
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
             raise ValueError(msg)
@@ -91,7 +91,7 @@ class LineJournal:
         self._content += line
 
     def restore(self) -> bool:
-        """Write the file again if somebody else has removed, replaced or changed it since it was opened; tell so."""
+        """Write the file again if it was removed, replaced or changed since it was opened; return whether it was."""
         if self._handle is None or (
             self._stands_there(self._handle) and os.pread(self._handle, self._length, 0) == self._content
         ):
@@ -100,7 +100,7 @@ class LineJournal:
         return True
 
     def _stands_there(self, handle: int) -> bool:
-        """Tell whether the open file is still the one at its path, and as long as it was written."""
+        """Tell whether the open file is still the one at its path, with the written length."""
         ours = os.fstat(handle)
         try:
             there = os.lstat(self._path)
@@ -109,13 +109,13 @@ class LineJournal:
         return (there.st_dev, there.st_ino, there.st_size) == (ours.st_dev, ours.st_ino, self._length)
 
     def _write_again(self, handle: int) -> None:
-        logger.warning("%s was removed or changed by somebody else and is written again", self._path)
+        logger.warning("%s was removed or changed by another program and is written again", self._path)
         write_durably(self._path, bytes(self._content))
         self._handle = open_in_place(self._path)
         os.close(handle)
 
     def close(self) -> None:
-        """Close the file and release the lock; harmless when closed."""
+        """Close the file and release the lock; harmless if already closed."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -131,13 +131,13 @@ class LineJournal:
 
 
 def link_after(before: str, form: Mapping[str, object]) -> str:
-    """Return the link of a line from the link before it, "" for the first line, and its other fields."""
+    """Return the link of a line from the previous link, "" for the first line, and its other fields."""
     return hashlib.sha256(before.encode("ascii") + dump_json(form)).hexdigest()
 
 
 def not_following(where: str, cure: str) -> RecordError:
     """Return the error of a line whose link does not fit."""
-    return RecordError(f"{where} does not follow from the lines before it: one was changed, left out or moved. {cure}.")
+    return RecordError(f"{where} does not follow from the lines before it: one was changed, removed or moved. {cure}.")
 
 
 def linked_forms(
@@ -147,14 +147,14 @@ def linked_forms(
 
     Args:
         path: File for the error.
-        lines: Its lines, or those after some that were read before.
-        cure: Remedy for a line that was changed.
+        lines: Its lines, or those after some that were read earlier.
+        cure: Remedy for a changed line.
         first: Number of the first of them.
-        before: Link of the line before.
-        needed: False for a file that earlier versions may have begun, whose first lines have no links. It is said.
+        before: Link of the previous line.
+        needed: False for a file that earlier versions may have begun, whose first lines have no links; this is logged.
 
     Raises:
-        RecordError: If a line is no JSON object, or does not follow from the lines before it.
+        RecordError: If a line is not a JSON object, or does not follow from the lines before it.
     """
     linked = needed
     for number, line in enumerate(lines, start=first):
@@ -175,15 +175,15 @@ def linked_forms(
 
 
 def _require_begun(path: Path, begun: bytes) -> None:
-    """Refuse to cut off what is not the beginning of a line, or zeros where the machine went down."""
+    """Refuse to truncate anything but the beginning of a line, or zeros after a crash of the machine."""
     if begun not in (b"{", b"\0"):
         raise RecordError(f"{path}: does not end as a journal does. Restore the file from a copy.")
 
 
 def complete_lines(path: Path) -> tuple[list[bytes], int]:
-    """Return the complete lines of a file, a missing one being empty, and how many bytes they take.
+    """Return the complete lines of a file, empty if it is missing, and their size in bytes.
 
-    What follows the last line break is left out: it is the tail of a line that was lost, or is being written.
+    The part after the last line break is ignored: it is a lost tail, or is being written.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_BYTES, cure="Restore the file from a copy", raises=RecordError)
@@ -196,11 +196,11 @@ def complete_lines(path: Path) -> tuple[list[bytes], int]:
 
 
 def say_lost_tail(path: Path) -> None:
-    """Say that the last line of a file has lost its end and does not count, unless a process is writing to it now."""
+    """Warn that the last line of a file is incomplete and ignored, unless a process is writing to it now."""
     if is_locked(path.parent / LOCK_NAME):
         return
     with open_ordinary(path) as file:
         size = file.seek(0, os.SEEK_END)
         lost = size > 0 and (file.seek(size - 1), file.read(1))[1] != b"\n"
     if lost:
-        logger.warning("%s: its last line has lost its end, so it does not count", path)
+        logger.warning("%s: its last line is incomplete and is ignored", path)

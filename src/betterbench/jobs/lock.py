@@ -1,4 +1,4 @@
-"""The lock that keeps two processes from writing to one run folder."""
+"""The lock that prevents two processes from writing to one run folder."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ LOCK_NAME = ".lock"
 """File in a folder that carries the lock of the folder."""
 
 _TRIES = 25
-_PAUSE_S = 0.02  # somebody who asks whether a run is going holds the lock for less
+_PAUSE_S = 0.02  # a check of the lock holds it for a shorter time
 
 
 def is_locked(path: Path) -> bool:
-    """Tell whether a living process holds the lock of a run, without getting into its way.
+    """Tell whether a living process holds the lock of a run, without disturbing it.
 
-    A lock that is held on another machine is seen where the file system shares locks.
+    A lock held on another machine is seen if the file system shares locks.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -45,7 +45,7 @@ def is_locked(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldFolder:
-    """A folder that a process has locked, as it is passed to its worker processes; small and picklable.
+    """A folder locked by a process, in the form passed to its worker processes; small and picklable.
 
     Attributes:
         lock: File of the lock.
@@ -63,24 +63,24 @@ class HeldFolder:
         return self.lock.parent
 
     def require_folder(self, path: Path) -> None:
-        """Raise StorageError if a file lies in the folder, and that is not there any more."""
+        """Raise StorageError if a file is in the folder, and the folder no longer exists."""
         if path.absolute().is_relative_to(self.folder) and not _is_file(self.lock, self.identity):
             raise StorageError(_lost_text(self.output, self.lock.name, f"{path.name} is not written"))
 
 
 class RunLock:
-    """An exclusive lock on a run folder that dies with the process that took it.
+    """An exclusive lock on a run folder that is released when its process ends.
 
     The file stays; only the kernel's lock on it counts, so a crash leaves nothing to clean up. Processes forked while
-    the lock is held do not keep it alive. While it is held, no file is written below its folder by a link that leads
-    out of it (:mod:`betterbench.jobs.places`), and none once the folder was removed or moved
-    (:func:`require_held`): what was written before would be missing beside it. With ``renews`` the owner writes that
-    again, and the lock is taken anew. Messages name the ``output``, where its parts are collected in the folder.
+    the lock is held do not keep it. While it is held, no file is written below its folder through a link that leads out
+    of it (:mod:`betterbench.jobs.places`), and none after the folder was removed or moved (:func:`require_held`):
+    earlier files would be missing beside it. With ``renews`` the owner writes those again, and the lock is taken again.
+    Messages name the ``output``, if its parts are collected in the folder.
 
     Raises:
-        RunConflictError: If somebody else holds the lock, unless it ``waits``.
-        InvalidInputError: If the file of the lock is a link, no ordinary file, or has a second name.
-        StorageError: If a folder around it that this process has locked was removed or moved.
+        RunConflictError: If another process holds the lock, unless it ``waits``.
+        InvalidInputError: If the lock file is a link, not an ordinary file, or has a second name.
+        StorageError: If a surrounding folder locked by this process was removed or moved.
     """
 
     _is_folder = True
@@ -90,10 +90,10 @@ class RunLock:
         self._output = output or path.parent
         self._handle: int | None = None
         self._renewing = threading.Lock()
-        if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
+        if is_claimed_here(self._folder):  # a journal in a folder that this verb has locked
             return
         require_guarded(path)
-        for around in _around():  # else its folder would be made anew within one that vanished
+        for around in _around():  # otherwise its folder would be created within one that was removed
             if around.folder != self._folder:
                 around.require_folder(path)
         self._handle = self._noted(waits=waits)
@@ -113,9 +113,9 @@ class RunLock:
         return handle
 
     def require_folder(self, path: Path) -> None:
-        """Raise StorageError if a file lies in the folder that is locked, and that is not there any more.
+        """Raise StorageError if a file is in the locked folder, and the folder no longer exists.
 
-        With ``renews``, take the lock anew; raises RunConflictError if somebody else has taken it.
+        With ``renews``, take the lock again; raises RunConflictError if another process has taken it.
         """
         if self._handle is None or not self._is_folder or not path.absolute().is_relative_to(self._folder):
             return
@@ -135,7 +135,7 @@ class RunLock:
 
     @property
     def for_workers(self) -> HeldFolder | None:
-        """The locked folder, for worker processes; None if no folder is held, or the lock would be taken anew."""
+        """The locked folder, for worker processes; None if no folder is held, or the lock would be renewed."""
         if self._handle is None or not self._is_folder or self._renews:
             return None
         held = os.fstat(self._handle)
@@ -153,9 +153,10 @@ class RunLock:
         unguard(self._folder)
 
     def _taken(self, *, waits: bool) -> int:
-        """Return the descriptor of the file with the lock on it that is still at its place.
+        """Return the descriptor of the locked file that is still at its path.
 
-        The last holder of the lock may have removed the file or its folder; a lock on it would exclude no process.
+        The last holder of the lock may have removed the file or its folder; a lock on a removed file would exclude no
+        process.
         """
         while True:
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -185,9 +186,9 @@ class RunLock:
         return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
 
     def require_in_place(self) -> None:
-        """Raise StorageError if the folder was removed or moved since it was locked: what was written is not together.
+        """Raise StorageError if the folder was removed or moved since it was locked: its files are then incomplete.
 
-        To be called last, when a command would end as if its output were whole.
+        Call it last, when a command would otherwise report its output as complete.
         """
         if self._handle is not None and not _stands_at(self._path, self._handle):
             raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
@@ -197,7 +198,7 @@ class RunLock:
         return _lost_text(self._locked, self._path.name, consequence)
 
     def release(self) -> None:
-        """Give the lock back; harmless when it is not held."""
+        """Release the lock; harmless if it is not held."""
         if self._handle is not None:
             self._unguard()
         self._close()
@@ -220,7 +221,7 @@ class RunLock:
 
 
 class FileLock(RunLock):
-    """An exclusive lock on a single file, beside it (``.NAME.lock``); it is removed when it is released."""
+    """An exclusive lock on a single file, beside it (``.NAME.lock``); the lock file is removed at its release."""
 
     _is_folder = False
 
@@ -229,10 +230,10 @@ class FileLock(RunLock):
         super().__init__(file.with_name(f".{file.name}.lock"), waits=waits)
 
     def _guard(self) -> None:
-        """Guard nothing: the folder is the user's choice, and holds files of others."""
+        """Do nothing: the folder is the user's choice, and contains other files."""
 
     def _unguard(self) -> None:
-        """Undo nothing."""
+        """Do nothing."""
 
     @property
     def _locked(self) -> Path:
@@ -244,7 +245,7 @@ class FileLock(RunLock):
         return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
 
     def release(self) -> None:
-        """Remove the file, and give the lock back; harmless when it is not held."""
+        """Remove the lock file, and release the lock; harmless if it is not held."""
         if self._handle is not None:
             with contextlib.suppress(OSError):
                 self._path.unlink()
@@ -252,29 +253,29 @@ class FileLock(RunLock):
 
 
 def require_held(path: Path) -> None:
-    """Raise StorageError if a file that is to be written lies in a locked folder that was removed or moved meanwhile.
+    """Raise StorageError if a file to be written is in a locked folder that was removed or moved meanwhile.
 
-    Checked are the locks of this process and those that its parent passed on (:func:`write_within`). Raises
-    RunConflictError if another process has taken one that is renewed.
+    The locks of this process and those passed on by its parent (:func:`write_within`) are checked. Raises
+    RunConflictError if another process has taken a renewed lock.
     """
     for held in _around():
         held.require_folder(path)
 
 
 def _around() -> list[HeldFolder | RunLock]:
-    """Return the locks of the parent and of this process, as they are now: threads take and release them."""
+    """Return the current locks of the parent and of this process, which threads take and release."""
     return [*_OF_PARENT, *_HELD]
 
 
 def held_folders() -> tuple[HeldFolder, ...]:
-    """Return the folders that this process has locked, for worker processes that write below them."""
+    """Return the folders locked by this process, for worker processes that write below them."""
     return tuple(found for lock in tuple(_HELD) if (found := lock.for_workers) is not None)
 
 
 def write_within(folders: Iterable[HeldFolder]) -> None:
-    """Let this process write nothing below folders that the process which started it has locked, once they are gone.
+    """Forbid this process to write below folders locked by its parent process, once they no longer exist.
 
-    A worker that goes on writing makes a vanished folder anew, and the same command then finds one that it cannot use.
+    A worker that continues to write would create a removed folder again, and the same command could then not use it.
     """
     _OF_PARENT.extend(folders)
 
@@ -302,7 +303,7 @@ def _is_file(path: Path, identity: tuple[int, int]) -> bool:
 
 
 def _lock_exclusively(handle: int) -> None:
-    """Take the lock, and try again a few times: a reader may just be asking whether it is held."""
+    """Take the lock, with a few retries: a reader may be checking it."""
     for left in reversed(range(_TRIES)):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,10 +1,10 @@
-"""The files and folders that a command names as its output: what we did not write is not replaced.
+"""The files and folders that a command names as its output: files that better did not write are not replaced.
 
-One rule for every verb. A file is ours if it carries the mark of the verb (:func:`mark_of`) or what the verb itself
-looks for in it. A folder is ours if its list ``.written.json`` says that the same verb wrote it, and a file in it is
-ours if its SHA-256 stands in that list: a page that somebody has edited is theirs. What is ours is replaced without
-asking, everything else only with ``--overwrite``; folders, pipes and devices are never replaced. While an output is
-open, no other process can write to it, and what a killed one left half-written is deleted.
+One rule applies to every verb. A file is ours if it has the mark of the verb (:func:`mark_of`) or the content that the
+verb itself checks. A folder is ours if its list ``.written.json`` says that the same verb wrote it, and a file in it is
+ours if its SHA-256 is in that list: an edited page belongs to the user. Our files are replaced without asking, all
+others only with ``--overwrite``; folders, pipes and devices are never replaced. While an output is open, no other
+process can write to it, and unfinished files of killed processes are deleted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from betterbench.jobs.places import guard, unguard
 from betterbench.json_form import file_digest, open_ordinary, read_bounded, read_form, strict_form
 
 LIST_NAME = ".written.json"
-"""File in a folder of ours that lists what was written there."""
+"""File in a folder of ours that lists the written files."""
 
 _MAX_LIST_BYTES = 64 << 20
 _ENDS_BYTES = 1 << 16
@@ -37,12 +37,12 @@ _ENDS_BYTES = 1 << 16
 
 
 def mark_of(verb: str) -> str:
-    """Return the text by which a file is known as an output of a verb; it stands where the format keeps remarks."""
+    """Return the text that marks a file as an output of a verb, in the format's place for comments."""
     return f"Written by better {verb} (betterbench)"
 
 
 def bears_mark(path: Path, verb: str) -> bool:
-    """Tell whether a file carries the mark of a verb near its beginning or its end; raises OSError."""
+    """Tell whether a file has the mark of a verb near its beginning or its end; raises OSError."""
     mark = mark_of(verb).encode()
     with open_ordinary(path) as file:
         if mark in file.read(_ENDS_BYTES):
@@ -68,7 +68,7 @@ def require_replaceable(
         return
     if not (stat.S_ISREG(there) or stat.S_ISLNK(there)):
         what = "a folder" if stat.S_ISDIR(there) else "a pipe, socket or device"
-        raise RunConflictError(f"{path} is no file but {what}, and is never replaced. Name another file.")
+        raise RunConflictError(f"{path} is {what}, not a file, and is never replaced. Name another file.")
     if overwrite:
         return
     if stat.S_ISLNK(there):
@@ -79,16 +79,16 @@ def require_replaceable(
 
 def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
     return RunConflictError(
-        f"{path}: there is {what} already that better {verb} did not write, and it is not replaced. Name another file, "
+        f"{path}: {what} that better {verb} did not write already exists here and is not replaced. Name another file, "
         "or give --overwrite."
     )
 
 
 class OutputFile:
-    """A file that a verb writes, locked while it is open; a context manager, which gives the path.
+    """A file that a verb writes, locked while it is open; a context manager that returns the path.
 
     Raises:
-        RunConflictError: If something stands there that is not to be replaced, or another process writes it.
+        RunConflictError: If a file there must not be replaced, or another process writes it.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class OutputFile:
         self._lock: FileLock | None = None
 
     def __enter__(self) -> Path:
-        self._require()  # before a lock is put beside a file of somebody else
+        self._require()  # before a lock is created beside another file
         self._lock = FileLock(self._path)
         try:
             self._require()
@@ -129,20 +129,20 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """A folder that a verb writes its files to, locked while it is open; a context manager.
+    """A folder to which a verb writes its files, locked while it is open; a context manager.
 
-    Every file that this process puts there meanwhile (:class:`~betterbench.jobs.durable.DurableFile`) is checked
-    and listed, by any writer; folders below with a lock of their own are left to their owners.
+    Every file that this process writes there (:class:`~betterbench.jobs.durable.DurableFile`) is checked and listed;
+    subfolders with their own lock are left to their owners.
 
     Args:
-        path: The folder; made if it is missing.
+        path: The folder; created if it is missing.
         verb: Verb that writes it.
-        overwrite: Whether files of others may be replaced, and a folder that holds other files be taken.
-        holds: Tells whether an entry of the folder belongs there though it is not listed, such as a run of its own.
-        is_ours: Tells whether a folder without a list is ours all the same, as one of an older version is.
+        overwrite: Whether other files may be replaced, and a folder with other files may be used.
+        holds: Tells whether an unlisted entry of the folder belongs there, such as a run.
+        is_ours: Tells whether a folder without a list is ours anyway, such as one of an older version.
 
     Raises:
-        RunConflictError: If the folder holds other files, a file of it was changed since it was written, or another
+        RunConflictError: If the folder contains other files, a file in it was changed since it was written, or another
             process writes there.
         InvalidInputError: If a link leads out of it.
         StorageError: At the end, if it was removed or moved meanwhile.
@@ -175,7 +175,7 @@ class OutputFolder:
             remove_parts(self.path)
             guard(self.path, self)
             stack.callback(unguard, self.path, self)
-            if self._listed() is None:  # before anything else, so that a killed command leaves a folder of ours
+            if self._listed() is None:  # first, so that the folder of a killed command is marked as ours
                 self._store()
             self._stack = stack.pop_all()
         return self
@@ -186,12 +186,12 @@ class OutputFolder:
         with self._stack:
             if self._lock is not None and error is None:
                 self._lock.require_in_place()
-            if self._fresh and error is None:  # what stood in a file before is no longer ours
+            if self._fresh and error is None:  # the previous content of a file is no longer ours
                 self._known |= {name: (digest,) for name, digest in self._fresh.items()}
                 self._store()
 
     def _leave_nothing(self) -> None:
-        """Remove a folder that was claimed and nothing written to, as a command does whose input is wrong."""
+        """Remove a claimed folder without files, for example after wrong input."""
         with suppress(OSError):
             if all(is_bookkeeping(entry) for entry in self.path.iterdir()):
                 for name in (LIST_NAME, LOCK_NAME):
@@ -219,7 +219,7 @@ class OutputFolder:
         return known
 
     def _listed(self) -> dict[str, tuple[str, ...]] | None:
-        """Return the files that the same verb has written here, or None if there is no list of it."""
+        """Return the files that the same verb has written here, or None without a list."""
         file = self.path / LIST_NAME
         if not file.is_file() or file.is_symlink():
             return None
@@ -232,7 +232,7 @@ class OutputFolder:
         return inside if found.by == self._verb else None
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if something stands at a path of the folder that is not to be replaced."""
+        """Raise RunConflictError if a path in the folder contains a file that must not be replaced."""
         if path.absolute() != self.path / LIST_NAME:
             self._require_ours(path.absolute(), self._known)
 
@@ -243,7 +243,7 @@ class OutputFolder:
         )
 
     def note(self, path: Path, sha256: str) -> None:
-        """List a file that is about to be put at its place, beside what may still stand there."""
+        """List a file that is about to be moved to its place, beside its possible predecessor."""
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:
             return
@@ -263,10 +263,10 @@ def _is_name(name: str) -> bool:
 
 
 def is_run(path: Path) -> bool:
-    """Tell whether an entry of a folder is a run, which has a lock of its own."""
+    """Tell whether an entry of a folder is a run, which has its own lock."""
     return not path.is_symlink() and any((path / name).is_file() for name in ("run.json", LOCK_NAME))
 
 
 def is_bookkeeping(path: Path) -> bool:
-    """Tell whether an entry of a folder is a lock, a list of files or half a file, as a command may have left."""
+    """Tell whether an entry of a folder is a lock, a list of files or an unfinished file of a command."""
     return path.name in (LOCK_NAME, LIST_NAME) or is_part(path)

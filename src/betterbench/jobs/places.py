@@ -1,8 +1,8 @@
-"""Places that are written to: nothing follows a link out of the folder that a command writes to.
+"""Paths that are written: no file is written through a link that leads out of a command's folder.
 
-A stranger's run folder may hold a link to a file of the user. A folder that is named as an output means the folder, and
-no file elsewhere. A folder that a process has locked (:class:`~betterbench.jobs.lock.RunLock`) is therefore
-guarded: every file that is written below it lies in it, after all links are followed.
+An untrusted run folder may contain a link to a file of the user. A folder named as an output means only that folder. A
+folder locked by a process (:class:`~betterbench.jobs.lock.RunLock`) is therefore guarded: every file written below it
+must be inside it after all links are resolved.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Claim of a command on the files of a folder: it knows which of them may be replaced."""
+    """Claim of a command on the files of a folder, which determines the files that may be replaced."""
 
     @property
     def thread(self) -> int:
         """The thread that made the claim."""
 
     def require_ours(self, path: Path) -> None:
-        """Raise RunConflictError if something stands at a path that is not to be replaced."""
+        """Raise RunConflictError if a path contains a file that must not be replaced."""
 
     def note(self, path: Path, sha256: str) -> None:
-        """Note that a file is about to be put at its place."""
+        """Note that a file is about to be moved to its place."""
 
 
 _GUARDED: dict[Path, list[FolderClaim | None]] = {}
-"""Folders that this process has locked, each with the claims on its files."""
+"""Folders locked by this process, each with the claims on its files."""
 
 
 def guard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Guard a folder until :func:`unguard` is called as often."""
+    """Guard a folder until :func:`unguard` has been called equally often."""
     _GUARDED.setdefault(folder, []).append(claim)
 
 
 def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Take back a :func:`guard` with the same arguments; harmless where there is none."""
+    """Undo a :func:`guard` with the same arguments; harmless without one."""
     claims = _GUARDED.get(folder, [])
     if claim in claims:
         claims.remove(claim)
@@ -52,7 +52,7 @@ def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
 
 
 def is_claimed_here(folder: Path) -> bool:
-    """Tell whether this thread has claimed a folder, so that its lock is held and need not be taken again."""
+    """Tell whether this thread has claimed a folder, so that its lock is already held."""
     return any(claim is not None and claim.thread == threading.get_ident() for claim in _GUARDED.get(folder, []))
 
 
@@ -64,7 +64,7 @@ def claim_of(path: Path) -> FolderClaim | None:
 
 
 def require_inside(path: Path, folder: Path) -> None:
-    """Raise InvalidInputError, which names the link, if a path below a folder leads out of it by a link."""
+    """Raise InvalidInputError with the name of the link if a path below a folder leads out of it."""
     top = os.path.realpath(folder)
     if Path(os.path.realpath(path)).is_relative_to(top):  # never fails, also on loops
         return
@@ -77,7 +77,7 @@ def require_inside(path: Path, folder: Path) -> None:
 
 
 def require_guarded(path: Path) -> None:
-    """Raise InvalidInputError if a file that is to be written leads out of a guarded folder by a link."""
+    """Raise InvalidInputError if a file to be written leads out of a guarded folder by a link."""
     place = path.absolute()
     for folder in tuple(_GUARDED):
         if place.is_relative_to(folder):
@@ -86,7 +86,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let an OSError name the file or folder that a user knows, in place of a lock or a part beside it."""
+    """Make an OSError name the user's file or folder instead of a lock or a part beside it."""
     try:
         yield
     except OSError as error:
@@ -95,12 +95,12 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def open_in_place(path: Path) -> int:
-    """Open a file for reading and writing where it is, made if it is missing, and return its descriptor.
+    """Open a file for reading and writing in place, created if it is missing, and return its descriptor.
 
-    A journal and a lock are written in place, so any other file of that name would be changed.
+    A journal and a lock are written in place, so another file under that name would be changed.
 
     Raises:
-        InvalidInputError: If it is a link, no ordinary file, or has a second name (a hard link).
+        InvalidInputError: If it is a link, not an ordinary file, or has a second name (a hard link).
         OSError: If it cannot be opened.
     """
     require_guarded(path)
@@ -108,15 +108,15 @@ def open_in_place(path: Path) -> int:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
     except OSError as error:
         if error.errno == errno.ELOOP:
-            raise InvalidInputError(str(path), "is a link, and no link is written to", "Remove the link") from error
+            raise InvalidInputError(str(path), "is a symbolic link", "Remove the link") from error
         if error.errno == errno.ENXIO:
-            raise InvalidInputError(str(path), "is no ordinary file", "Move it away") from error
+            raise InvalidInputError(str(path), "is not an ordinary file", "Move it away") from error
         raise
     found = os.fstat(handle)
     if stat.S_ISREG(found.st_mode) and found.st_nlink < 2:
         return handle
     os.close(handle)
     if not stat.S_ISREG(found.st_mode):
-        raise InvalidInputError(str(path), "is no ordinary file", "Move it away")
-    problem = "has a second name (a hard link), and the file of that name would be changed too"
-    raise InvalidInputError(str(path), problem, "Replace it by a copy of its own")
+        raise InvalidInputError(str(path), "is not an ordinary file", "Move it away")
+    problem = "has a second name (a hard link), whose file would be changed too"
+    raise InvalidInputError(str(path), problem, "Replace it by a copy")

@@ -1,4 +1,4 @@
-"""Output of a policy's process, passed on to standard error without control characters and up to a limit."""
+"""Output of a policy's process, passed to standard error without control characters and up to a limit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import time
 from betterbench.errors import printable
 
 MAX_SHOWN_BYTES = 1 << 20
-"""Most bytes of the output of one process that are shown."""
+"""Maximum number of output bytes of one process that are shown."""
 
 _LONGEST_LINE = 2000
 _PIECE = 1 << 16
@@ -21,9 +21,9 @@ _DRAIN_S = 0.5
 
 
 class ProcessOutput:
-    """A pipe that takes the place of standard output and standard error of a process.
+    """A pipe that replaces standard output and standard error of a process.
 
-    The process never gets the file of our own standard error, whose flags and length it could change for us too.
+    The process never gets our own standard error, because it could change the flags and length of that file.
 
     Attributes:
         theirs: File descriptor for the process.
@@ -36,12 +36,12 @@ class ProcessOutput:
         self._thread = threading.Thread(target=self._pass_on, name="policy output", daemon=True)
 
     def begin(self) -> None:
-        """Show what arrives from now on; the process has been started."""
+        """Show the output from now on; the process has been started."""
         os.close(self.theirs)
         self._thread.start()
 
     def end(self) -> None:
-        """Show what has arrived, and close the pipe, which others may still hold open."""
+        """Show the remaining output, and close the pipe, which other processes may still have open."""
         self._ending.set()
         self._thread.join(_DRAIN_S + 1.0)
 
@@ -65,7 +65,7 @@ class ProcessOutput:
             self._show(self._line)
 
     def _take(self, piece: bytes) -> None:
-        """Show the lines that are complete; of one that is written over and over (a progress bar) its last state."""
+        """Show the complete lines; of a line that is overwritten repeatedly (a progress bar) the last state."""
         *lines, self._line = (self._line + piece).split(b"\n")
         self._line = self._line[-2 * _LONGEST_LINE :]
         for line in lines:
@@ -78,7 +78,7 @@ class ProcessOutput:
         self._left -= len(line) + 1
         shown = printable(text, most=_LONGEST_LINE)
         if self._left <= 0:
-            shown += "\nThe policy writes more, which is not shown."
+            shown += "\nFurther output of the policy is not shown."
         with contextlib.suppress(OSError, ValueError, AttributeError):  # our own standard error may be closed
             sys.stderr.write(f"{shown}\n")
             sys.stderr.flush()

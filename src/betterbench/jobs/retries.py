@@ -1,4 +1,4 @@
-"""The retry ledger: what is left to do, with which items workers died, and when to give up."""
+"""The retry ledger: the remaining items, the items with which workers died, and the limits of retries."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""Number of workers that die with an item until the item is given up; after the first death it runs alone."""
+"""Number of worker deaths with an item until the item is given up; after the first death it runs alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
-"""Number of workers that die, with no item ended in between, until the whole job is given up."""
+"""Number of consecutive worker deaths, without a finished item, until the whole job is given up."""
 
 Item = TypeVar("Item", bound=Hashable)
 
 
 class RetryLedger(Generic[Item]):
-    """The items that no worker holds, and the deaths of workers so far.
+    """The items without a worker, and the deaths of workers so far.
 
-    The distributor of the work takes items from the ledger and reports their results. The items of a worker that
-    died are suspects: each of them runs again alone, so that an item which kills its worker takes no other one along.
+    The distributor of the work takes items from the ledger and reports their results. The items of a worker that died
+    are
+    suspects: each of them runs again alone, so that an item that kills its worker affects no other one.
     """
 
     def __init__(self, items: Iterable[Item], *, workers: str, cure: str) -> None:
@@ -39,34 +40,34 @@ class RetryLedger(Generic[Item]):
 
     @property
     def suspects(self) -> int:
-        """Number of items that have to run alone."""
+        """Number of items that must run alone."""
         return len(self._suspects)
 
     @property
     def left(self) -> int:
-        """Number of all items that no worker holds."""
+        """Number of all items without a worker."""
         return len(self._waiting) + len(self._suspects)
 
     def take(self, count: int) -> list[Item]:
-        """Return up to so many waiting items for a worker."""
+        """Return up to ``count`` waiting items for a worker."""
         return [self._waiting.popleft() for _ in range(min(count, len(self._waiting)))]
 
     def take_suspect(self) -> Item:
-        """Return an item for a worker that holds nothing else, and gets nothing else until this item has ended."""
+        """Return an item for an idle worker, which gets no other item until this one has ended."""
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Queue items again before all others; their worker did not end because of them."""
+        """Queue items again before all others; their worker ended for another reason."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:
-        """Note that a worker has brought an item to its end."""
+        """Note that a worker has finished an item."""
         self._in_a_row = 0
 
     def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:
-        """Queue the items of a worker that died again, each to run alone; return those with which too many died.
+        """Queue the items of a dead worker again, each to run alone; return those with too many deaths.
 
-        Raises WorkerError if too many workers died one after the other.
+        Raises WorkerError after too many consecutive deaths.
         """
         self._in_a_row += 1
         self._deaths.update(items)
@@ -79,5 +80,5 @@ class RetryLedger(Generic[Item]):
         return given_up
 
     def reason(self, how: str) -> str:
-        """Return the reason for giving up an item, in one line that says how the last worker died."""
+        """Return the reason for giving up an item, in one line with the death of the last worker."""
         return f"{MAX_DEATHS} {self._workers} died while they ran it ({how}); run the same command again to retry it"

@@ -1,4 +1,4 @@
-"""Start of worker processes of a run or a certification: signals, numbers of threads, and the end with their parent."""
+"""Worker processes of a job: their start with a pipe, signals, numbers of threads, and the end with their parent."""
 
 from __future__ import annotations
 
@@ -9,15 +9,49 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from betterbench.errors import line_start
 from betterbench.jobs.lock import HeldFolder, write_within
 
 
+class SpawnedProcess:
+    """A process of ours with a pipe, in which Ctrl-C is blocked: the process that started it decides what happens then.
+
+    Attributes:
+        process: The process.
+        connection: Our end of the pipe.
+    """
+
+    def __init__(self, target: Callable[..., None], *args: object, name: str) -> None:
+        """Start a process that calls ``target`` with the arguments and its end of the pipe."""
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process = context.Process(target=target, args=(*args, theirs), name=name)
+        with interrupts_blocked():
+            self.process.start()
+        theirs.close()
+
+    def end(self, within_s: float = 0.0) -> str:
+        """Close the pipe, end the process if it has not ended within a time [s], and return how it did."""
+        self.connection.close()
+        self.process.join(within_s)
+        self.process.kill()
+        self.process.join()
+        return exit_text(self.process.exitcode)
+
+
+def exit_text(status: int | None) -> str:
+    """Return how a process ended, from its exit status, which is negative for a signal."""
+    if status is None or status >= 0:
+        return f"exit status {status}"
+    name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+    return f"{name}, as when memory runs out" if name == "SIGKILL" else name
+
+
 @contextlib.contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in this thread for a while, and permanently in processes that are started meanwhile."""
+    """Block Ctrl-C in this thread inside the context, and permanently in processes started there."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -26,10 +60,10 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
-    """Keep numerical libraries and the software renderer to one thread each, and end with the parent process.
+    """Limit numerical libraries and the software renderer to one thread each, and end with the parent process.
 
-    What is logged follows ``BETTERBENCH_LOG_LEVEL``, in which the command line hands its ``--log-level`` down. Nothing
-    is written below folders that the parent has locked (``held``), once they are gone.
+    The log level is that of ``BETTERBENCH_LOG_LEVEL``, set by ``--log-level``. Nothing is written below folders locked
+    by the parent (``held``) once they no longer exist.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -42,7 +76,7 @@ def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the run is killed, so that it cannot write into a run that is resumed."""
+    """End this process when the run is killed, so that it cannot write to a resumed run."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,7 +1,7 @@
-"""Learning: small learners trained on demonstrations, and studies of what they learned.
+"""Learning: training of small policies on demonstrations, and studies of the trained policies.
 
 - ``training``: from records to batches, the training loop, its validation and its curves (`better train`).
-- ``study``: learners trained on every arm, evaluated, diagnosed and compared (`better study`).
+- ``study``: training on every arm, evaluation, diagnosis and comparison (`better study`).
 
-The networks and their checkpoints are in :mod:`betterbench.policies.learned`, since a checkpoint acts as a policy.
+The networks and their checkpoints are in :mod:`betterbench.policies.learned`, because a checkpoint is a policy.
 """

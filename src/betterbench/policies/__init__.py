@@ -1,15 +1,15 @@
-"""Policies: what they say they need and answer, the clients of policy servers, and built-in policies.
+"""Policies: their declarations, the clients of policy servers, and built-in policies.
 
 - ``address``: parsing of addresses such as ``openpi://host:port?preset=libero``.
-- ``kinds``: one file per kind of policies, and the register that knows what an address begins with.
-- ``factory``, ``description``: the instances that a worker asks, and what a policy declares, as JSON.
+- ``kinds``: one file per kind of policies, and the registry of kinds by address scheme.
+- ``factory``, ``description``: creation of a worker's policy instances, and a policy's declarations as JSON.
 - ``conventions``: translation of observations and actions, presets of known checkpoints, the handshake.
 - ``protocols``, ``clients``, ``serving``: codecs, clients of policy servers, and the server side.
-- ``process``: policies of users in a process of their own.
+- ``process``: user policies in a separate process.
 - ``experts``, ``faulty``, ``decisions``: privileged policies that plan; ``faulty`` has one file per fault.
-- ``learned``: networks, checkpoints, and how a checkpoint acts (`learned:CHECKPOINT`).
+- ``learned``: networks, checkpoints, and the policy of a checkpoint (`learned:CHECKPOINT`).
 
-Each public name is imported from its module when it is first used: the process of a policy needs no more than its own.
+Each public name is imported from its module at first use, so that the process of a policy imports only what it needs.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,6 @@
-"""Addresses of policies: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero&horizon=5``.
+"""Addresses of policies: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero``.
 
-A kind of policies declares the form of its addresses and their options; one parser reads them all.
+A kind of policies declares the form of its addresses and their options; one parser reads all forms.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ class Option:
     """An option of an address, written ``?name=value``.
 
     Attributes:
-        name: Its name. One that ends with a period is followed by a key: ``camera.KEY=value``.
+        name: Name. A name that ends with a period is followed by a key: ``camera.KEY=value``.
         meaning: Description of the value with its unit, for messages ("the deadline of one answer [s]").
         reads: Type of the value; numbers are finite and ≥ 0.
-        most: Largest allowed number; infinity if the option has no limit of its own.
+        most: Largest allowed number; infinity for no limit.
     """
 
     name: str
@@ -50,13 +50,13 @@ class Option:
         return f"{self.name}KEY" if self.takes_key else self.name
 
     def fits(self, name: str) -> bool:
-        """Tell whether a name in an address is this option."""
+        """Tell whether a name in an address refers to this option."""
         return name == self.name if not self.takes_key else name.startswith(self.name) and name != self.name
 
 
 EXECUTION = (
-    Option("horizon", "the number of actions of a chunk that are executed before the next one is asked for", "whole"),
-    Option("ahead", "the number of steps before its end at which the next chunk is asked for", "whole"),
+    Option("horizon", "the number of actions of a chunk that are executed before the next chunk is requested", "whole"),
+    Option("ahead", "the number of steps before the end of a chunk at which the next one is requested", "whole"),
     Option("ensemble", "the rate at which older chunks lose weight in an average over chunks", "number"),
 )
 """Options for the execution of action chunks; see :class:`betterbench.interface.Execution`."""
@@ -65,18 +65,18 @@ CONNECTION = (
     Option("timeout", "the deadline of one answer [s]", "number"),
     Option("warmup", "the deadline of the first answer [s]", "number"),
     Option("retries", "the number of times that a failed request is sent again", "whole"),
-    Option("patience", "the time for which an unreachable server is waited for [s]", "number"),
-    Option("api_key_env", "the environment variable that holds the key"),
+    Option("patience", "the time to wait for an unreachable server [s]", "number"),
+    Option("api_key_env", "the environment variable with the key"),
     Option("tls", "whether the connection is encrypted: true or false"),
 )
 """Options for the connection to a server: timeouts, retries, keys and encryption."""
 
 ADAPTER = (
-    Option("preset", "the name of the layout that the policy is asked in"),
-    Option("adapter", "the file of a layout of one's own"),
+    Option("preset", "the name of the policy's layout of requests"),
+    Option("adapter", "the file of a custom layout"),
     Option("size", "the size of the images, such as 224x224 [px]"),
-    Option("fit", "the way in which an image is brought to that size"),
-    Option("keep", "the share of the image's middle that is kept", "number"),
+    Option("fit", "the way in which an image is resized"),
+    Option("keep", "the share of the image that a center crop keeps", "number"),
     Option("turn", "the rotation of the image [deg]"),
     Option("mirror", "whether the image is mirrored"),
     Option("ee_offset", "the offset of the end effector's position, as x,y,z [m]"),
@@ -88,8 +88,8 @@ ADAPTER = (
 )
 """Options for the adapter: a preset or a file, and the settings that override it."""
 
-CAMERA = Option("camera.", "the name of our camera whose image the policy gets under KEY")
-CONSTANT = Option("send.", "the constant that each request holds under KEY")
+CAMERA = Option("camera.", "the name of the camera whose image is sent as KEY")
+CONSTANT = Option("send.", "the constant that each request contains as KEY")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,12 +97,12 @@ class AddressForm:
     """Form of the addresses of one kind of policies.
 
     Attributes:
-        scheme: Name of the kind, with which its addresses begin.
-        example: An address as messages advise it ("gr00t://localhost:5555", "learned:CHECKPOINT").
-        target: Whether something follows the scheme and a colon: a name, a file or a server.
-        options: The options that its addresses take.
-        transport: Transport protocol of the server; None for a policy that is not a server.
-        port: Port that a server listens on unless the address names another one.
+        scheme: Name of the kind, the prefix of its addresses.
+        example: Example of an address in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
+        target: Whether a target follows the scheme and a colon: a name, a file or a server.
+        options: Allowed options.
+        transport: Transport protocol of the server; None for a policy without a server.
+        port: Default port of the server.
     """
 
     scheme: str
@@ -113,7 +113,7 @@ class AddressForm:
     port: int = 0
 
     def has(self, text: str) -> bool:
-        """Tell whether an address has this scheme, and a target where there has to be one."""
+        """Tell whether an address has this scheme, and a target if the scheme requires one."""
         head = text.partition("?")[0]
         scheme, colon, _ = head.partition(":")
         needed = {"none": "", "required": ":"}.get(self.target, colon)
@@ -124,11 +124,12 @@ class AddressForm:
 
         Args:
             text: The address.
-            world: The foreign world in which the policy acts, or empty.
+            world: The world in whose conventions the policy acts; empty for those of our own scenes.
 
         Raises:
-            UnknownNameError: If it has an option that the kind does not know.
-            InvalidInputError: If the target is missing or no server, or an option is malformed, empty or given twice.
+            UnknownNameError: If the address has an option that the kind does not know.
+            InvalidInputError: If the target is missing or not a server, or an option is malformed, empty or given
+                twice.
         """
         head, _, query = text.partition("?")
         target = head.partition(":")[2]
@@ -164,15 +165,15 @@ class AddressForm:
                 cure = f"Give {option.meaning} as {name}=VALUE, or leave it out"
                 raise InvalidInputError(where, f"{name} has no value", cure)
         if len(options) < len(pairs):
-            raise InvalidInputError(where, "it gives an option twice", "Give each option once")
+            raise InvalidInputError(where, "an option is given twice", "Give each option once")
         return options
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyAddress:
-    """An address that has been read: where a policy is ("localhost:8000") and how it is used.
+    """A parsed address: the target of a policy ("localhost:8000") and its options.
 
-    :meth:`AddressForm.read` has checked the options. ``world`` is the foreign world in which the policy acts
+    :meth:`AddressForm.read` has checked the options. ``world`` is the world in whose conventions it acts
     ("libero"), empty for our own scenes: a preset is what the clients of that world do.
     """
 
@@ -184,7 +185,7 @@ class PolicyAddress:
 
     @property
     def scheme(self) -> str:
-        """Name of its kind."""
+        """Name of the kind of policies."""
         return self.form.scheme
 
     @property
@@ -193,11 +194,11 @@ class PolicyAddress:
         return self.text.partition("?")[0]
 
     def error(self, problem: str, cure: str) -> InvalidInputError:
-        """Return the error about this address."""
+        """Return an error about this address."""
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     def given(self, options: Sequence[Option]) -> list[str]:
-        """Return the names of those of some options that the address gives."""
+        """Return the names of the given options that the address sets."""
         return [option.name for option in options if option.name in self.options]
 
     @property
@@ -232,26 +233,26 @@ class PolicyAddress:
         """Raise InvalidInputError if the server cannot have this path."""
         if path and self.form.transport == "zeromq":
             raise self.error(
-                f"the path {path!r} has no meaning, because {self.scheme} speaks ZeroMQ",
+                f"the path {path!r} is not allowed, because {self.scheme} uses ZeroMQ",
                 f"Write {self.scheme}://{place}",
             )
         outside = self.form.transport == "http" and not self.target.isascii()
         if not path.isascii() or _BROKEN_ESCAPE.search(path) or outside:
             raise self.error(
-                f"{self.target!r} cannot stand in a request",
+                f"{self.target!r} cannot be sent in a request",
                 "Write letters outside ASCII, and a literal %, as %XX (percent-encoding)",
             )
 
     @property
     def path(self) -> str:
-        """The path of the server as it is sent: ``/act`` for ``POST`` unless the address names one, else "/"."""
+        """The path of the server in requests: ``/act`` for ``POST`` unless the address names one, else "/"."""
         path = urlsplit(f"//{self.target}").path
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
-        """Return how the chunks of the policy are played; raise InvalidInputError if the options allow no such way.
+        """Return how action chunks are executed; raise InvalidInputError if the options contradict each other.
 
-        ``usual_horizon`` is that of the adapter, for an address which sets neither a horizon nor an ensemble.
+        ``usual_horizon`` is that of the adapter, used if the address sets neither a horizon nor an ensemble.
         """
         ahead, horizon = self.whole("ahead", 0), None
         if "horizon" in self.options:
@@ -268,7 +269,7 @@ class PolicyAddress:
         )
 
     def check(self, name: str) -> None:
-        """Raise InvalidInputError if the value of an option is none that it takes."""
+        """Raise InvalidInputError if the value of an option is not allowed."""
         option = self._option(name)
         if option.reads == "whole":
             self.whole(name)
@@ -276,7 +277,7 @@ class PolicyAddress:
             self.number(name)
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number ≥ 0; raise InvalidInputError about anything else, or more than the option takes."""
+        """Return a finite number ≥ 0; raise InvalidInputError for any other value or one above the option's limit."""
         text = self.options.get(name)
         if text is None:
             return default
@@ -295,7 +296,7 @@ class PolicyAddress:
         return next(option for option in self.form.options if option.fits(name))
 
     def whole(self, name: str, default: int = 0) -> int:
-        """Return a whole number ≥ 0; raise InvalidInputError if it is something else."""
+        """Return an integer ≥ 0; raise InvalidInputError for any other value."""
         value = self.number(name, float(default))
         if value != int(value):
             text = self.options[name]
@@ -303,7 +304,7 @@ class PolicyAddress:
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
-        """Return one of several words; raise UnknownNameError if it is another word."""
+        """Return one of several words; raise UnknownNameError for any other word."""
         if name not in self.options:
             return default
         for word in choices:

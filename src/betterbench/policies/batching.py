@@ -1,4 +1,4 @@
-"""Batching of policy calls: questions that several threads ask at the same time are answered in one call."""
+"""Batching of policy calls: simultaneous requests of several threads are answered in one call."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ QuestionT = TypeVar("QuestionT")
 AnswerT = TypeVar("AnswerT")
 
 MAX_BATCH = 16
-"""Questions that one call answers at most, unless another number is asked for."""
+"""Default maximum of requests in one call."""
 
-_PAUSE_S = 0.01  # after which a call that waits for company looks again whether any is to come
+_PAUSE_S = 0.01  # interval at which a waiting call checks whether more requests are expected
 
 
 @dataclass
 class _PendingQuestion(Generic[QuestionT, AnswerT]):
-    """Pending question of one thread, with its answer or the exception that it raised."""
+    """Pending request of one thread, with its answer or the exception that it raised."""
 
     question: QuestionT
     done: threading.Event = field(default_factory=threading.Event)
@@ -30,12 +30,12 @@ class _PendingQuestion(Generic[QuestionT, AnswerT]):
 
 
 class BatchCollector(Generic[QuestionT, AnswerT]):
-    """Collector of the questions of many threads, which one thread answers in batches.
+    """Collector of the requests of many threads, answered in batches by one thread.
 
-    Questions that arrive during a call form the next batch, so a busy policy gets large batches and an idle one answers
-    at once. Where further questions are expected, a call waits for them, but no longer than the shortest call so far
-    has taken: otherwise several callers of one server send it small batches in turn. If a batch fails, its questions
-    are asked one by one, so that a caller gets the error of its own question only.
+    Requests that arrive during a call form the next batch, so a busy policy gets large batches and an idle policy
+    answers at once. If further requests are expected, a call waits for them, but no longer than the duration of the
+    shortest call so far: otherwise several callers of one server would send it small batches in turn. If a batch fails,
+    its requests are sent one by one, so that each caller gets only the error of its own request.
     """
 
     def __init__(
@@ -47,10 +47,11 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     ) -> None:
         """Start the thread that calls ``answer``.
 
-        ``expected`` returns how many questions may wait at once, those that wait included; it is called in that thread.
+        ``expected`` returns how many requests may be pending at once, including those that are; it is called in that
+        thread.
         """
         self._answer, self._limit, self._expected = answer, max(1, limit), expected
-        self._shortest_s = math.inf  # of the calls
+        self._shortest_s = math.inf  # duration of the shortest call
         self._waiting: queue.SimpleQueue[_PendingQuestion[QuestionT, AnswerT] | None] = queue.SimpleQueue()
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="collector", daemon=True)
@@ -63,11 +64,11 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         timeout_s: float | None = None,
         ready_at: Callable[[], float] = lambda: -math.inf,
     ) -> AnswerT:
-        """Return the answer to a question; what the answering function raised for it is raised here.
+        """Return the answer to a request; an exception of the answering function is raised here.
 
-        The time [s] includes the wait behind other questions, and begins no sooner than ``ready_at`` tells by
-        ``time.perf_counter``. Raises TimeoutError if no answer came in time (the call that answers cannot be ended) and
-        RuntimeError if the collector is closed.
+        The timeout [s] includes the wait behind other requests and starts no earlier than ``ready_at``
+        (``time.perf_counter``). Raises TimeoutError if no answer came in time; the call itself cannot be stopped.
+        Raises RuntimeError if the collector is closed.
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")
@@ -88,7 +89,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         return pending.answer  # type: ignore[return-value]
 
     def close(self, *, timeout_s: float | None = None) -> bool:
-        """Answer what waits, end the thread and return whether it has ended; a call that hangs cannot be ended."""
+        """Answer pending requests, end the thread and return whether it has ended; a hanging call cannot be stopped."""
         self._closed = True
         self._waiting.put(None)
         self._thread.join(timeout_s)
@@ -106,13 +107,13 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
                 return
 
     def _gathered(self) -> list[_PendingQuestion[QuestionT, AnswerT] | None]:
-        """Wait for the questions of the next call; None stands last if the collector is closed."""
+        """Wait for the requests of the next call; a None at the end marks a closed collector."""
         waiting = [self._waiting.get()]
         until = time.perf_counter() + (self._shortest_s if math.isfinite(self._shortest_s) else 0.0)
         while len(waiting) < self._limit and waiting[-1] is not None:
             left_s = until - time.perf_counter() if len(waiting) < self._expected() else 0.0
             try:
-                # What is expected can become less, so it is asked for again and again.
+                # The expected number can decrease while waiting, so it is read again in each round.
                 waiting.append(
                     self._waiting.get(timeout=min(left_s, _PAUSE_S)) if left_s > 0.0 else self._waiting.get_nowait()
                 )

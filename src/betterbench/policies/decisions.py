@@ -1,4 +1,4 @@
-"""Decision rules of privileged policies: a rule decides what to do next, and the skills carry it out."""
+"""Decision rules of privileged policies: a rule decides on the next step, and the skills execute it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from betterbench.tasks.relations.closed import drawer_to_move
 
 @dataclass(frozen=True, slots=True)
 class GraspOffset:
-    """A deliberate error of the grasp, for faulty policies.
+    """A deliberate grasp error, for faulty policies.
 
     Attributes:
-        miss_by_m: Gap between pads and object when the gripper closes beside it [m], or None to grasp well.
-        drop: True to open the gripper in mid-air after the lift.
+        miss_by_m: Gap between pads and object when the gripper closes beside it [m], or None for a good grasp.
+        drop: Whether to open the gripper in mid-air after the lift.
     """
 
     miss_by_m: float | None = None
@@ -36,7 +36,7 @@ class Bring:
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """Decision to draw a drawer out, or to push it home."""
+    """Decision to open or close a drawer."""
 
     drawer: str
     out: bool
@@ -58,12 +58,12 @@ class Freeze:
 
 @dataclass(frozen=True, slots=True)
 class Wander:
-    """Decision to move about forever without grasping at anything."""
+    """Decision to move around forever without grasping."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Decision that nothing is left to do."""
+    """Decision to stop because nothing is left to do."""
 
 
 Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
@@ -71,11 +71,11 @@ Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Trial in which a decision rule decides; all that the rule knows besides the state.
+    """Trial of a decision rule: all that the rule knows besides the state.
 
     Attributes:
         task: The task, with its training regime.
-        condition: The condition in force.
+        condition: The condition of the trial.
         seed: Seed of the trial.
     """
 
@@ -85,34 +85,34 @@ class Situation:
 
 
 class DecisionRule(Protocol):
-    """Decision rule of a privileged policy, which is asked for one decision after the other."""
+    """Decision rule of a privileged policy, called for one decision after the other."""
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision.
 
         Args:
-            state: State now.
-            history: Decisions already carried out in this episode.
+            state: Current state.
+            history: Decisions already executed in this episode.
         """
 
 
 def carried(goal: Subgoal) -> bool:
-    """Tell whether a subgoal is brought about by carrying its object, and not by moving it along its rail."""
+    """Tell whether a subgoal is reached by carrying its object, and not by moving a drawer."""
     return relation(goal.relation).carried
 
 
 def bring_to(goal: Subgoal, name: str) -> Bring:
-    """Return the decision to bring an object where a subgoal wants it."""
+    """Return the decision to bring an object to the target of a subgoal."""
     return Bring(name, goal.target, goal.relation, goal.region)
 
 
 def at_target(state: WorldState, name: str, target: str, relation_name: str, region: str = "") -> bool:
-    """Tell whether an object is where a subgoal wants it."""
+    """Tell whether an object is at the target of a subgoal."""
     return relation(relation_name).holds(state, name, target, region)
 
 
 def reached(state: WorldState, condition: Condition, index: int) -> bool:
-    """Tell whether as many objects as a subgoal asks for are where it wants them."""
+    """Tell whether the required number of objects of a subgoal are at its target."""
     goal = condition.instruction.subgoals[index]
     names = condition.resolve(goal.reference)
     return sum(at_target(state, n, goal.target, goal.relation, goal.region) for n in names) >= goal.count
@@ -125,10 +125,10 @@ def open_subgoal(state: WorldState, condition: Condition) -> int | None:
 
 
 def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
-    """Return the subgoals that may rightly be worked on now: the first open one, or any where the order is free.
+    """Return the subgoals that may be worked on now: the first open one, or any if the order is free.
 
-    A drawer is closed once what was to go into it is inside. Where an object is asked for that does not exist, the
-    others may be handled.
+    A drawer is closed only when its contents are inside. If a requested object does not exist, the others may be
+    handled.
     """
     goals = condition.instruction.subgoals
     left = [i for i in range(len(goals)) if not reached(state, condition, i) and condition.resolve(goals[i].reference)]
@@ -142,13 +142,13 @@ def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
 
 
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:
-    """Return the object to take for a subgoal: one that is not at the target yet, any of several alike by the seed."""
+    """Return the object to take for a subgoal: one that is not at the target yet, drawn by seed among equal objects."""
     goals = situation.condition.instruction.subgoals
     goal = goals[index]
     resolve = situation.condition.resolve
     served = {
         n for g in goals for n in resolve(g.reference) if at_target(state, n, g.target, g.relation, g.region)
-    }  # an object that serves another subgoal already is left there
+    }  # objects that already fulfill another subgoal stay
     names = [n for n in resolve(goal.reference) if n not in served]
     if not names:
         return None
@@ -158,7 +158,7 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
 
 
 class ExpertRule:
-    """Rule of the expert: it does what the instruction asks for, in order, and stops when that is done."""
+    """Rule of the expert: it follows the instruction in order and stops when it is done."""
 
     def __init__(self, situation: Situation) -> None:
         """Prepare for an episode."""
@@ -171,7 +171,7 @@ class ExpertRule:
         return Rest() if index is None else self.bring(state, index)
 
     def bring(self, state: WorldState, index: int) -> Decision:
-        """Return the decision that serves a subgoal."""
+        """Return the decision for a subgoal."""
         goal = self.situation.condition.instruction.subgoals[index]
         name = choose(self.situation, state, index)
         if name is None:
@@ -181,6 +181,6 @@ class ExpertRule:
         return self.make_way(state, goal.target) or bring_to(goal, name)
 
     def make_way(self, state: WorldState, target: str) -> Draw | None:
-        """Return what has to be done with drawers before something can be put into the target, or None."""
+        """Return the drawer action required before an object can be put into the target, or None."""
         due = drawer_to_move(self.situation.condition, state, target)
         return None if due is None else Draw(due[0], out=due[1])

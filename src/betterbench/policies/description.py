@@ -1,4 +1,4 @@
-"""Description of a policy: what it declares, as JSON of bounded size, so that two runs can be compared."""
+"""Description of a policy: its declarations as JSON of bounded size, so that two runs can be compared."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MAX_LISTED = 1000
 
 
 def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
-    """Return what a policy declares, as JSON; JSON documents in its metadata (adapter, handshake) are kept."""
+    """Return a policy's declarations as JSON; JSON documents in its metadata (adapter, handshake) are kept."""
     return {
         "address": address,
         "name": encodable(info.name),
@@ -38,7 +38,7 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
 
 
 def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
-    """Return what a server declares as JSON of bounded size: short arrays become lists, long ones fingerprints."""
+    """Return a server's declarations as JSON of bounded size: short arrays become lists, long ones fingerprints."""
     plain = _plain(value, depth)
     if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
         return {"sha256": _fingerprint(json.dumps(plain, sort_keys=True).encode())}
@@ -63,13 +63,13 @@ def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
         return {"bytes": len(value), "sha256": _fingerprint(bytes(value))}
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # which no reader of a run takes
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # other integers cannot be stored in a run
         return f"{value:#x}"
     return value if value is None or isinstance(value, bool | int) else encodable(str(value))
 
 
 def _document(text: str) -> object:
-    """Return the JSON object or list that a text holds, or the text."""
+    """Return the JSON object or list in a text, or the text itself."""
     if text[:1] in ("{", "["):
         try:
             return parse_json(text)

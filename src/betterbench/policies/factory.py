@@ -9,26 +9,25 @@ from typing import Self
 from betterbench.errors import HandshakeError, InvalidInputError
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.state import AnyPolicy
+from betterbench.jobs.conflict import first_difference
 from betterbench.policies.clients.connection import ConnectionLimits
 from betterbench.policies.conventions.handshake import space_cure
-from betterbench.policies.conventions.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
 from betterbench.policies.description import describe_policy
 from betterbench.policies.kinds import find_kind, kind_of, make_for, make_policy
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind
 from betterbench.policies.process.policy_process import LOAD_S, PolicyProcess, start_policy
-from betterbench.records import first_difference
-from betterbench.sim.scenes import CONTROL_RATE_HZ, Scene
-from betterbench.sim.worlds import ForeignScene
+from betterbench.sim.scenes import CONTROL_RATE_HZ
+from betterbench.sim.worlds import TrialScene
 
 SOURCE = "source file"
-"""Key in the metadata of a Python policy under which its file and the file's SHA-256 stand."""
+"""Metadata key of a Python policy for its file and the file's SHA-256."""
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-    """Return what a policy says about itself, and check it against a run, if one is named; a server is asked.
+    """Return a policy's declarations, and check them against a run if one is given; a server is contacted.
 
     Raises:
-        UnknownNameError: If no policy has such an address.
+        UnknownNameError: If no policy has this address.
         InvalidInputError: If a plugin cannot be loaded, or the policy answers in another action space.
         RecordError: If the run to replay does not exist.
         PolicyUnavailableError: If a server cannot be reached.
@@ -39,9 +38,9 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the deadline of one answer [s]: that of the address of a server, else that of the run.
+    """Return the deadline of one answer [s]: that in the address of a server, else that of the run.
 
-    The address may also be the name of a policy that the caller of the run has made.
+    The address may also be the name of a policy object passed by the caller of the run.
     """
     kind = find_kind(address)
     if kind is None or not kind.needs_of(address).server:
@@ -50,7 +49,7 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 
 
 class PolicyFactory:
-    """Factory of the policies of one worker; a context manager that closes an instance that was not handed out."""
+    """Factory of the policies of one worker; as a context manager it closes an instance that was not handed out."""
 
     def __init__(
         self,
@@ -62,15 +61,15 @@ class PolicyFactory:
         world: str = "",
         kind: PolicyKind | None = None,
     ) -> None:
-        """Prepare; nothing is loaded and no server is asked yet.
+        """Prepare the factory; nothing is loaded and no server is contacted yet.
 
-        ``world`` is the foreign world of the run, in whose conventions a server is spoken to.
+        ``world`` is the world in whose conventions a server is spoken to (``World.dialect``).
 
-        With ``apart``, a policy that is not ours is loaded in a process of its own, within ten times the ``timeout_s``
-        of an answer [s]. ``known`` is what the server of the policy said when the run began, or None: its clients
-        compare themselves. ``kind`` is the one of the address, if none is given.
+        With ``apart``, a user's policy is loaded in a separate process, within ten times the ``timeout_s`` of an answer
+        [s]. ``known`` is the declaration of the policy's server when the run began, or None if clients compare it
+        themselves. ``kind`` is the kind of policies; that of the address if not given.
 
-        Raises UnknownNameError if no policy has such an address.
+        Raises UnknownNameError if no policy has this address.
         """
         self.address = address
         self._kind = kind or kind_of(address)
@@ -92,7 +91,7 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Description that the policy, built once for this, gives of itself; raises what :func:`check_policy` does."""
+        """Declarations of the policy, which is built once for this; raises the errors of :func:`check_policy`."""
         if self._info is None:
             self._info = self._kind.describe(self._kind.parse(self.address, world=self._world))
         if self._info is None:
@@ -108,21 +107,21 @@ class PolicyFactory:
         """Whether one instance answers the observations of many environments. The policy is built to find out."""
         return bool(self.info) and self._takes_batches
 
-    def check(self, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-        """Return :attr:`info`, and check it as :func:`check_policy` does; the action space of a replay is empty."""
+    def check(
+        self, action_space: str | None = None, observation: str | None = None, *, rate_hz: float = CONTROL_RATE_HZ
+    ) -> PolicyInfo:
+        """Return :attr:`info`, and check it as :func:`check_policy` does; the action space of a replay is empty.
+
+        ``rate_hz`` is the control rate of the run [Hz].
+        """
         info = self.info
         check_action_space(self.address, info, action_space)
         agree = getattr(self._made, "check", None) if self._kind.compares else None
         if callable(agree) and action_space is not None and observation is not None:
-            agree(space=action_space, observation=observation_spec(observation), rate_hz=self._rate_hz)
+            agree(space=action_space, observation=observation_spec(observation), rate_hz=rate_hz)
         return info
 
-    @property
-    def _rate_hz(self) -> float:
-        """Control rate of the run [Hz]."""
-        return CALVIN_RATE_HZ if self._world == "calvin" else CONTROL_RATE_HZ
-
-    def policy(self, scene: Scene | ForeignScene, trial: PlannedTrial) -> AnyPolicy:
+    def policy(self, scene: TrialScene, trial: PlannedTrial) -> AnyPolicy:
         """Return the policy of one episode, where it needs no thread; InvalidInputError if it knows only our world."""
         if self.needs.state or self.needs.trial:
             return make_for(self.address, scene, trial)
@@ -131,13 +130,13 @@ class PolicyFactory:
         return self._made
 
     def take(self) -> Policy:
-        """Return an instance for the caller alone, who closes it."""
+        """Return an instance for the caller, who closes it."""
         with self._lock:
             made, self._made = self._made, None
         return self._make() if made is None else made
 
     def _make(self) -> Policy:
-        """Return a new instance; HandshakeError if a server has become another one since the first one was made."""
+        """Return a new instance; HandshakeError if the server's policy differs from that of the first instance."""
         made: Policy
         if self._apart:
             made = start_policy(self.address, world=self._world, load_s=self._load_s)
@@ -150,31 +149,31 @@ class PolicyFactory:
             if found is not None:
                 close_policy(made)
                 raise HandshakeError(
-                    f"{self.address}: another policy answers there than when the run began: {found[0]} was {found[1]} "
-                    f"and is {found[2]}. Start the first one and run the same command again, or give "
-                    "--allow-changed-policy to go on with both in one run."
+                    f"{self.address}: the policy has changed since the run began: {found[0]} was {found[1]} "
+                    f"and is now {found[2]}. Start the first one and run the same command again, or give "
+                    "--allow-changed-policy to continue with both in one run."
                 )
         return made
 
     def close(self) -> None:
-        """Close an instance that was made and not taken; harmless when closed."""
+        """Close an instance that was made and not taken; harmless if already closed."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)
 
     def _source(self) -> str:
-        """Return name and fingerprint of the user's file behind the policy, or an empty text."""
+        """Return name and fingerprint of the user's file with the policy, or an empty text."""
         if isinstance(self._made, PolicyProcess):
             return self._made.source
         return self._kind.source_of(self._kind.parse(self.address)) if self._kind.source_of is not None else ""
 
 
 def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> None:
-    """Raise InvalidInputError if a policy answers in another action space than the run, where there is a run yet."""
+    """Raise InvalidInputError if a policy answers in another action space than that of the run, if one is given."""
     if info.action_space and action_space not in (None, info.action_space):
         raise InvalidInputError(
             "action space",
-            f"the policy {address} answers in {info.action_space!r}, the run asks for {action_space!r}",
+            f"the policy {address} answers in {info.action_space!r}, the run uses {action_space!r}",
             space_cure(info.action_space),
         )
 

@@ -1,10 +1,10 @@
-"""Records of episodes and the folders of runs: the privileged truth on disk, readable without a simulator.
+"""Records of episodes and folders of runs: the privileged state on disk, readable without a simulator.
 
-- ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file; ``builder`` makes it step by
-step.
+- ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file; ``builder`` creates it step
+  by step.
 - ``run``, ``journal``, ``scene_archive``: the folder of a run, its finished trials, and its compiled scenes.
-- ``demonstration``, ``segmenting``, ``twins``: what records of demonstrations say beside their columns.
-- ``modalities``: files of depth, masks and boxes beside the records.
+- ``demonstration``, ``segmenting``, ``twins``: additional data of demonstrations.
+- ``modalities``: files with images, depth, masks and boxes of recorded states.
 """
 
 from betterbench.records.builder import RecordBuilder
@@ -14,7 +14,7 @@ from betterbench.records.journal import Journal, JournalEntry, TrialStatus, read
 from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
 from betterbench.records.parquet import read_outcome, read_record, record_bytes, write_record
 from betterbench.records.record import Record
-from betterbench.records.run import RunFolder, first_difference
+from betterbench.records.run import RunFolder
 from betterbench.records.run_names import run_names, told_apart
 from betterbench.records.segmenting import subgoal_segments
 
@@ -33,7 +33,6 @@ __all__ = [
     "SubgoalSegment",
     "Termination",
     "TrialStatus",
-    "first_difference",
     "read_journal",
     "read_outcome",
     "read_record",

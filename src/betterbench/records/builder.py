@@ -1,4 +1,4 @@
-"""Building a record, one control step at a time."""
+"""Builder of a record, one control step at a time."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _FLOAT64 = np.dtype(np.float64)
 class RecordBuilder:
     """Collects the states of one episode.
 
-    Appending copies the simulator's arrays and keeps the state, which is a frozen value; all conversion waits for
-    :meth:`finish`, so a control step pays a few microseconds.
+    Appending copies the simulator's arrays and keeps a reference to the state, which is a frozen value. All conversion
+    happens in :meth:`finish`, so that a control step takes only a few microseconds.
 
     Raises:
         InvalidInputError: If the metadata cannot be written as JSON or has another schema version.
@@ -37,7 +37,7 @@ class RecordBuilder:
     def __init__(self, metadata: RecordMetadata) -> None:
         if metadata.schema_version != SCHEMA_VERSION:
             problem = f"{metadata.schema_version!r} cannot be written"
-            raise InvalidInputError("schema_version", problem, f"Leave it at {SCHEMA_VERSION}")
+            raise InvalidInputError("schema_version", problem, f"Use {SCHEMA_VERSION}")
         dump_json(metadata.to_json())
         self._metadata = metadata
         self._info = metadata.scene
@@ -55,12 +55,12 @@ class RecordBuilder:
 
     @property
     def states(self) -> tuple[WorldState, ...]:
-        """The states that were appended."""
+        """The appended states."""
         return tuple(self._states)
 
     @property
     def actions(self) -> npt.NDArray[np.float64]:
-        """The actions that were appended, shape (rows after the first, dim)."""
+        """The appended actions, shape (rows after the first, dim)."""
         size, end = self._no_action.nbytes, len(self._rows[0]) - self._no_action.nbytes if self._rows else 0
         asked = b"".join([row[end - size : end] for row in self._rows[1:]])
         return np.frombuffer(asked).reshape(-1, len(self._no_action))
@@ -75,7 +75,7 @@ class RecordBuilder:
         forbidden: bool = False,
         **given: npt.NDArray[Any] | None,
     ) -> None:
-        """Append one row, :meth:`append_state`, and its relations, :meth:`append_truth`; raise as they do."""
+        """Append one row and its relations; raises the errors of :meth:`append_state` and :meth:`append_truth`."""
         self._check_truths(predicates, subgoals)
         self.append_state(state, **given)  # type: ignore[arg-type]
         self.append_truth(predicates=predicates, subgoals=subgoals, goal=goal, forbidden=forbidden)
@@ -91,11 +91,11 @@ class RecordBuilder:
         action: npt.NDArray[np.floating] | None = None,
         applied: npt.NDArray[np.floating] | None = None,
     ) -> None:
-        """Append one row: the state at reset first, then the state after each action.
+        """Append one row: first the state at reset, then the state after each action.
 
-        The arrays are copied: ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,), which
-        belong to the physical state. ``action`` as the policy asked for it and ``applied`` after clipping, both (dim,),
-        are None at reset and only there.
+        The arrays ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,) are copied;
+        activations are part of the physical state. ``action`` is the policy's answer and ``applied`` its clipped form,
+        both (dim,). They are None only at reset.
 
         Raises:
             InvalidInputError: If the step is out of order or an array changes its shape.
@@ -103,7 +103,7 @@ class RecordBuilder:
         step = len(self._states)
         if state.step != step:
             raise InvalidInputError(
-                "state.step", f"{state.step} where row {step} is due", "Append every control step once"
+                "state.step", f"{state.step} instead of {step}", "Append every control step exactly once"
             )
         if state.info is not self._info:
             self._check_scene(state)
@@ -118,7 +118,8 @@ class RecordBuilder:
             self._attend((qpos, qvel, act, ctrl))
         if action.shape != self._no_action.shape or applied.shape != self._no_action.shape:
             self._refuse_actions(action, applied)
-        # Bytes take half of the time of an array of the whole row. Policies answer all kinds of numbers.
+        # Converting to bytes takes half the time of building an array of the whole row. Policies may return any numeric
+        # type.
         asked = action if action.dtype is _FLOAT64 else action.astype(_FLOAT64)
         done = applied if applied.dtype is _FLOAT64 else applied.astype(_FLOAT64)
         memory = self._memory or [a.astype(_FLOAT64).tobytes() for a in self._simulator]
@@ -128,15 +129,15 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append the relations of the first row that has none yet, in the order of the metadata.
+        """Append the relations of the first row without any, in the order of the metadata.
 
         Raises:
-            InvalidInputError: If a truth value is missing, or is known of every row.
+            InvalidInputError: If a truth value is missing, or every row already has its relations.
         """
         self._check_truths(predicates, subgoals)
         if len(self._truths) >= len(self._states):
-            problem = f"known of all {len(self._states)} rows"
-            raise InvalidInputError("predicates, subgoals", problem, "Append a row before what holds in it")
+            problem = f"already given for all {len(self._states)} rows"
+            raise InvalidInputError("predicates, subgoals", problem, "Append a row before its relations")
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
 
     def finish(
@@ -150,8 +151,9 @@ class RecordBuilder:
     ) -> Record:
         """Return the record of the episode; the arguments are those of :class:`Outcome`.
 
-        Raises InvalidInputError if nothing was appended, it is not known of a row what holds in it, a state does not
-        list the scene's objects or the outcome contradicts itself.
+        Raises:
+            InvalidInputError: If there are no rows, a row lacks its relations, a state does not list the scene's
+                objects, or the outcome contradicts itself.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:
@@ -159,8 +161,8 @@ class RecordBuilder:
         dump_json(asdict(outcome))
         rows = len(self._states)
         if len(self._truths) != rows:
-            problem = f"known of {len(self._truths)} of {rows} rows"
-            raise InvalidInputError("predicates, subgoals", problem, "Append what holds in every row")
+            problem = f"given for {len(self._truths)} of {rows} rows"
+            raise InvalidInputError("predicates, subgoals", problem, "Append the relations of every row")
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
         shapes = (*self._shapes, self._no_action.shape, self._no_action.shape)
@@ -189,7 +191,7 @@ class RecordBuilder:
         )
 
     def _state_columns(self) -> dict[str, npt.NDArray[np.float64]]:
-        """Return the columns of numbers that the states give, by name; all states have to list the same."""
+        """Return the numeric columns of the states by name; all states must have the same columns."""
         states, n = self._states, len(self._info.objects)
         joints = len(states[0].joint_positions)
         sources: dict[str, tuple[str, tuple[int, ...]]] = {
@@ -227,42 +229,44 @@ class RecordBuilder:
         return np.array(held, dtype=np.int16)
 
     def _check_scene(self, state: WorldState) -> None:
-        """Refuse a state of another scene than that of the metadata; raise InvalidInputError if it is one."""
+        """Raise InvalidInputError if a state belongs to another scene than the metadata."""
         if state.info != self._info:
             raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
-        self._info = state.info  # the next comparison is by identity
+        self._info = state.info  # makes the next comparison one of identity
 
     def _check_truths(self, predicates: Sequence[bool], subgoals: Sequence[bool]) -> None:
-        """Raise InvalidInputError if there are not as many as the metadata name."""
+        """Raise InvalidInputError if their number differs from that in the metadata."""
         if (len(predicates), len(subgoals)) != self._lengths:
             problem = f"{len(predicates)} and {len(subgoals)} truth values"
             cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
             raise InvalidInputError("predicates, subgoals", problem, cure)
 
     def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
-        """Keep references to the simulator's arrays, which stay in place for an episode; refuse other shapes."""
+        """Keep references to the simulator's arrays, which are reused during an episode; raise if a shape changes."""
         shapes = tuple(a.shape for a in simulator)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, self._shapes or shapes, strict=True):
             if len(shape) != 1:
                 raise InvalidInputError(name, f"has the shape {shape}", "Give a flat array")
             if shape != known:
-                raise InvalidInputError(name, f"has the shape {shape}, not {known}", "Keep the shape of the episode")
+                raise InvalidInputError(
+                    name, f"has the shape {shape}, expected {known}", "Keep the shape of the episode"
+                )
         self._shapes, self._simulator = shapes, simulator
         plain = all(a.dtype is _FLOAT64 and a.flags.c_contiguous for a in simulator)
         self._memory = tuple(a.data.cast("B") if a.size else b"" for a in simulator) if plain else ()
 
     def _refuse_actions(self, action: npt.NDArray[np.floating], applied: npt.NDArray[np.floating]) -> None:
-        """Raise InvalidInputError for the first of the two that has another shape than the metadata say."""
+        """Raise InvalidInputError for the first action whose shape differs from the metadata."""
         due = self._no_action.shape
         name, shape = ("action", action.shape) if action.shape != due else ("applied", applied.shape)
-        raise InvalidInputError(name, f"has the shape {shape}, not {due}", f"Give {due[0]} numbers")
+        raise InvalidInputError(name, f"has the shape {shape}, expected {due}", f"Give {due[0]} numbers")
 
 
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-    """Return one value per row as an array (T, *shape); ValueError if one of them has another shape.
+    """Return one value per row as an array (T, *shape). Raises ValueError for a wrong shape.
 
-    Nested values are laid out flat first, which takes a third of the time that NumPy takes to find their shape; rows
-    that are the very value of the row before, as those of things at rest are, are laid out once.
+    Nested values are flattened first, which takes a third of the time that NumPy needs to find their shape. A row with
+    the identical value of the row before, as for objects at rest, is flattened only once.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]
     flat: Iterable[Any] = [values[i] for i in new]
@@ -270,7 +274,7 @@ def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.flo
         flat = list(flat)
         wrong = {*map(len, flat)} - {length}
         if wrong:
-            raise ValueError(f"a row has {min(wrong)} values where {length} are due")
+            raise ValueError(f"a row has {min(wrong)} values, expected {length}")
         flat = chain.from_iterable(flat)
     found = np.fromiter(flat, np.float64, len(new) * math.prod(shape)).reshape(len(new), *shape)
     return found if len(new) == len(values) else found.repeat(np.diff([*new, len(values)]), axis=0)

@@ -68,7 +68,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("goal", "bool"),
     Column("forbidden", "bool"),
 )
-"""All columns of one value per row and width; contacts, whose number changes, stand beside them."""
+"""All columns with one value per row and width; contacts are stored separately because their number varies."""
 
 CONTACTS = "contacts"
 """Name of the Parquet column that lists each row's contacts."""
@@ -83,7 +83,7 @@ _CONTACT_FIELDS = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
-    """The touching pairs of all rows, one after the other.
+    """The touching pairs of all rows, concatenated.
 
     Attributes:
         offsets: (T + 1,) int32; the pairs of row ``t`` are ``offsets[t]`` to ``offsets[t + 1]``.
@@ -138,7 +138,8 @@ def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, 
 def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, npt.NDArray[np.generic]], Contacts]:
     """Return a record's columns by name, and the contacts, from a table that matches ``arrow_schema(widths)``.
 
-    Raises RecordError if an index points to nothing.
+    Raises:
+        RecordError: If an index is out of range.
     """
     rows = table.num_rows
     arrays: dict[str, npt.NDArray[np.generic]] = {}

@@ -1,4 +1,4 @@
-"""Blocks of bytes that are read one by one and often: LZ4, which unpacks faster than anything else here."""
+"""Compressed blocks of bytes that are read individually and often; LZ4 decompresses fastest."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ _CODEC = pa.Codec("lz4_raw")
 
 
 def pack_block(data: bytes) -> bytes:
-    """Return a block in its compressed form; the same block gives the same bytes on one installation."""
+    """Return a block in compressed form; the same block gives the same bytes on one installation."""
     found: bytes = _CODEC.compress(data, asbytes=True)
     return found
 
 
 def unpack_block(data: memoryview | bytes, size: int) -> memoryview:
-    """Return a block of ``size`` bytes from its compressed form; RecordError if it is damaged."""
+    """Return a block of ``size`` bytes from its compressed form. Raises RecordError if it is damaged."""
     try:
         return memoryview(_CODEC.decompress(data, size))
     except (pa.ArrowException, OSError, ValueError) as error:

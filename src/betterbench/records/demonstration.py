@@ -12,10 +12,10 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import strict_form
 
 DemonstratorKind = Literal["expert", "amplified", "teleoperated"]
-"""A privileged expert, other demonstrations carried over to a new start, or a person."""
+"""A privileged expert, other demonstrations adapted to a new start, or a person."""
 
 SkillKind = Literal["pick", "place", "slide", "miss"]
-"""An object is taken; let go; moved along its rails; or the gripper closes and opens again without anything in it."""
+"""Pick an object, place it, slide it along its rails, or miss: close and open the gripper on nothing."""
 
 _Row = Annotated[int, Field(ge=0)]
 
@@ -23,16 +23,16 @@ _Row = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrator:
-    """Source of a demonstration: an expert, a method or a person, with its motion style and its noise.
+    """Source of a demonstration: an expert, a method or a person, with motion style and noise.
 
     Attributes:
-        kind: Sort of demonstrator.
+        kind: Kind of demonstrator.
         name: Name of the expert, the method or the person.
         manner: Parameters of its motion style, by name with the unit ("speed", "approach_height_m").
-        sources: Demonstrations that this one is made of, "TASK/CONDITION/SEED", in the order in which they were used.
-        action_noise: Standard deviation of the noise that was added to the executed actions, in action units. With
-            noise, the column ``action`` holds what was meant, which is the label to learn, and ``applied`` what was
-            executed; without, the two differ by clipping alone.
+        sources: Demonstrations from which this one was composed, "TASK/CONDITION/SEED", in order of use.
+        action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
+            ``action`` contains the intended action, which is the label to learn, and ``applied`` the executed one.
+            Without noise, they differ only by clipping.
     """
 
     kind: DemonstratorKind
@@ -42,7 +42,7 @@ class Demonstrator:
     action_noise: Annotated[float, Field(ge=0.0)] = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse kinds that do not exist."""
+        """Raise InvalidInputError for an unknown kind."""
         if self.kind not in get_args(DemonstratorKind):
             known = ", ".join(get_args(DemonstratorKind))
             raise InvalidInputError("demonstrator.kind", f"{self.kind!r} is unknown", f"Use one of {known}")
@@ -55,16 +55,16 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """The rows in which the gripper is near one object, to take it, let go of it or move it along its rails.
+    """The rows in which the gripper is near one object to pick, place or slide it.
 
     Attributes:
         kind: Effect on the object.
-        object: Name of the object; for a miss, of the one that was taken next, "" if none was.
-        target: Target at which it is put, or "" if that is not the target of a subgoal.
-        relation: Relation to the target, "" likewise.
-        region: Region of the target, "" where it offers one alone.
+        object: Name of the object; for a miss, of the object that was taken next, or "".
+        target: Target of the placement, or "" if it is not the target of a subgoal.
+        relation: Relation to the target, or "" in the same case.
+        region: Region of the target, or "" if it has only one.
         start: First row.
-        change: Row after the action that begins to close the gripper, or to open it for a place.
+        change: Row after the action that begins to close the gripper, or to open it for a placement.
         stop: Row after the last one.
     """
 
@@ -78,7 +78,7 @@ class SkillWindow:
     stop: _Row
 
     def __post_init__(self) -> None:
-        """Refuse windows without rows and changes outside of them."""
+        """Raise InvalidInputError for an empty window or a change outside it."""
         if not self.start <= self.change < self.stop:
             problem = f"rows {self.start}, {self.change}, {self.stop} are not in order"
             raise InvalidInputError(f"skill {self.kind}", problem, "Give start ≤ change < stop")
@@ -87,15 +87,15 @@ class SkillWindow:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SubgoalSegment:
-    """The rows [start, stop) that serve one subgoal; the segments of a record follow each other without a gap.
+    """The rows [start, stop) that serve one subgoal; the segments of a record are contiguous.
 
     Attributes:
         subgoal: Name of the subgoal that is done at the end of these rows, "" for rows after the last one.
-        object: Name of the object that was brought there or slid home.
+        object: Name of the object that was placed or slid.
         target: Name of the target.
-        relation: Relation that the subgoal asks for.
-        region: Region of the target, "" where it offers one alone.
-        skills: Skill windows within these rows, in the order of time; rows between two windows are transit.
+        relation: Relation of the subgoal.
+        region: Region of the target, or "" if it has only one.
+        skills: Skill windows within these rows, in time; rows between two windows are transit.
     """
 
     subgoal: str
@@ -108,9 +108,9 @@ class SubgoalSegment:
     skills: tuple[SkillWindow, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse segments without rows."""
+        """Raise InvalidInputError for an empty segment."""
         if not self.start < self.stop:
-            raise InvalidInputError("segment", f"rows {self.start} to {self.stop} are none", "Give start < stop")
+            raise InvalidInputError("segment", f"rows {self.start} to {self.stop} are empty", "Give start < stop")
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""

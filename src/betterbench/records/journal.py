@@ -1,8 +1,8 @@
-"""The journal of a run: one line per finished trial. A run is resumed from it and from nothing else.
+"""The journal of a run: one line per finished trial, and the only source for resuming the run.
 
-Each line holds the SHA-256 of its record, the digest of its scene, and a link (the SHA-256 of the previous link and of
-the line itself), so that changed, missing or reordered lines are detected. Journals of older versions lack the digest
-of the scene, or all three.
+Each line contains the SHA-256 of its record, the digest of its scene, and a link (the SHA-256 of the previous link and
+of the line itself). The links detect changed, missing or reordered lines. Journals of older versions lack the digest of
+the scene, or all three.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.json_form import read_form
 from betterbench.tasks.trial_id import TrialId
 
 TrialStatus = Literal["done", "error"]
-"""Status of a trial: it has a record, or it broke outside the policy and is run again when the run is resumed."""
+"""Status of a trial: "done" has a record; "error" failed outside the policy and is repeated on resuming."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +29,14 @@ class JournalEntry:
 
     Attributes:
         condition: Name of the condition within the task ("train1", "L3").
-        status: "done" when its record is on disk, "error" when it has to be run again.
+        status: "done" if its record is on disk, "error" if it has to be run again.
         message: Description of the failure, for "error".
-        wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records hold none.
-        ground_truth: Notes of a faulty policy about its own episode, by name; neither records nor verdicts use them.
-        record: SHA-256 of the file of its record, or None where there is no record or an older version wrote the line.
-        scene: Digest of the files of the scene that it ran in
-            (:func:`~betterbench.records.scene_archive.scene_digest`), or None likewise.
+        wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records contain none.
+        ground_truth: Ground truth that a faulty policy reports about its own episode, by name; neither records nor
+            verdicts use it.
+        record: SHA-256 of the file of its record, or None if there is no record or an older version wrote the line.
+        scene: Digest of the files of its scene (:func:`~betterbench.records.scene_archive.scene_digest`), or None in
+            the same cases.
     """
 
     task: str
@@ -59,7 +60,7 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
-    """The JSON form of an entry: every field is written, and journals of older versions hold no ground truth."""
+    """JSON form of an entry: all fields are written; journals of older versions have no ground truth."""
 
     task: str
     condition: str
@@ -104,7 +105,7 @@ class Journal(LineJournal):
         return self._entries.get(key)
 
     def is_done(self, key: TrialId) -> bool:
-        """Tell whether a trial is finished and must not be run again."""
+        """Return whether a trial is finished and must not be run again."""
         entry = self._entries.get(key)
         return entry is not None and entry.status == "done"
 
@@ -112,21 +113,22 @@ class Journal(LineJournal):
         """Append a finished trial and force it to disk.
 
         Raises:
-            InvalidInputError: If the entry could not be read back: a figure is not finite, or a field has another type.
-            RunConflictError: If the trial is finished already.
-            OSError: If the disk is full; the journal is then as it was before.
+            InvalidInputError: If the entry could not be read back, because a figure is not finite or a field has the
+                wrong type.
+            RunConflictError: If the trial is already finished.
+            OSError: If the disk is full; the journal is then unchanged.
             ValueError: If the journal is closed.
         """
         if self.is_done(entry.key):
             raise RunConflictError(
-                f"{self._path}: {entry.key} is finished already. Ask is_done() before running a trial."
+                f"{self._path}: {entry.key} is already finished. Call is_done() before running a trial."
             )
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Append that a finished trial has to be run again, because its record is not there; raises what append does.
+        """Append that a finished trial without a record has to be run again; raises as :meth:`append` does.
 
-        Nothing happens where the trial is not finished.
+        Nothing happens if the trial is not finished.
         """
         if self.is_done(key):
             self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None, scene=None))
@@ -140,10 +142,13 @@ class Journal(LineJournal):
 
 
 def read_journal(path: Path) -> tuple[JournalEntry, ...]:
-    """Read a journal without changing it, also while a run appends to it; an unfinished last line is left out.
+    """Read a journal without changing it, also while a run appends to it; an incomplete last line is ignored.
 
-    Returns the last entry of every trial, in order of first appearance. Raises RecordError if a line is corrupt, or a
-    trial is finished twice.
+    Returns:
+        The last entry of every trial, in order of first appearance.
+
+    Raises:
+        RecordError: If a line is corrupt, or a trial is finished twice.
     """
     return tuple(_last_entries(path, complete_lines(path)[0])[0].values())
 
@@ -156,7 +161,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
     for number, line in enumerate(lines, start=1):
         where = f"{path}: line {number}"
         form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
-        fields = form.model_dump(exclude_unset=True)  # the link is of the fields that the version had which wrote it
+        fields = form.model_dump(exclude_unset=True)  # the link covers only the fields of the version that wrote it
         told = fields.pop("link", None)
         if told is not None or link:
             link = link_after(link, fields)
@@ -164,7 +169,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
                 raise not_following(where, _LINE_CURE)
         entry = JournalEntry(**fields)
         if entry.status == "error":
-            done.pop(entry.key, None)  # its record was not there any more
+            done.pop(entry.key, None)  # its record was missing
         elif entry.key in done:
             raise RecordError(f"{where} finishes {entry.key} again, after line {done[entry.key]}. {_LINE_CURE}.")
         else:

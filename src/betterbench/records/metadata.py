@@ -1,4 +1,4 @@
-"""Metadata of a record: its trial, the versions it was made with, and the outcome of the episode."""
+"""Metadata of a record: its trial, the versions used, and the outcome of the episode."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from betterbench.records.demonstration import Demonstrator, SubgoalSegment
 from betterbench.tasks import Looks
 
 SCHEMA_VERSION = 1
-"""Version of the record's columns and metadata; it moves when an older reader would misunderstand a newer file."""
+"""Version of the record's columns and metadata; it increases when an older reader would misinterpret a newer file."""
 
 Termination = Literal["success", "failure", "step_limit", "policy_error", "interrupted"]
-"""Reason for the end of an episode: the goal was met (or rightly left alone), it became unreachable or forbidden, the
-step limit was reached, the policy broke its protocol, or the operator stopped it."""
+"""Reason for the end of an episode. The goal was met (or doing nothing was right), the goal became unreachable,
+something forbidden happened, the step limit was reached, the policy violated its protocol, or the operator stopped it.
+"""
 
 _Count = Annotated[int, Field(ge=0)]
 
@@ -34,8 +35,8 @@ class Outcome:
     Attributes:
         success: Whether the trial counts as a success under its expected behavior.
         error: Description of the error, for "policy_error" and "interrupted".
-        clipped_actions: Actions that had to be clipped to the bounds of the action space.
-        invalid_actions: Answers of the policy that could not be executed.
+        clipped_actions: Number of actions that were clipped to the bounds of the action space.
+        invalid_actions: Number of answers that could not be executed.
     """
 
     termination: Termination
@@ -45,7 +46,7 @@ class Outcome:
     invalid_actions: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse contradictory outcomes."""
+        """Raise InvalidInputError for a contradictory outcome."""
         if self.termination not in TERMINATIONS:
             problem = f"{self.termination!r} is not a reason to end an episode"
             raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")
@@ -61,28 +62,28 @@ class Outcome:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
-    """Metadata of an episode that are fixed before it starts.
+    """Metadata of an episode, fixed before it starts.
 
     Attributes:
         suite_version: Version of the suite, which also seeds its random streams.
         condition: Name of the condition within the task ("train1", "L3").
-        variation: Name of the variation ("L3"), or None on a training condition.
-        axis: Axis of the variation, or None on a training condition.
-        base_condition: Training condition a variation is derived from; the same seed of it is the twin.
-        interventions: The operations as text, in order.
+        variation: Name of the variation ("L3"), or None for a training condition.
+        axis: Axis of the variation, or None for a training condition.
+        base_condition: Training condition from which a variation is derived; its trial with the same seed is the twin.
+        interventions: The interventions as text, in order.
         expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").
         action_components: Name of each number of an action.
-        camera_preset: Name of the observation preset, or None when no image was rendered.
-        render_quality: Name of the render preset, or None likewise.
-        engine: Fingerprint of everything that can change the numbers: simulator and its version, renderer, model hash.
+        camera_preset: Name of the observation preset, or None if no image was rendered.
+        render_quality: Name of the render preset, or None in the same case.
+        engine: Fingerprint of everything that affects the numbers: simulator and its version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
-        looks: Set of looks that the run draws from.
-        room: Name of the room that the trial drew.
-        view_jitter: Offsets of cameras and key light, which images follow from together with scene and state.
+        looks: Set of looks from which the run draws.
+        room: Name of the room of the trial.
+        view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
         predicate_names: Meaning of each column of ``predicates``.
-        subgoal_names: Meaning of each column of ``subgoals``, in the order asked for.
+        subgoal_names: Meaning of each column of ``subgoals``, in the instructed order.
         demonstrator: Source of the demonstration; None for the trial of a policy under test.
-        segments: The rows that serve each subgoal, derived from the states; of demonstrations alone.
+        segments: The rows that serve each subgoal, derived from the states; only for demonstrations.
     """
 
     task: str
@@ -116,7 +117,7 @@ class RecordMetadata:
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; fields of demonstrations are left out of all other records."""
+        """Return the JSON form; only demonstrations include the fields of demonstrations."""
         form: dict[str, Any] = {}
         for f in fields(self):
             value = getattr(self, f.name)

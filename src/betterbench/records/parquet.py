@@ -29,33 +29,31 @@ SEAL_KEY = b"betterbench.sha256"
 """Key of the SHA-256 of the whole file, computed with the digest itself as zeros."""
 
 COMPRESSION_LEVEL = 1
-"""Level of zstd. Its default, 3, saves less than 1 % of an episode and takes a fifth longer, 9 more than twice as long.
-
-Regrouping the bytes of the floats of the arm (byte stream split) made 17 of 18 episodes larger, by 4 % in the median.
-"""
+"""Level of zstd. Its default, 3, saves less than 1 % of an episode and takes a fifth longer; level 9 takes more than
+twice as long. Byte stream split of the arm's floats made 17 of 18 episodes larger, by 4 % in the median."""
 
 NO_DIGEST = b"0" * 64
-"""Stands for the digest of a file that is still to be sealed."""
-# In the compact Thrift form of the footer a key is followed by the head of a text (18) and its length, 64 (40).
+"""Placeholder for the digest in a file that is not sealed yet."""
+# In the compact Thrift form of the footer, a key is followed by the type of a text (18) and its length, 64 (40).
 _SEAL = re.compile(re.escape(SEAL_KEY) + rb"\x18\x40([0-9a-f]{64})")
 
 MAX_FILE_BYTES = 1 << 30
-"""Largest file that is read. An episode of an hour at 60 kB/s takes 0.2 GiB."""
+"""Largest file that is read [bytes]. An episode of an hour at 60 kB/s takes 0.2 GiB."""
 
 MAX_UNPACKED_BYTES = 2 << 30
-"""Largest size of all columns together after decompression. An hour of 500 numbers a row takes 0.3 GB."""
+"""Largest total size of all columns after decompression [bytes]. An hour with 500 numbers per row takes 0.3 GB."""
 
 
 _CURE = "Record the trial again"
 
-AGAIN = "The command that made the run records the trial again"
+AGAIN = "Repeat the command of the run to record the trial again"
 """Remedy for a record of a run that cannot be read."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Document:
-    """Document in the Parquet schema of a record, beside its columns: metadata, outcome, and widths of the columns."""
+    """JSON document in the Parquet schema of a record: metadata, outcome, and widths of the columns."""
 
     metadata: RecordMetadata
     outcome: Outcome
@@ -63,7 +61,7 @@ class _Document:
     widths: dict[str, Annotated[int, Field(ge=0, le=100_000)]]
 
     def __post_init__(self) -> None:
-        """Refuse widths that are missing or at odds with the metadata."""
+        """Raise InvalidInputError for widths that are missing or contradict the metadata."""
         if set(self.widths) != set(WIDTH_NAMES):
             raise InvalidInputError("widths", f"are not {', '.join(WIDTH_NAMES)}", _CURE)
         told = {
@@ -74,7 +72,9 @@ class _Document:
         }
         for name, count in told.items():
             if self.widths[name] != count:
-                raise InvalidInputError(f"widths.{name}", f"is {self.widths[name]}, but {count} are named", _CURE)
+                raise InvalidInputError(
+                    f"widths.{name}", f"is {self.widths[name]}, but the metadata names {count}", _CURE
+                )
 
 
 class _Version(BaseModel, strict=True):
@@ -107,15 +107,15 @@ class RecordBrief(BaseModel):
 _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(RecordBrief)
 
 _PLACE = f"Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
-_WHOLE = f"Copy it again from where it is whole. {AGAIN}"
-"""Remedy for a record that was cut short or changed: resuming a run sets it aside and deletes nothing."""
+_WHOLE = f"Copy it again from an intact source. {AGAIN}"
+"""Remedy for a truncated or changed record. Resuming a run moves it aside and deletes nothing."""
 _MAGIC = b"PAR1"
 
 
 def write_record(record: Record, path: Path) -> None:
     """Write a record; the same record gives the same bytes on one installation.
 
-    A file that stands there is replaced at once, never half. Raises OSError if the place cannot be written.
+    An existing file is replaced atomically. Raises OSError if the path is not writable.
     """
     write_durably(path, record_bytes(record))
 
@@ -144,25 +144,26 @@ def record_bytes(record: Record) -> bytes:
 
 
 def seal(data: bytes) -> bytes:
-    """Return a record's file with the digest of its content put into its one seal; RecordError if it has no seal."""
+    """Return a record's file with the digest of its content inserted. Raises RecordError if it has no place for it."""
     start, end = _seal_span(data)
     blank = data[:start] + NO_DIGEST + data[end:]
     return data[:start] + hashlib.sha256(blank).hexdigest().encode("ascii") + data[end:]
 
 
 def _seal_span(data: bytes) -> tuple[int, int]:
-    """Return the span of the digest in the file; raise RecordError if there is not exactly one."""
+    """Return the span of the digest in the file. Raises RecordError if it does not occur exactly once."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
-        raise RecordError(f"is damaged or no record. {_PLACE}")
+        raise RecordError(f"is damaged or not a record. {_PLACE}")
     return spans[0]
 
 
 def read_record(path: Path, *, digest: str | None = None) -> Record:
-    """Read a record, bit for bit the one that was written; the file may come from a stranger.
+    """Read a record exactly as it was written; the file may come from an untrusted source.
 
-    Raises RecordError if it is missing, damaged, not a record, too large or of another schema version, or if the
-    SHA-256 of the file is not ``digest``, where that is known.
+    Raises:
+        RecordError: If the file is missing, damaged, not a record, too large, of another schema version, or does not
+            have the given ``digest`` (SHA-256).
     """
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         document = read_form(_DOCUMENT, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
@@ -173,10 +174,10 @@ def read_record(path: Path, *, digest: str | None = None) -> Record:
 
 
 def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
-    """Read the outcome of a record's episode and nothing else, which is fast.
+    """Read only the outcome of a record's episode, which is fast.
 
     Raises:
-        RecordError: As :func:`read_record`, of which it checks less.
+        RecordError: As :func:`read_record`, with fewer checks.
     """
     return read_brief(path, digest=digest).outcome
 
@@ -188,11 +189,11 @@ def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
 
 
 def _intact(path: Path, digest: str | None) -> bytes:
-    """Return the content of a record's file; raise RecordError if it is too large or damaged, or not the one meant."""
+    """Return the content of a record's file. Raises RecordError if it is too large, damaged, or not as expected."""
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=_PLACE, raises=RecordError)
     if not data.endswith(_MAGIC) and (digest is not None or data.startswith(_MAGIC)):
         raise RecordError(f"is damaged (its end is missing). {_WHOLE}")
-    # The Parquet reader is native code that can crash on damaged files, so it only gets to see intact ones.
+    # The Parquet reader is native code that can crash on damaged files, so it only reads intact ones.
     try:
         intact = seal(data) == data
     except RecordError:
@@ -200,7 +201,7 @@ def _intact(path: Path, digest: str | None) -> bytes:
             raise
         intact = False
     if not intact:
-        raise RecordError(f"is damaged (its digest does not fit). {_WHOLE}")
+        raise RecordError(f"is damaged (its digest does not match). {_WHOLE}")
     if digest is not None and hashlib.sha256(data).hexdigest() != digest:
         raise RecordError(f"is not the record that the journal lists for this trial. {_WHOLE}")
     return data
@@ -208,48 +209,49 @@ def _intact(path: Path, digest: str | None) -> bytes:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Turn what reading a damaged record, or one of a stranger, can raise into an error that names the file."""
+    """Convert errors from reading a damaged or untrusted record into an error that names the file."""
     try:
         yield
     except BetterError as error:
         if isinstance(error.__cause__, FileNotFoundError):
-            raise RecordError(f"{path}: there is no such record. {AGAIN}.") from None
+            raise RecordError(f"{path}: the record does not exist. {AGAIN}.") from None
         text = str(error).removeprefix(f"{path}: ").rstrip(".")
         raise RecordError(f"{path}: {text}.") from error
-    except Exception as error:  # what native code raises about a damaged file
+    except Exception as error:  # native code may raise anything for a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise RecordError(f"{path}: is damaged or no record ({said}). {AGAIN}.") from error
+        raise RecordError(f"{path}: is damaged or not a record ({said}). {AGAIN}.") from error
 
 
 def _document_bytes(file: pq.ParquetFile) -> bytes:
-    """Return the JSON document of a file, after checking its schema version."""
+    """Return the JSON document of a file after checking its schema version."""
     raw = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
     if not isinstance(raw, bytes):
         raise RecordError(
-            "is a Parquet file but no record: it lacks the metadata 'betterbench'; choose a file of a run"
+            "is a Parquet file but not a record: it lacks the metadata 'betterbench'; choose a file of a run"
         )
     version = read_form(_VERSION, raw, where="metadata", cure=_CURE, sealed=True).metadata.schema_version
     if version != SCHEMA_VERSION:
         raise RecordError(
-            f"schema version {version} is not {SCHEMA_VERSION}, the one this version of betterbench reads; "
+            f"has schema version {version}, but this version of betterbench reads {SCHEMA_VERSION}; "
             "read it with the version that wrote it, or record the trial again"
         )
     return raw
 
 
 def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
-    """Refuse a file with other columns than its metadata says, without rows, or that unpacks to too much."""
+    """Raise RecordError for columns that differ from the metadata, a file without rows, or one that is too large."""
     actual = file.schema_arrow
     if not actual.equals(expected):
         names = sorted(set(expected.names) ^ set(actual.names)) or [
             field.name for field in expected if not field.equals(actual.field(field.name))
         ]
         raise RecordError(
-            f"its columns {', '.join(names[:5]) or 'in another order'} do not fit; record the trial again"
+            f"its columns {', '.join(names[:5]) or 'in another order'} do not match its metadata; record the trial "
+            f"again"
         )
     if file.metadata.num_rows < 1:
         raise RecordError("has no rows; record the trial again")
-    # Metadata of single columns is left alone: asking for it aborts the process on some malformed files (pyarrow 26)
+    # Metadata of single columns is not read: pyarrow 26 aborts the process on some malformed files.
     rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in expected)
     groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
     if max(sum(group.total_byte_size for group in groups), rows * per_row * 8) > MAX_UNPACKED_BYTES:

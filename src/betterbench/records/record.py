@@ -1,4 +1,4 @@
-"""A record: the privileged log of one episode, complete enough to judge it again without a simulator."""
+"""Record: the privileged log of one episode, complete enough to judge it again without a simulator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK_ROWS = 256
-"""Rows that are turned into states at once: enough to make it fast, few enough to keep memory small."""
+"""Number of rows converted to states at once: large enough to be fast, small enough to save memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,12 +33,12 @@ class Record:
         qvel: (T, nv) generalized velocities of the simulator.
         act: (T, na) actuator activations: the joint references that the servos integrate.
         ctrl: (T, nu) actuator commands.
-        action: (T, dim) action asked by the policy; NaN in row 0.
+        action: (T, dim) action of the policy; NaN in row 0.
         applied: (T, dim) action after clipping; NaN in row 0.
         ee_position: (T, 3) tool center point [m].
         ee_quaternion: (T, 4) rotation of the tool (w, x, y, z).
-        commanded_position: (T, 3) where the controller drives the tool center point [m].
-        commanded_quaternion: (T, 4) how the controller turns the tool (w, x, y, z).
+        commanded_position: (T, 3) commanded tool center point [m].
+        commanded_quaternion: (T, 4) commanded rotation of the tool (w, x, y, z).
         finger_width: (T,) distance of the finger pads [m].
         gripper_command: (T,) last applied gripper command, -1 open to +1 closed.
         joint_positions: (T, joints) arm joint angles [rad].
@@ -46,11 +46,11 @@ class Record:
         object_positions: (T, n, 3) object positions [m].
         object_quaternions: (T, n, 4) object rotations (w, x, y, z).
         object_linear_speeds: (T, n) object speeds [m/s].
-        object_angular_speeds: (T, n) object turning speeds [rad/s].
+        object_angular_speeds: (T, n) object angular speeds [rad/s].
         held: (T,) index of the held object, or -1.
         predicates: (T, p) truth of each predicate of ``metadata.predicate_names``.
         subgoals: (T, g) truth of each subgoal of ``metadata.subgoal_names``.
-        forbidden: (T,) whether something forbidden happens.
+        forbidden: (T,) whether a forbidden event is happening.
         contacts: Touching pairs of all rows.
     """
 
@@ -98,7 +98,7 @@ class Record:
 
     @property
     def widths(self) -> dict[str, int]:
-        """Numbers per row of each variable width."""
+        """Numbers per row of each variable-width group."""
         return {
             "nq": self.qpos.shape[1],
             "nv": self.qvel.shape[1],
@@ -112,11 +112,11 @@ class Record:
         }
 
     def arrays(self) -> Mapping[str, npt.NDArray[np.generic]]:
-        """Return all columns but the contacts by name."""
+        """Return all columns except the contacts, by name."""
         return {column.name: getattr(self, column.name) for column in COLUMNS}
 
     def same_bits(self, other: Record) -> bool:
-        """Tell whether two records are equal in every bit of every column and in all metadata."""
+        """Return whether two records are identical in all columns (bit for bit) and metadata."""
         if (self.metadata, self.outcome, self.bodies) != (other.metadata, other.outcome, other.bodies):
             return False
         mine, theirs = (
@@ -128,7 +128,7 @@ class Record:
         )
 
     def state(self, row: int) -> WorldState:
-        """Return the state of one row; a negative row counts from the end, an unknown one raises an IndexError."""
+        """Return the state of one row; negative rows count from the end. Raises IndexError if out of range."""
         rows = len(self)
         if not -rows <= row < rows:
             msg = f"row {row} of a record with {rows} rows"
@@ -137,7 +137,7 @@ class Record:
         return next(self._block(row, row + 1))
 
     def states(self) -> Iterator[WorldState]:
-        """Yield the state of every row, bit for bit the one that was appended."""
+        """Yield the state of every row, identical to the appended one."""
         for start in range(0, len(self), _BLOCK_ROWS):
             yield from self._block(start, min(start + _BLOCK_ROWS, len(self)))
 
@@ -145,7 +145,7 @@ class Record:
         """Yield the states of the rows from ``start`` to before ``stop``."""
         info, bodies = self.metadata.scene, self.bodies
         n = len(info.objects)
-        held_names = [*(o.name for o in info.objects), None]  # index -1 is nothing
+        held_names = [*(o.name for o in info.objects), None]  # index -1 selects None
         offsets = self.contacts.offsets[start : stop + 1].tolist()
         first, last = offsets[0], offsets[-1]
         touching = [
@@ -190,10 +190,10 @@ class Record:
 
 
 def _tuples(values: FloatArray) -> list[Any]:
-    """Return an array's last axis as tuples of floats, in one flat list.
+    """Return the last axis of an array as tuples of floats, in one flat list.
 
-    Striding over one list of floats is several times faster than turning each small array into a tuple. The result
-    is typed loosely because the lengths of the tuples are those of the array, which no annotation can say.
+    Slicing one list of floats is several times faster than converting each small array into a tuple. The return type is
+    loose because the tuple length depends on the array.
     """
     width = values.shape[-1]
     if width == 0:

@@ -1,4 +1,4 @@
-"""A run folder: the paths of its files, its plan, and its lock and context."""
+"""Run folder: the paths of its files, its plan, its lock and its context."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line
-from betterbench.jobs.durable import PART_SUFFIX, remove_parts, write_durably
+from betterbench.jobs.conflict import require_free, require_same
+from betterbench.jobs.durable import remove_parts, write_durably
 from betterbench.jobs.line_journal import say_lost_tail
 from betterbench.jobs.lock import LOCK_NAME, RunLock, is_locked
 from betterbench.jobs.places import require_inside
@@ -33,7 +34,6 @@ from betterbench.json_form import (
     sealed_form,
     strict_form,
 )
-from betterbench.quoting import json_text
 from betterbench.records.journal import Journal, JournalEntry, read_journal
 from betterbench.records.metadata import Outcome, RecordMetadata
 from betterbench.records.parquet import AGAIN, RecordBrief, read_brief, read_record, write_record
@@ -41,11 +41,12 @@ from betterbench.records.record import Record
 from betterbench.records.scene_archive import StorableScene, has_digest, read_scene, scene_digest, write_scene
 from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files, require_origins
+from betterbench.tasks.worlds.facts import WorldFacts, facts_of_plan
 
 logger = logging.getLogger(__name__)
 
 RUN_SCHEMA_VERSION = 2
-"""Version of ``run.json`` and of the layout of the folder; version 1 had no seal."""
+"""Version of ``run.json`` and of the folder layout; version 1 had no checksum."""
 
 _MAX_RUN_JSON_BYTES = 64 * 1024 * 1024
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
@@ -54,7 +55,7 @@ _HASH = re.compile(r"[0-9a-f]{8,128}")
 
 @growing_form
 class _PolicyChange(TypedDict):
-    """A time at which a run went on with another policy."""
+    """Time at which a run was continued with another policy."""
 
     policy: dict[str, Any]
     trials_before: NotRequired[Annotated[int, Field(ge=0)]]
@@ -63,7 +64,7 @@ class _PolicyChange(TypedDict):
 
 @growing_form
 class _RunContext(TypedDict, total=False):
-    """Fields of a run's context that are read here; it may have more."""
+    """Fields of a run's context that are read here; others are ignored."""
 
     policy: dict[str, Any]
     policy_changes: list[_PolicyChange]
@@ -84,10 +85,10 @@ _RUN_DOCUMENT = TypeAdapter(_RunDocument)
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """A folder that holds one run.
+    """Folder of one run.
 
-    ``plan`` is everything that two runs must share to be the same run. ``context`` is further information that may
-    differ on resuming: machine, policy handshake.
+    ``plan`` defines the run; a run can only be resumed with the same plan. ``context`` is further information that may
+    differ on resuming, such as the machine and the policy handshake.
     """
 
     path: Path
@@ -102,29 +103,24 @@ class RunFolder:
 
     @property
     def planned(self) -> tuple[TrialId, ...]:
-        """The trials of the plan, in its order; none if it does not list them."""
+        """The trials of the plan in order; empty if the plan does not list them."""
         return tuple(self._planned or ())
 
     @classmethod
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
-        """Create a run, or resume the one in the folder if it has the same plan, or one with fewer of the same trials.
+        """Create a run, or resume the existing one if its plan is the same or a subset of this one.
 
-        The folder is made if missing, and ``run.json`` is written before anything else. A resumed run keeps the
-        context of its first start. A plan with more trials takes the place of the stored one, and the context notes
-        when.
+        The folder is created if missing, and ``run.json`` is written before anything else. A resumed run keeps the
+        context of its first start. A plan with more trials replaces the stored one, and the context records the time.
 
         Raises:
-            RunConflictError: If the folder holds a run with another plan, other files, or is being written to.
+            RunConflictError: If the folder contains a run with another plan or other files, or is being written to.
             RecordError: If its ``run.json`` is corrupt.
             InvalidInputError: If plan or context is not JSON.
         """
         path = path.absolute()
         wanted = _plain({"plan": dict(plan), "context": dict(context or {})})
-        if path.exists() and not path.is_dir():
-            raise RunConflictError(f"{path}: this is a file. Choose another folder for the run.")
-        fresh = not (path / "run.json").exists()
-        if fresh and path.exists() and any(not _is_leftover(p) for p in path.iterdir()):
-            raise RunConflictError(f"{path}: the folder holds other files and no run. Choose an empty or a new folder.")
+        require_free(path, "run", file="run.json")
         with RunLock(path / LOCK_NAME):
             remove_parts(path)
             if not (path / "run.json").exists():
@@ -137,16 +133,11 @@ class RunFolder:
         if holds_more(existing.plan, wanted["plan"]):
             stored, fewer = (len(plan["trials"]) for plan in (existing.plan, wanted["plan"]))
             raise RunConflictError(
-                f"{path}: the run in this folder has {stored} trials, and this command asks for {fewer} of them. Give "
+                f"{path}: the run in this folder has {stored} trials, but this command requests only {fewer} of them. "
+                f"Give "
                 "as many trials, tasks and variations to resume it, or more to extend it, or choose another folder."
             )
-        difference = first_difference(existing.plan, wanted["plan"], "plan")
-        if difference is not None:
-            where, there, asked = difference
-            raise RunConflictError(
-                f"{path}: the run in this folder is another one: {where} is {there} there and {asked} here. "
-                "Give the same arguments to resume it, or choose another folder."
-            )
+        require_same(path, existing.plan, wanted["plan"], "run", where="plan")
         _copy_task_files(path, existing.plan)
         return existing
 
@@ -154,8 +145,9 @@ class RunFolder:
     def open(cls, path: Path) -> RunFolder:
         """Open an existing run for reading.
 
-        Raises RecordError if the folder holds no run, a corrupt one or one of another version, or its tasks are defined
-        by a user's file that is not loaded.
+        Raises:
+            RecordError: If the folder contains no run, or a run that is corrupt or of another version, or its tasks
+                need a user's file that is not loaded.
         """
         try:
             holds_run = (path / "run.json").is_file()
@@ -163,8 +155,8 @@ class RunFolder:
             raise RecordError(f"{one_line(path)}: {error.strerror}. Give the folder that `--out` named.") from error
         if not holds_run:
             inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
-            cure = f"Give a run that is in it: {', '.join(inside)}" if inside else "Give the folder that `--out` named"
-            raise RecordError(f"{path}: holds no run (no run.json). {cure}.")
+            cure = f"Give one of its runs: {', '.join(inside)}" if inside else "Give the folder that `--out` named"
+            raise RecordError(f"{path}: contains no run (no run.json). {cure}.")
         cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
         where = str(path / "run.json")
@@ -180,13 +172,13 @@ class RunFolder:
 
     @property
     def report_path(self) -> Path:
-        """The folder of the report; raises what :meth:`inside` raises."""
+        """The folder of the report; raises as :meth:`inside` does."""
         return self.inside("report")
 
     @property
-    def is_foreign(self) -> bool:
-        """Whether the plan names another world than our own scenes."""
-        return "world" in self.plan
+    def world(self) -> WorldFacts:
+        """Facts about the world in which the trials were run; RecordError if the plan names an unknown one."""
+        return facts_of_plan(self.plan, where=str(self.path / "run.json"))
 
     @property
     def is_running(self) -> bool:
@@ -194,25 +186,27 @@ class RunFolder:
         return is_locked(self.path / LOCK_NAME)
 
     def amended(self, changes: Mapping[str, Any]) -> RunFolder:
-        """Add later information to the context of the run, and return the run.
+        """Return the run after adding information to its context.
 
-        Raises RunConflictError if a process is writing to it, InvalidInputError if a change is not JSON.
+        Raises:
+            RunConflictError: If a process is writing to the run.
+            InvalidInputError: If a change is not valid JSON data.
         """
         return self._rewritten(self.plan, {**self.context, **changes})
 
     def restore(self) -> bool:
-        """Write ``run.json`` again if somebody else has removed or changed it since the run was opened; tell so."""
+        """Write ``run.json`` again, with a warning, if it was removed or changed since the run was opened."""
         path, content = self.path / "run.json", _run_json(self.plan, self.context)
         with contextlib.suppress(OSError, ValueError):
             unsealed = {"schema_version": 1, "plan": self.plan, "context": self.context}
             if json.loads(read_ordinary(path)) in (json.loads(content), unsealed):
                 return False
-        logger.warning("%s was removed or changed by somebody else and is written again", path)
+        logger.warning("%s was removed or changed by another process and is written again", path)
         write_durably(path, content)
         return True
 
     def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
-        """Write a plan that holds this one and more, and return the run."""
+        """Write a plan that extends this one, and return the run."""
         done = sum(entry.status == "done" for entry in self.entries())
         at_utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         step = {"at_utc": at_utc, "trials_before": len(self.plan["trials"]), "done_before": done}
@@ -229,10 +223,12 @@ class RunFolder:
     def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending, which locks the folder until it is closed.
 
-        With ``renews`` it goes on where somebody removes or moves the folder meanwhile; the caller then restores the
-        run and runs the trials again whose records are gone.
+        With ``renews``, the journal continues if the folder is removed or moved meanwhile. The caller then restores the
+        run and repeats the trials whose records are missing.
 
-        Raises what Journal does, and RecordError if the journal lists what is not planned.
+        Raises:
+            RecordError: If the journal lists trials that are not planned. Other errors are those of
+                :class:`~betterbench.records.journal.Journal`.
         """
         journal = Journal(self.journal_path, renews=renews)
         try:
@@ -245,7 +241,8 @@ class RunFolder:
     def entries(self) -> tuple[JournalEntry, ...]:
         """Read the journal without locking the folder.
 
-        Raises RecordError if the journal is corrupt or lists what is not planned.
+        Raises:
+            RecordError: If the journal is corrupt or lists trials that are not planned.
         """
         entries = tuple(_known_entries(self.journal_path).values())
         self._check_entries(entries)
@@ -253,15 +250,15 @@ class RunFolder:
         return entries
 
     def entry(self, trial: TrialId) -> JournalEntry | None:
-        """Return the last line of the journal about a trial, or None; raises what :meth:`entries` raises."""
+        """Return the last line of the journal about a trial, or None; raises as :meth:`entries` does."""
         return _known_entries(self.journal_path).get(trial)
 
     def record_digest(self, entry: JournalEntry) -> str:
-        """Return the SHA-256 of the record of a trial that is done, which journals of older versions do not hold."""
+        """Return the SHA-256 of the record of a finished trial; None for journals of older versions."""
         return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
 
     def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Say once that there are records that the journal does not list; the process that writes them is not one."""
+        """Warn once about records that the journal does not list; silent in the process that writes them."""
         told = (self.path, len(entries))
         if told in _TOLD or self.is_running:
             return
@@ -270,47 +267,48 @@ class RunFolder:
         unlisted = [t for t in self._planned or () if t not in listed and self.record_path(*astuple(t)).exists()]
         if unlisted:
             logger.warning(
-                "%s: does not list %d records that are there, of %s and others: it was cut short, or the run was "
-                "killed. They do not count; the command that made the run runs their trials again",
+                "%s: does not list %d existing records, of %s and others: it was truncated, or the run was killed. "
+                "They do not count; repeat the command of the run to run their trials again",
                 self.journal_path,
                 len(unlisted),
                 one_line(unlisted[0]),
             )
 
     def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Refuse a journal that lists a trial outside the plan."""
+        """Raise RecordError if the journal lists a trial outside the plan."""
         planned = self._planned
         for entry in entries if planned is not None else ():
             key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
-            trial = planned.get(key)  # type: ignore[union-attr] # looked at above
+            trial = planned.get(key)  # type: ignore[union-attr] # checked above
             if trial is None or trial.get("variation") != entry.variation:
                 problem = (
                     "is not planned" if trial is None else f"is not planned as a trial of {one_line(entry.variation)}"
                 )
                 raise RecordError(
-                    f"{self.journal_path}: {one_line(entry.key)} {problem}, so the journal or run.json is of another "
-                    "run. Restore both from a copy, or evaluate into a new folder."
+                    f"{self.journal_path}: {one_line(entry.key)} {problem}, so the journal or run.json belongs to "
+                    f"another run. Restore both from a copy, or evaluate into a new folder."
                 )
 
     def record_path(self, task: str, condition: str, seed: int) -> Path:
-        """Return the place of a trial's record.
+        """Return the path of a trial's record.
 
-        Raises InvalidInputError if a name could leave the folder or the seed is negative.
+        Raises:
+            InvalidInputError: If a name could lead out of the folder or the seed is negative.
         """
         return self._inside("records", task, condition, f"{_seed(seed)}.parquet")
 
     def video_path(self, task: str, condition: str, seed: int, *, camera: str) -> Path:
-        """Return the place of a trial's video; see :meth:`record_path`."""
+        """Return the path of a trial's video; see :meth:`record_path`."""
         return self._inside("videos", task, condition, f"{_seed(seed)}_{_safe_name('camera', camera)}.mp4")
 
     def scene_path(self, scene_hash: str) -> Path:
-        """Return the place of a stored scene; raise InvalidInputError if it is no hash in lower-case hexadecimal."""
+        """Return the path of a stored scene. Raises InvalidInputError for a hash that is not lower-case hexadecimal."""
         if not _HASH.fullmatch(scene_hash):
             raise InvalidInputError("scene hash", f"{scene_hash!r} is not a hash", "Give 8 to 128 hexadecimal digits")
         return self._inside("scenes", f"{scene_hash}.zip")
 
     def write_record(self, record: Record) -> Path:
-        """Write a record to its place and return it."""
+        """Write a record to its path and return the path."""
         m = record.metadata
         path = self.record_path(m.task, m.condition, m.seed)
         write_record(record, path)
@@ -319,11 +317,12 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read a trial's record.
 
-        Give the ``digest`` of the file if it was noted before, because the run may have changed since. Otherwise that
-        of the journal is used.
+        Pass the ``digest`` of the file if it was read earlier, because the run may have changed since. Otherwise the
+        digest of the journal is used.
 
-        Raises RecordError if it is missing or unreadable, or not the one that plan and journal mean: of another trial,
-        policy or action space, or with other bytes than when it was written.
+        Raises:
+            RecordError: If the record is missing or unreadable, or does not match plan and journal: another trial,
+                policy or action space, or changed bytes.
         """
         trial = TrialId(task, condition, seed)
         path = self.record_path(task, condition, seed)
@@ -332,9 +331,9 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read the trial and the outcome of a record, which is fast; raises what read_record raises.
+        """Read the trial and the outcome of a record, which is fast; raises as :meth:`read_record` does.
 
-        With the journal's ``entry`` the journal is not read for it.
+        If ``entry`` is given, the journal is not read.
         """
         path = self.record_path(trial.task, trial.condition, trial.seed)
         brief = read_brief(path, digest=self._digest(entry or self.entry(trial)))
@@ -342,11 +341,11 @@ class RunFolder:
         return brief
 
     def outcome(self, entry: JournalEntry) -> Outcome:
-        """Return the outcome of the trial of a line of the journal; raises what :meth:`read_record` raises."""
+        """Return the outcome of the trial of a journal line; raises as :meth:`read_record` does."""
         return self.read_brief(entry.key, entry=entry).outcome
 
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
-        """Return whether a trial succeeded, from its record; arguments and errors are those of :meth:`read_brief`."""
+        """Return whether a trial succeeded, from its record; arguments and errors as in :meth:`read_brief`."""
         return self.read_brief(trial, entry=entry).outcome.success
 
     @staticmethod
@@ -354,7 +353,7 @@ class RunFolder:
         return entry.record if entry is not None and entry.status == "done" else None
 
     def _check_record(self, path: Path, trial: TrialId, found: RecordMetadata | Any) -> None:  # noqa: ANN401
-        """Refuse a record whose metadata disagree with its path or with the plan."""
+        """Raise RecordError if the metadata of a record disagree with its path or the plan."""
         wanted: dict[str, object] = {"task": trial.task, "condition": trial.condition, "seed": trial.seed}
         if self._planned is not None:
             if trial not in self._planned:
@@ -368,20 +367,20 @@ class RunFolder:
             if there != value:
                 raise RecordError(
                     f"{path}: is the record of {one_line(f'{found.task}/{found.condition} seed {found.seed}')} of "
-                    f"{one_line(found.policy)}: its {name} is {one_line(repr(there), most=80)} where the run plans "
+                    f"{one_line(found.policy)}: its {name} is {one_line(repr(there), most=80)} but the run plans "
                     f"{one_line(repr(value), most=80)}. {AGAIN}."
                 )
 
     def records(self) -> Iterator[Record]:
-        """Yield the record of each trial that the journal calls done, in its order; raise RecordError if one is bad."""
+        """Yield the records of finished trials in the order of the journal. Raises RecordError if one is invalid."""
         for entry in self.entries():
             if entry.status == "done":
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move a file of the run that cannot be used to ``RUN/set-aside``, and return its place; None if there is none.
+        """Move an unusable file of the run to ``RUN/set-aside`` and return its new path; None if it does not exist.
 
-        Nothing is deleted: it may be somebody's only copy.
+        Nothing is deleted, because it may be the user's only copy.
         """
         if not path.exists() and not path.is_symlink():
             return None
@@ -393,24 +392,24 @@ class RunFolder:
         return place
 
     def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
-        """Store a scene once; raises what :func:`~betterbench.records.scene_archive.write_scene` raises."""
+        """Store a scene once; raises as :func:`~betterbench.records.scene_archive.write_scene` does."""
         path = self.scene_path(scene_hash)
         if not path.exists():
             write_scene(path, files)
         return path
 
     def keep_scene(self, scene: StorableScene) -> str:
-        """Store the scene of a trial unless it is there, and return its digest for the journal.
+        """Store the scene of a trial unless it exists, and return its digest for the journal.
 
-        An empty file stands for a scene that is stored elsewhere. A file that holds no scene is set aside.
+        An empty file marks a scene that is stored elsewhere. A file without a scene is moved aside.
 
         Raises:
-            RunConflictError: If another scene has its name: another version stored it, or somebody put it there.
+            RunConflictError: If a different scene has the same name, from another version or another source.
             InvalidInputError: As :func:`~betterbench.records.scene_archive.write_scene`.
         """
         name = scene.content_hash
         path = self.scene_path(name)
-        if name not in _DIGESTS:  # making the files takes 30 ms, which a trial does not pay for again
+        if name not in _DIGESTS:  # computing the digest takes 30 ms, which is done once per scene
             _DIGESTS[name] = scene_digest(name, scene.files())
         digest = _DIGESTS[name]
         if has_digest(path, digest) or (path.is_file() and path.stat().st_size == 0):
@@ -422,23 +421,23 @@ class RunFolder:
                 logger.warning("%s The file is kept as %s.", problem, self.set_aside(path))
             else:
                 if there == digest:
-                    return digest  # an earlier version stored it, without a seal
+                    return digest  # an earlier version stored it without a checksum
                 raise RunConflictError(
-                    f"{path}: is another scene than the one that this trial runs in, though it has its name: another "
-                    "version stored it, or somebody put it there. Evaluate into a new folder, or move the file away if "
-                    "no finished trial is of it."
+                    f"{path}: is not the scene of this trial, although it has the same name: it comes from another "
+                    f"version or another source. Evaluate into a new folder, or move the file away if no finished "
+                    f"trial used it."
                 )
         write_scene(path, scene.files())
         return digest
 
     def load_scene(self, scene_hash: str, *, digest: str | None = None) -> dict[str, bytes]:
-        """Return the files of a stored scene by name, without writing any of them; raises what ``read_scene`` does."""
+        """Return the files of a stored scene by name, without writing them to disk; raises as ``read_scene`` does."""
         return read_scene(self.scene_path(scene_hash), digest=digest)
 
     def scene_digest(self, trial: TrialId) -> str | None:
-        """Return the digest that the journal holds of the scene of a trial.
+        """Return the digest of a trial's scene from the journal.
 
-        None if there is none, as in journals of earlier versions, where that is said once.
+        None for journals of earlier versions, with one warning.
         """
         entry = self.entry(trial)
         if entry is None or entry.status != "done":
@@ -446,53 +445,53 @@ class RunFolder:
         if entry.scene is None and self.path not in _WITHOUT_SCENES:
             _WITHOUT_SCENES.add(self.path)
             logger.warning(
-                "%s: an earlier version wrote it without digests of the scenes, so an exchanged scene would not be "
-                "seen",
+                "%s: an earlier version wrote it without digests of the scenes, so a replaced scene would not be "
+                "detected",
                 self.journal_path,
             )
         return entry.scene
 
     def scene_of(self, record: RecordMetadata) -> dict[str, bytes]:
-        """Return the files of the scene that a recorded trial ran in, which have to fit the journal.
+        """Return the files of the scene of a recorded trial, verified against the journal.
 
-        Raises what :func:`~betterbench.records.scene_archive.read_scene` raises.
+        Raises as :func:`~betterbench.records.scene_archive.read_scene` does.
         """
         digest = self.scene_digest(TrialId(record.task, record.condition, record.seed))
         return self.load_scene(record.scene_hash, digest=digest)
 
     def _inside(self, top: str, *names: str) -> Path:
-        """Return a path below the folder; refuse a path that leads out of it."""
+        """Return a path below the folder. Raises InvalidInputError for a path that leads out of it."""
         path = self.path / top
         for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
             path /= _safe_name(what, name)
         return self.inside(*path.relative_to(self.path).parts)
 
     def inside(self, *names: str) -> Path:
-        """Return a path below the folder, and raise InvalidInputError if it leads out of it by a link."""
+        """Return a path below the folder. Raises InvalidInputError if a link leads out of it."""
         path = self.path.joinpath(*names)
         require_inside(path, self.path)
         return path
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the lock of the folder; raises RunConflictError if another process is writing to it."""
+        """Hold the lock of the folder. Raises RunConflictError if another process is writing to it."""
         with RunLock(self.path / LOCK_NAME):
             yield
 
 
 _DIGESTS: dict[str, str] = {}
-"""Digests of the scenes that trials of this process ran in, by their names."""
+"""Digests of the scenes that this process has used, by name."""
 
 _WITHOUT_SCENES: set[Path] = set()
-"""Runs for which the missing digests of scenes in the journal have been reported."""
+"""Runs whose missing scene digests have been reported."""
 
 _TOLD: set[tuple[Path, int]] = set()
-"""Runs with the number of trials that they listed when their unlisted records were looked for."""
+"""Runs that were checked for unlisted records, with the number of trials that they listed then."""
 
 
 @lru_cache(maxsize=8)
 def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
-    """Return the entries of a journal by trial; size and time of the last change tell whether it is still the same."""
+    """Return the entries of a journal by trial; cached by file size and time of the last change."""
     del size, changed_ns
     entries = {entry.key: entry for entry in read_journal(path)}
     say_lost_tail(path)
@@ -515,34 +514,35 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
     found: dict[TrialId, Mapping[str, Any]] = {}
     for trial in listed:
         form = trial if isinstance(trial, dict) else {}
-        # The condition of a variation has its name; plans of the first versions gave the condition it is derived from.
+        # Variations are listed by their own condition; plans of the first versions gave the condition they are derived
+        # from.
         task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
         if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
-            return None  # whoever needs the plan says what is wrong with it
+            return None  # the reader of the plan reports the problem
         found[TrialId(task, condition, seed)] = form
     return found
 
 
 def _plain(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a form as reading its JSON gives it; InvalidInputError if it is not JSON."""
+    """Return plain JSON data as if read from a file. Raises InvalidInputError for other data."""
     found: dict[str, Any] = json.loads(dump_json(form))
     return found
 
 
 def _run_json(plan: Mapping[str, Any], context: Mapping[str, Any]) -> bytes:
-    """Return the content of ``run.json``, with its seal."""
+    """Return the content of ``run.json``, including its checksum."""
     form = sealed_form({"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": dict(context)})
     return json.dumps(form, indent=2, sort_keys=True).encode() + b"\n"
 
 
 def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
-    """Keep a copy of each of the user's files that the tasks of a run come from."""
+    """Keep a copy of each user's file that defines tasks of a run."""
     if plan.get("task_files"):
         keep_copies(path)
 
 
 def keep_copies(path: Path) -> None:
-    """Keep a copy of each of the user's files that are loaded, in the folder of what was made with them."""
+    """Keep a copy of each loaded user's file in an output folder."""
     require_inside(path / COPIES, path)
     for file in loaded_files():
         if not (path / COPIES / file.copy_name).exists():
@@ -553,7 +553,7 @@ def keep_copies(path: Path) -> None:
 
 
 def _safe_name(what: str, name: str) -> str:
-    """Return a name that can stand in a path; raise InvalidInputError if it cannot."""
+    """Return a name that is safe in a path. Raises InvalidInputError otherwise."""
     if not _NAME.fullmatch(name):
         problem = f"{name!r} cannot be the name of a file"
         raise InvalidInputError(
@@ -563,23 +563,18 @@ def _safe_name(what: str, name: str) -> str:
 
 
 def _seed(seed: int) -> int:
-    """Return a seed that can stand in a file name; raise InvalidInputError if it is negative."""
+    """Return a seed that is valid in a file name. Raises InvalidInputError if it is negative."""
     if seed < 0:
         raise InvalidInputError("seed", f"{seed} is negative", "Give an integer of at least 0")
     return seed
 
 
-def _is_leftover(path: Path) -> bool:
-    """Tell whether a file may have been left by a run that never began."""
-    return path.name == LOCK_NAME or path.name.endswith(PART_SUFFIX)
-
-
 _GROWING = ("trials", "task_versions", "task_files")
-"""Parts of a plan that may be larger when a run is continued; a trial that is planned already stays as it is."""
+"""Parts of a plan that may grow when a run is continued; planned trials stay unchanged."""
 
 
 def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether a plan has every trial of another one and more, and is the same in everything else."""
+    """Return whether a plan extends another one by trials and is otherwise equal."""
     rest, others = ({k: v for k, v in p.items() if k not in _GROWING} for p in (plan, other))
     if dump_json(rest) != dump_json(others):
         return False
@@ -593,37 +588,3 @@ def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
         if not all(dump_json(item) in known for item in theirs):
             return False
     return len(plan.get("trials", [])) > len(other.get("trials", []))
-
-
-def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None."""
-    if isinstance(there, dict) and isinstance(asked, dict):
-        for key in sorted(set(there) | set(asked)):
-            if key not in there or key not in asked:
-                return f"{where}.{key}", _shown(there.get(key, _ABSENT)), _shown(asked.get(key, _ABSENT))
-            found = first_difference(there[key], asked[key], f"{where}.{key}")
-            if found:
-                return found
-        return None
-    if isinstance(there, list) and isinstance(asked, list):
-        for i, (a, b) in enumerate(zip(there, asked, strict=False)):
-            found = first_difference(a, b, f"{where}[{i}]")
-            if found:
-                return found
-        if len(there) != len(asked):
-            return f"the length of {where}", str(len(there)), str(len(asked))
-        return None
-    if type(there) is type(asked) and there == asked:
-        return None
-    return where, _shown(there), _shown(asked)
-
-
-_ABSENT = object()
-
-
-def _shown(value: object) -> str:
-    """Return a value for a message, shortened."""
-    if value is _ABSENT:
-        return "absent"
-    text = json_text(value)
-    return text if len(text) <= 80 else text[:77] + "..."

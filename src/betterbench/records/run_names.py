@@ -1,4 +1,4 @@
-"""Names of several runs that are shown side by side."""
+"""Unique names of several runs that are shown side by side."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from betterbench.errors import InvalidInputError
 from betterbench.records.run import RunFolder
 
 BUILT_IN = re.compile(r"expert|noop|random|(expert|zoo|probe|replay|independent|learned):.*", re.IGNORECASE)
-"""Names of built-in policies: a class derived from one may declare them, and is called by its address all the same.
+"""Reserved names of built-in policies. A user's class that declares one of them is called by its address instead.
 
-Records are read without the kinds of policies; a test compares this with them."""
+Reading records does not import the policy kinds; a test compares this pattern with them.
+"""
 
 MOST_CHARACTERS = 80
-"""Longest name of a run; a longer one is cut, so that a page or a table stays readable."""
+"""Maximum length of a run's name; longer names are truncated to keep pages and tables readable."""
 
 
 def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return one name per run, all different.
+    """Return a unique name for each run.
 
-    Without ``given`` names, a run is called by the name that its policy declared; runs that share it are called by the
-    address of their policy, and where that is shared too, by the name with the folder of the run in parentheses.
+    Without ``given`` names, a run gets the declared name of its policy. Runs with the same name get the address of
+    their policy instead. If that is also shared, the folder of the run is added in parentheses.
 
     Raises:
-        InvalidInputError: If names are given and there is not one for each run, or one is empty, too long or repeated.
+        InvalidInputError: If the number of given names is not that of the runs, or a name is empty, too long or
+            repeated.
     """
     if given:
         return _checked(given, len(runs))
@@ -38,7 +40,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 
 
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
-    """Return names that tell runs apart: with the folder where two are alike, and a number where that is not enough."""
+    """Return unique names: equal names get the folder of the run, and a number if that is not enough."""
     counts = Counter(names)
     named = [
         name if counts[name] == 1 else f"{name} ({Path(place).resolve().name if str(place) else number})"
@@ -49,14 +51,14 @@ def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str,
 
 
 def _declared(run: RunFolder) -> str:
-    """Return the name that the policy of a run declared, or its address."""
+    """Return the declared name of a run's policy, or its address."""
     policy, address = run.context.get("policy"), _shown(run.plan.get("policy", "policy"))
     name = _shown(policy.get("name")) if isinstance(policy, dict) else ""
     return address if not name or BUILT_IN.fullmatch(name) else name
 
 
 def _shown(name: object) -> str:
-    """Return a name that others wrote as one line of bounded length; empty if it is none."""
+    """Return an external name as one line of bounded length; empty if it is invalid."""
     line = "".join(c if c.isprintable() else " " for c in name).strip() if isinstance(name, str) else ""
     return line if len(line) <= MOST_CHARACTERS else f"{line[: MOST_CHARACTERS - 1]}…"
 
@@ -70,5 +72,5 @@ def _checked(given: Sequence[str], runs: int) -> tuple[str, ...]:
             cure = f"Give 1 to {MOST_CHARACTERS} printable characters"
             raise InvalidInputError("--name", f"{name[:MOST_CHARACTERS]!r} cannot be the name of a run", cure)
         if given.count(name) > 1:
-            raise InvalidInputError("--name", f"{name!r} is given twice", "Give each run a name of its own")
+            raise InvalidInputError("--name", f"{name!r} is given twice", "Give each run a different name")
     return tuple(given)

@@ -1,9 +1,9 @@
-"""The archive of a compiled scene: a zip file whose bytes follow from its content; it may come from a stranger.
+"""Archive of a compiled scene: a reproducible zip file, which may come from an untrusted source.
 
-The comment of the zip file is its seal: the digest of the scene's name and of all its files (:func:`scene_digest`). It
-is compared before anybody reads a file, so that a changed model, or the archive of another scene, never reaches MuJoCo
-or a picture. The journal of a run holds the digest too, of the scene that each trial ran in: an archive that was
-exchanged together with its seal does not fit it.
+The comment of the zip file contains the digest of the scene's name and of all its files (:func:`scene_digest`). It is
+verified before any file is used, so that MuJoCo never loads a changed model or the archive of another scene. The
+journal of a run also contains the digest of each trial's scene, which detects an archive that was replaced together
+with its digest.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ MAX_SCENE_BYTES = 256 * 1024 * 1024
 MAX_SCENE_FILES = 10_000
 """Largest number of files of a stored scene."""
 
-_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
+_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can store
 _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20
-_AGAIN = "The command that made the run stores it again"
+_AGAIN = "Repeat the command of the run to store it again"
 
 
 class StorableScene(Protocol):
-    """A compiled scene that is stored with the records of its trials."""
+    """A compiled scene that can be stored with the records of its trials."""
 
     @property
     def content_hash(self) -> str:
-        """Name of the stored scene; in one process it stands for the same files."""
+        """Name of the stored scene; within one process it identifies the files."""
 
     def files(self) -> dict[str, bytes]:
         """Return the stored files: content by name."""
 
 
 def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
-    """Return the SHA-256 of the name of a scene and of the names and contents of its files (hex, 64 characters)."""
+    """Return the SHA-256 of a scene's name and of the names and contents of its files (hex, 64 characters)."""
     lines = [f"{hashlib.sha256(files[file]).hexdigest()} {file}\n" for file in sorted(files)]
     return content_digest(name, "".join(lines).encode())
 
@@ -53,7 +53,8 @@ def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
     """Store the files of a scene under its hash, ``HASH.zip``; the same files give the same bytes.
 
-    Raises InvalidInputError if a name could leave the archive's folder or the scene is too large.
+    Raises:
+        InvalidInputError: If a name could lead out of the archive's folder or the scene is too large.
     """
     for name in files:
         problem = _member_problem(name)
@@ -68,7 +69,7 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
         for name in sorted(files):
             member = zipfile.ZipInfo(name, _ZIP_EPOCH)
             member.compress_type = zipfile.ZIP_DEFLATED
-            member.create_system = 3  # Unix, whatever the machine
+            member.create_system = 3  # Unix, on every machine
             member.external_attr = (stat.S_IFREG | 0o644) << 16
             archive.writestr(member, files[name])
         archive.comment = _seal(scene_digest(path.stem, files))
@@ -76,7 +77,7 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
 
 
 def has_digest(path: Path, digest: str) -> bool:
-    """Return whether an archive carries the seal of a digest; its files are compared with it when they are read."""
+    """Return whether an archive states a digest; its files are verified when they are read."""
     seal = _seal(digest)
     try:
         with open_ordinary(path) as stream:
@@ -87,13 +88,14 @@ def has_digest(path: Path, digest: str) -> bool:
 
 
 def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
-    """Return the files of a stored scene by name, without writing any of them.
+    """Return the files of a stored scene by name, without writing them to disk.
 
-    Given the ``digest`` that the journal holds of the scene, the files have to have it. Archives of an earlier version
-    have no seal, which is said once for all scenes of a run unless the journal's digest is compared.
+    If the ``digest`` of the journal is given, the files must match it. Archives of an earlier version contain no
+    digest, which causes one warning per run unless the digest of the journal is given.
 
-    Raises RecordError if the scene is missing, damaged, changed, that of another hash or another trial, or too large,
-    or a name could leave a folder.
+    Raises:
+        RecordError: If the scene is missing, damaged, changed, too large, of another hash or another trial, or a name
+            could lead out of a folder.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)
@@ -103,15 +105,15 @@ def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
         if isinstance(error.__cause__, FileNotFoundError):
             raise RecordError(f"{path}: the scene is not stored. {_AGAIN}.") from None
         raise
-    except Exception as error:  # what decompressors raise about a damaged archive
+    except Exception as error:  # decompressors may raise anything for a damaged archive
         said = one_line(error, most=200) or type(error).__name__
         raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
     found = scene_digest(path.stem, files)
     if seal and seal != _seal(found):
-        problem = "was changed after it was written, or is the archive of another scene: its seal does not fit"
+        problem = "was changed after it was written, or is the archive of another scene: its digest does not match"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
     if digest is not None and found != digest:
-        problem = "is not the scene that the trial ran in: its digest is another one than the journal holds"
+        problem = "is not the scene of the trial: its digest differs from that in the journal"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
     if not seal and digest is None:
         say_unsealed(str(path.parent))
@@ -124,7 +126,7 @@ def _seal(digest: str) -> bytes:
 
 
 def _member_problem(name: str) -> str | None:
-    """Return the reason for which a name must not stand in an archive, or None."""
+    """Return why a name is not allowed in an archive, or None."""
     if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
         return "is not a portable file name"
     path = PurePosixPath(name)
@@ -134,7 +136,7 @@ def _member_problem(name: str) -> str | None:
 
 
 def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
-    """Return the content of an archive within the limits; refuse names that leave a folder or stand there twice."""
+    """Return the content of an archive within the limits. Raises RecordError for unsafe or repeated names."""
     members = archive.infolist()
     too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is not a scene of a run.")
     if len(members) > MAX_SCENE_FILES or sum(m.file_size for m in members) > MAX_SCENE_BYTES:
@@ -144,7 +146,7 @@ def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
     for member in members:
         problem = "stands there twice" if member.filename in files else _member_problem(member.filename)
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            problem = "is compressed in a way that no scene is"
+            problem = "has a compression that scenes do not use"
         if problem:
             raise RecordError(f"{path}: the member {member.filename!r} {problem}. This is not a scene of a run.")
         blocks: list[bytes] = []

@@ -1,9 +1,9 @@
-"""Segments of a record: the rows of each subgoal, derived from the states alone.
+"""Segments of a record: the rows of each subgoal, derived only from the states.
 
-A skill is told by the gripper: from the action that closes it to the action that opens it. What was held in between was
-picked and placed, a drawer that moved was slid, and if there was neither it was a miss. A skill's window reaches back
-to where the tool came within :data:`NEAR_M` of the place at which the gripper changes, and on to where it has left.
-A segment ends with the skill that brings its subgoal about.
+A skill lasts from the action that closes the gripper to the action that opens it. An object that was held in between
+was picked and placed, a drawer that moved was slid, and otherwise it was a miss. A skill's window begins when the tool
+comes within :data:`NEAR_M` of the position of the gripper change, and ends when the tool has left it. A segment ends
+with the skill that achieves its subgoal.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from betterbench.tasks import Condition, Subgoal
 from betterbench.tasks.relations import relation
 
 NEAR_M = 0.20
-"""Distance from the place of the gripper's change at which a window begins [m]: longer than any straight way in."""
+"""Distance from the position of the gripper change at which a window begins [m]; longer than any straight approach."""
 LIFTED_M = 0.06
-"""Distance from there at which the window of a pick has ended [m]: the object is off its support and clear of it."""
+"""Distance from that position at which the window of a pick ends [m]: the object is lifted and clear of its support."""
 LEFT_M = 0.10
-"""Distance from there at which the windows of a place and of a slide have ended [m]."""
+"""Distance from that position at which the windows of a placement and of a slide end [m]."""
 HELD_ROWS = 3
-"""Least rows in which an object is held for the gripper to count as having taken it."""
+"""Minimum number of rows for which an object is held to count as picked."""
 SLID_M = 0.005
-"""Least motion of a drawer that counts as a slide [m]: the gap up to which one is shut."""
+"""Minimum motion of a drawer that counts as a slide [m]: the largest gap of a closed drawer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +41,11 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return the segments of an episode, which cover all its rows; none if the gripper never closed.
+    """Return the segments of an episode, which cover all its rows; empty if the gripper never closed.
 
     Args:
         record: The record of the episode.
-        condition: The condition that it ran under.
+        condition: Condition of the episode.
     """
     found = list(_closures(record))
     if not found:
@@ -76,7 +76,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield the effect of each closing of the gripper, up to the next opening."""
+    """Yield the effect of each closing of the gripper until the next opening."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
@@ -105,7 +105,7 @@ def _travel(record: Record, index: int, start: int, stop: int) -> float:
 
 
 def _served(record: Record, condition: Condition, closure: _Closure, row: int, credited: set[int]) -> Subgoal | None:
-    """Return the subgoal that a closing has brought about by a row, if it was not brought about before."""
+    """Return the subgoal that a closing has newly achieved by a row, or None."""
     if closure.kind == "miss" or closure.opened >= len(record):
         return None
     state = record.state(row)
@@ -122,7 +122,7 @@ def _served(record: Record, condition: Condition, closure: _Closure, row: int, c
 def _windows(
     record: Record, closure: _Closure, served: Subgoal | None, free_from: int, until: int, *, next_object: str
 ) -> Iterator[SkillWindow]:
-    """Yield the windows of one closing: a pick and its place, a slide or a miss, between two rows."""
+    """Yield the windows of one closing between two rows: a pick and its placement, a slide, or a miss."""
     start = _begin(record, closure.closed, free_from)
     place = ("", "", "") if served is None else (served.target, served.relation, served.region)
     if closure.kind == "miss":
@@ -143,19 +143,19 @@ def _windows(
 
 
 def _begin(record: Record, change: int, earliest: int) -> int:
-    """Return the first row from which on the tool stays near the place of a change, not before ``earliest``."""
+    """Return the first row, at least ``earliest``, from which the tool stays near the position of a change."""
     away = np.flatnonzero(_distances(record, earliest, change, change) >= NEAR_M)
     return min(earliest, change) if not len(away) else earliest + int(away[-1]) + 1
 
 
 def _end(record: Record, change: int, away_m: float, latest: int) -> int:
-    """Return the row after the first one at which the tool is away from the place of a change, at most ``latest``."""
+    """Return the row after the first one at which the tool is far from a change's position, at most ``latest``."""
     row = min(change, len(record) - 1)
     away = np.flatnonzero(_distances(record, row, latest, row) >= away_m)
     return min(row + int(away[0]) + 1, latest) if len(away) else latest
 
 
 def _distances(record: Record, start: int, stop: int, row: int) -> np.ndarray:
-    """Return the distance of the tool, at the rows from ``start`` to ``stop``, from its position at another row [m]."""
+    """Return the distance of the tool in the rows from ``start`` to ``stop`` from its position in another row [m]."""
     found: np.ndarray = np.linalg.norm(record.ee_position[start:stop] - record.ee_position[row], axis=1)
     return found

@@ -1,4 +1,4 @@
-"""Plain tables as Parquet: rows of texts, numbers and lists of them, for use with other tools."""
+"""Plain tables as Parquet, with rows of texts, numbers and lists, for use with other tools."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def table_bytes(
 
     Args:
         columns: Kind of each column by name: "text", "integer", "number", "texts" or "integers"; any cell may be None.
-        rows: The rows; what a row lacks is None.
-        metadata: Texts that the file's schema carries.
+        rows: The rows; missing cells are None.
+        metadata: Texts for the metadata of the file's schema.
     """
     schema = pa.schema([(name, _KINDS[kind]) for name, kind in columns.items()], metadata=dict(metadata))
     arrays = [pa.array([row.get(name) for row in rows], type=_KINDS[kind]) for name, kind in columns.items()]

@@ -1,4 +1,4 @@
-"""Twin demonstrations of a run: two records that agree bit for bit until their instructions have an effect."""
+"""Twin demonstrations of a run: two records that are identical until their instructions take effect."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from betterbench.records.run import RunFolder
 from betterbench.tasks.trial_id import TrialId
 
 PAIRS_FILE = "pairs.jsonl"
-"""File within a run of demonstrations that lists its pairs, one a line."""
+"""File within a run of demonstrations that lists its pairs, one per line."""
 _MAX_BYTES = 256 * 1024 * 1024
-_CURE = "Give the command that made the set again, which writes this list anew from the records"
+_CURE = "Repeat the command of the demonstrations, which writes this list again from the records"
 
 _Rows = Annotated[int, Field(ge=1)]
 
@@ -28,13 +28,13 @@ class TwinPair:
     """Two demonstrations from the same start with different instructions.
 
     Attributes:
-        pair: Its id, "TASK/SEED/CONDITION+CONDITION".
-        task: Their task.
-        seed: Their seed.
-        conditions: Their conditions.
-        instructions: Their instructions, which differ.
-        shared_rows: Rows that are the same in both, bit for bit: the state at reset and after each shared action.
-        rows: Rows of each.
+        pair: Id of the pair, "TASK/SEED/CONDITION+CONDITION".
+        task: Common task.
+        seed: Common seed.
+        conditions: The two conditions.
+        instructions: The two instructions, which differ.
+        shared_rows: Number of initial rows that are identical in both: the state at reset and after each shared action.
+        rows: Number of rows of each record.
     """
 
     pair: str
@@ -56,13 +56,13 @@ _FORM = TypeAdapter(TwinPair)
 
 
 def pairs_bytes(pairs: Iterable[TwinPair]) -> bytes:
-    """Return the file that lists pairs, a line each, and their seal in the last line."""
+    """Return the file that lists pairs, one per line, with a checksum in the last line."""
     lines = "".join(json_text(asdict(pair)) + "\n" for pair in pairs).encode()
     return sealed_lines(lines)
 
 
 def read_pairs(run: RunFolder) -> tuple[TwinPair, ...]:
-    """Return the pairs of a run, none if it lists none; RecordError if the list is corrupt."""
+    """Return the pairs of a run, empty if it has no list. Raises RecordError if the list is corrupt."""
     path = run.path / PAIRS_FILE
     if not path.exists():
         return ()

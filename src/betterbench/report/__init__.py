@@ -1,8 +1,8 @@
-"""Reports: one self-contained page, tables as CSV and LaTeX, and the films they show.
+"""Reports: a self-contained page with films, and tables as CSV and LaTeX.
 
 - ``pages``: the report of runs, and the pages of calibrations, certificates, power and preflight checks.
-- ``headline``, ``claims``, ``outcomes``, ``task_views``: what a page says in sentences and numbers.
-- ``figures``, ``tables``: charts, films and tables that pages are made of.
+- ``headline``, ``claims``, ``outcomes``, ``task_views``: the sentences and numbers of a page.
+- ``figures``, ``tables``: charts, films and tables on pages.
 - ``html``, ``templates``: Jinja templates and style sheets.
 """
 

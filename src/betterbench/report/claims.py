@@ -1,4 +1,4 @@
-"""Statistical tests of the conclusions about a policy, and the trials that would decide one that does not pass."""
+"""Statistical tests of the conclusions about a policy, and the trials needed to decide an open conclusion."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.measures.metrics import twins
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.quoting import shell_line
@@ -16,19 +15,20 @@ from betterbench.statistics.power import DEFAULT_ALPHA, DEFAULT_POWER
 from betterbench.statistics.wording import listed, plural
 from betterbench.tasks.labels import Kind
 from betterbench.tasks.user_files import options_for
+from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Share of failed trials that a kind of failure has to exceed, by an exact binomial test at the usual level, to be
-called what the policy does where no illusion gap shows it: in training too, or without training twins."""
+"""Share of failed trials that a kind of failure has to exceed to be a conclusion if no illusion gap shows it, as in
+training or without training twins (exact binomial test at the usual level)."""
 
 FEW = 3
-"""Least number of trials that show a habit: of a policy, of one task where failures are rare, and of one axis."""
+"""Minimum number of trials that show a habit: of a policy, of one task if failures are rare, or of one axis."""
 
 MOST_PAIRS = 100
-"""Most pairs of one variation that are advised."""
+"""Largest recommended number of pairs per variation."""
 
 MOST_VARIATIONS = 3
-"""Most variations that are advised."""
+"""Largest number of recommended variations."""
 
 _SETTINGS = (
     ("--action-space", "action_space", "ee_delta"),
@@ -36,19 +36,19 @@ _SETTINGS = (
     ("--quality", "render_quality", "standard"),
     ("--looks", "looks", "seen"),
 )
-"""Options of ``better eval``, the version of a record that holds each, and the value without the option."""
+"""Options of ``better eval``, the version field of a record for each, and the value without the option."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """Grounds of a conclusion: its test, and the run that would decide it.
+    """Grounds of a conclusion: its test, and the run needed to decide it.
 
     Attributes:
-        supported: Whether the test is passed at the usual level; also True where the conclusion only counts.
+        supported: Whether the test is passed at the usual level; True for a conclusion that only counts outcomes.
         test: Tested statement, in words.
         p_value: The p-value of that test, or None without a test.
-        deciding: Sentence with the trials that would decide it; empty where nothing is open.
-        command: The command that runs it, where one is known.
+        deciding: Sentence on the trials needed to decide it; empty if nothing is open.
+        command: Command for these trials, if known.
     """
 
     supported: bool
@@ -63,7 +63,7 @@ DESCRIBED = Grounds(True)
 
 
 def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = None) -> Grounds:
-    """Return whether a policy solves less than half of the training trials; the run gives the command for more."""
+    """Return the claim that a policy solves less than half of the training trials, with the command for more trials."""
     k, n = training.k or 0, training.n or 0
     p = chance_p(Rate(k, n), chance=0.5)
     test = "training trials solved, against one half (exact binomial)"
@@ -72,38 +72,38 @@ def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = No
     text = "What would decide it: more trials of the training conditions (a larger --trials)"
     needed = next((m for m in range(n + 1, MOST_PAIRS + 1) if _is_below_half(k, n, m)), None)
     if n and needed is not None:
-        text += f"; {needed} in all, if as many are solved"
+        text += f"; {needed} in all, if the share of solved trials stays the same"
     command = "" if diagnosis is None else _training_command(diagnosis, needed or MOST_PAIRS)
     return Grounds(False, test, p, f"{text}.", command)
 
 
 def _is_below_half(k: int, n: int, more: int) -> bool:
-    """Tell whether the same share of so many trials is surely below one half."""
+    """Return whether a rate with this share and number of trials would be significantly below one half."""
     return n > 0 and chance_p(Rate(k * more // n, more), chance=0.5) <= DEFAULT_ALPHA
 
 
 def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
-    """Return the command that runs so many trials of the training conditions of a run, with new seeds."""
+    """Return the command that runs a given number of trials of a run's training conditions, with new seeds."""
     task = next((t.task for t in diagnosis.trials if t.variation is None), "")
     conditions = {t.condition for t in diagnosis.trials if t.task == task}
-    if not task or is_of_libero(task):
+    if not task or not facts_of_task(task).measured:
         return ""
     each = -(-trials // len(conditions))
     return _evaluation(diagnosis, [task], seed=_next_seed(diagnosis), trials=each, out="runs/training")
 
 
 def claim_of_training_failure(count: int, n: int) -> Grounds:
-    """Return whether a kind of failure is what a policy does in training, where nothing else was run."""
+    """Return the claim that a kind of failure is typical of a policy in training, for a run without variations."""
     p = _above(count, n, USUAL_SHARE)
     test = f"failed training trials against {100 * USUAL_SHARE:.0f} % (exact binomial)"
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return the grounds of a run without variations: the trials that it lacks to judge reasoning, and the command."""
-    text = "What would show how it reasons: the variations of these tasks, with the same seeds."
+    """Return the grounds for a run without variations: the trials needed to judge reasoning, and their command."""
+    text = "To diagnose its reasoning, run the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
-    if not tasks or any(map(is_of_libero, tasks)):
+    if not tasks or not all(facts_of_task(task).measured for task in tasks):
         return DESCRIBED
     seeds = [t.seed for t in diagnosis.trials]
     trials = max(seeds) - min(seeds) + 1
@@ -112,16 +112,16 @@ def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
 
 
 def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
-    """Return whether a failure of some conditions is a habit; corrected for the number of conditions of the run."""
+    """Return the claim that a failure on some conditions is a habit, corrected for the number of conditions."""
     p = min(1.0, conditions * _above(count, n, USUAL_SHARE))
     test = f"failed trials against {100 * USUAL_SHARE:.0f} % (exact binomial, times {plural(conditions, 'condition')})"
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
-    """Return whether so many trials of variations, all of them solved, are enough to say that no failure was found.
+    """Return the claim that no failure was found, given that all trials of variations were solved.
 
-    A policy that fails half of the variation trials is ruled out by six that are all solved, not by five.
+    Six solved trials rule out a policy that fails half of the variation trials; five do not.
     """
     p = chance_p(Rate(n, n), chance=0.5)
     test = "variation trials solved, against one half (exact binomial)"
@@ -129,18 +129,18 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
         return Grounds(True, test, p)
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     text = "What would decide it: more trials of the variations (a larger --trials), on new seeds."
-    if not tasks or any(map(is_of_libero, tasks)):
+    if not tasks or not all(facts_of_task(task).measured for task in tasks):
         return Grounds(False, test, p, text)
     command = _evaluation(diagnosis, tasks, seed=_next_seed(diagnosis), trials=3, out="runs/more")
     return Grounds(False, test, p, text, command)
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
-    """Return whether the main kind of failure is more than chance.
+    """Return the claim that the main kind of failure is more than chance.
 
-    Variations that are solved less often than their twins show it: by the test of the illusion gap, or by a verdict of
-    a run until decided. So do failures in clearly more than :data:`USUAL_SHARE` of the variation trials, whatever
-    happens in training.
+    It is supported if variations are solved less often than their twins, by the test of the illusion gap or a verdict
+    of a run until decided. It is also supported if significantly more than :data:`USUAL_SHARE` of the variation trials
+    fail, regardless of training.
 
     Args:
         diagnosis: The run.
@@ -162,14 +162,13 @@ def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -
 
 
 def _above(count: int, n: int, share: float) -> float:
-    """Return the p-value of a rate above a share; 1 if it is not above."""
     return chance_p(Rate(count, n), chance=share) if n and count > share * n else 1.0
 
 
 def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
-    """Return which variations need how many pairs for a verdict, and the command that runs them with new seeds.
+    """Return the variations and numbers of pairs needed for a verdict, and the command that runs them with new seeds.
 
-    A new run is judged by itself: pairs added to those that made one look closer would lean towards them.
+    The new run is judged by itself. Pooling its pairs with those that prompted it would bias the result toward them.
     """
     varied = [t for t in diagnosis.trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     failed = Counter((t.task, t.pool) for t in varied if t.kind is not Kind.NONE)
@@ -177,16 +176,16 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
     ranked = [key for key, _ in (lost or failed).most_common()]
     if not ranked:
         return "", ""
-    chosen = [key for key in ranked if key[0] == ranked[0][0]][:MOST_VARIATIONS]  # of one task: one command
+    chosen = [key for key in ranked if key[0] == ranked[0][0]][:MOST_VARIATIONS]  # of one task, for one command
     names = listed([f"{task}/{name}" for task, name in chosen])
     each = _pairs_needed(diagnosis, chosen)
     if each is None:
         text = f"What would decide it: more pairs of {names} with their training twins"
     else:
-        text = f"What would decide it, if they go on failing as often: {plural(each, 'pair')} of {names}"
+        text = f"What would decide it, if the failure rate stays the same: {plural(each, 'pair')} of {names}"
         text += " each" if len(chosen) > 1 else ""
     text += " on new seeds, judged by themselves."
-    if any(is_of_libero(task) for task, _ in chosen):
+    if not all(facts_of_task(task).measured for task, _ in chosen):
         return text, ""
     command = _evaluation(
         diagnosis,
@@ -202,7 +201,7 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
 def _evaluation(
     diagnosis: RunDiagnosis, tasks: Sequence[str], *, variations: Sequence[str] = (), seed: int, trials: int, out: str
 ) -> str:
-    """Return the command that evaluates the policy of a run, or an empty text if its address is not a possible word."""
+    """Return the command that evaluates the policy of a run; empty if its address is not a valid shell word."""
     if "\0" in diagnosis.address:
         return ""
     named = ["--variations", *variations] if variations else []
@@ -214,9 +213,9 @@ def _evaluation(
 
 
 def _settings(versions: Mapping[str, str]) -> Iterator[str]:
-    """Yield the options of the settings of a run that are not the usual ones, so that another run is like it.
+    """Yield the options for settings of a run that differ from the defaults, so that a new run repeats them.
 
-    Settings that are mixed in the run, or that its records do not have, are left to the command.
+    Settings that are mixed in the run, or missing in its records, are omitted.
     """
     for option, name, usual in _SETTINGS:
         value = versions.get(name, usual)
@@ -229,9 +228,10 @@ def _next_seed(diagnosis: RunDiagnosis) -> int:
 
 
 def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
-    """Return the pairs of each variation with which the test of the gap shows its drop in four runs of five, or None.
+    """Return the pairs per variation with which the test of the gap detects its drop with 80 % power, or None.
 
-    The drop is taken to be the one that was seen; None if there is none, or more than :data:`MOST_PAIRS` are needed.
+    The observed drop is assumed to be the true one. None if there is no drop, or if it needs more than
+    :data:`MOST_PAIRS` pairs.
     """
     pairs = [
         (twin.success, trial.success)

@@ -1,4 +1,4 @@
-"""Verdict on a policy in plain sentences at the top of the report, computed from the diagnosis."""
+"""Verdict on a policy as plain sentences at the top of the report, computed from the diagnosis."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from betterbench.diagnosis.failure_mode import exposed_labels
-from betterbench.diagnosis.foreign import untold_by
 from betterbench.diagnosis.instruction_effect import effect_sentence
+from betterbench.diagnosis.libero import untold_by
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
@@ -32,18 +32,18 @@ from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
-"""Share of failed variation trials up to which they are called exceptions: one in the suite's usual 20 trials."""
+"""Largest share of failed variation trials that counts as exceptions: one of the suite's usual 20 trials."""
 
 WEAK_SHARE = 0.5
 """Success rate on training conditions below which a policy has not learned the task well enough to judge its reasoning
-by its success; what it attempts first can still be judged."""
+by its success. Its first attempts can still be judged."""
 
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
-"""Labels that say nothing about where a policy fails."""
+"""Labels that do not show on which conditions a policy fails."""
 
 LONGEST_REASON = 300
-"""Most characters of the reason of a breakdown on the first screen."""
+"""Maximum length of the reason for a breakdown on the first screen [characters]."""
 
 SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 """Labels of rules that send the gripper to a slot, regardless of the object in it."""
@@ -51,9 +51,10 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """The leading failure mode of some trials: how many of the failures and of all trials ended with its label.
+    """The leading failure mode of some trials, with its counts among the failures and among all trials.
 
-    ``look_alikes`` counts those that its rule took from a trained slot, if there are no fewer of them than of its own.
+    ``look_alikes`` counts the look-alikes that its rule took from a trained slot, if they are at least as many as its
+    own trials.
     """
 
     label: Label
@@ -69,9 +70,9 @@ class Failure:
 
     @property
     def share(self) -> str:
-        """Its share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials").
+        """Share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials").
 
-        Where all failures are of this kind, ``lead`` says so.
+        If all failures are of this kind, ``lead`` says so.
         """
         more = f"; the same rule explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
         text = f"{self.count}/{self.trials} variation trials"
@@ -82,7 +83,7 @@ class Failure:
 
     @property
     def lead(self) -> str:
-        """The words that introduce it."""
+        """Introductory words for the failure mode."""
         if self.look_alikes:
             return "The rule behind most failures"
         if self.count < self.failures:
@@ -95,15 +96,15 @@ class Headline:
     """Conclusion about one policy at the top of the page, with its numbers.
 
     Attributes:
-        conclusion: One sentence that names the main fault, or states that there is none.
+        conclusion: One sentence with the main fault, or the statement that there is none.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
-        effect: The instruction effect, over pairs of trials that differ in the instruction alone.
-        effect_sentence: Meaning of the instruction effect, a sentence.
-        needless: Successes in which a step of training was played that was not asked for.
+        effect: The instruction effect, over pairs of trials that differ only in the instruction.
+        effect_sentence: Meaning of the instruction effect, one sentence.
+        needless: Successes in which the policy played a step of training that was not requested.
         segments: Outcomes of the variation trials.
         breakdown: Outcome of most trials if the policy itself failed to run.
-        claim: Test that the conclusion rests on, and the trials that would decide it if it is not passed.
+        claim: Test behind the conclusion, and the trials needed to decide it if the test is not passed.
     """
 
     policy: str
@@ -125,19 +126,19 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the twins of the illusion gap are solved more or less often than all training trials are."""
+        """Whether the success rate of the twins of the illusion gap differs from that of all training trials."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
-        """Return the JSON form: the conclusion, and what it rests on or would need."""
+        """Return the JSON form: the conclusion, and its basis or the trials that it needs."""
         return {"conclusion": self.conclusion, **asdict(self.claim)}
 
 
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
     """Return the verdict on a run.
 
-    The main failure is the most frequent label within the most frequent kind of failure over all variation trials;
-    reasoning goes first when two kinds are equally frequent.
+    The main failure is the most frequent label within the most frequent kind of failure over all variation trials; if
+    two kinds are equally frequent, reasoning takes precedence.
     """
     training = Figure.of(diagnosis.metric("success_rate", "training"))
     variations = Figure.of(diagnosis.metric("success_rate", "overall"))
@@ -196,7 +197,7 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return how many look-alikes the rule of a label explains if they are no fewer than its own trials, else 0."""
+    """Return the number of look-alikes that a label's rule explains, or 0 if its own trials are more."""
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
     if label not in SLOT_RULES or len(taken) < count:
         return 0
@@ -206,9 +207,9 @@ def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> 
 def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
     """Return the most frequent label within the most frequent kind of failure, or None without failures.
 
-    A policy that follows a rule to a slot takes any object there, look-alikes included. Where such a rule is proven
-    and most look-alikes that were taken stood in a trained slot of the target, the rule explains them and is named,
-    unless the look explains all that the rule does, and more.
+    A policy that follows a rule to a slot takes any object there, including look-alikes. If such a rule is proven and
+    most of the taken look-alikes were in a trained slot of the target, the rule explains them and is named. The
+    exception is a policy for which the appearance explains everything that the rule explains, and more.
     """
     kinds = Counter(trial.kind for trial in trials if _has_failed(trial))
     if not kinds:
@@ -227,12 +228,12 @@ def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
 
 
 def _has_failed(trial: TrialDiagnosis) -> bool:
-    """Return whether a trial ended, and without success."""
+    """Return whether a trial has ended without success."""
     return trial.kind not in (Kind.NONE, Kind.UNFINISHED)
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Tell whether a rule is followed only to objects that look like the target, and often broken elsewhere."""
+    """Return whether a rule is followed only to objects that look like the target, and often broken otherwise."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
@@ -240,7 +241,7 @@ def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
 
 
 def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
-    """Return the labels that the variation of a trial can bring out; none of a variation that is not known here."""
+    """Return the labels that the variation of a trial can reveal; empty for an unknown variation."""
     try:
         return exposed_labels(trial.task, trial.variation or "")
     except UnknownNameError:
@@ -248,7 +249,7 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 
 
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
-    """Return the naming sentence, its color family and the test that it rests on."""
+    """Return the main sentence, its color family and its test."""
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
     if not varied and any(trial.kind is Kind.UNFINISHED for trial in trials):
@@ -301,7 +302,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 
 
 def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run that solves every variation, with the failures of its training trials."""
+    """Return the conclusion for a run in which every variation is solved, with the failures of its training trials."""
     trained = [trial for trial in diagnosis.trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
     failed = [trial for trial in trained if _has_failed(trial)]
     main = main_failure(trained)
@@ -321,13 +322,13 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run without variations: the results in training, and those that need variations."""
+    """Return the conclusion for a run without variations: the results in training, and what they do not show."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:
-        text = f"No variation was run, so nothing is known about its reasoning{untold and ': '}{untold}."
+        text = f"No variation was run, so its reasoning is unknown{untold and ': '}{untold}."
         return text, "system", DESCRIBED
-    missing = f"no variation was run, so nothing is known about what training did not show{untold and ': '}{untold}"
+    missing = f"no variation was run, so nothing is known beyond the training conditions{untold and ': '}{untold}"
     failed = [trial for trial in ended if _has_failed(trial)]
     main, wanted = main_failure(ended), grounds_of_training(diagnosis)
     if main is None:
@@ -349,7 +350,7 @@ def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str
 
 
 def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Return a conclusion with its share of the failures of its kind, where it is that of fewer than half of them."""
+    """Return a conclusion with its share of the failures of its kind, if that share is less than half."""
     kind = [trial for trial in failed if trial.kind is main.kind]
     same = sum(trial.label is main for trial in kind)
     same += _look_alikes(failed, main, same)
@@ -357,17 +358,17 @@ def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str
         return text
     names = {Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "the system"}
     return (
-        f"Its failures of {names[main.kind]} have several forms, none of them in most; the most frequent "
+        f"Its failures of {names[main.kind]} have several forms, none of which is a majority; the most frequent one "
         f"({same} of {len(kind)}): {text[0].lower()}{text[1:]}"
     )
 
 
 NOTHING_YET = "Nothing to conclude yet"
-"""Beginning of the conclusion where no test is passed."""
+"""Beginning of the conclusion if no test is passed."""
 
 
 def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
-    """Return the conclusion on failures that chance explains."""
+    """Return the conclusion for failures that chance explains."""
     text = f"{NOTHING_YET}: {failed} of {plural(n, 'variation trial')} failed"
     if gap.missing:
         return f"{text}, and there are no training twins to compare them with."
@@ -377,10 +378,10 @@ def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
 
 
 def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
-    """Return sentence, family and test of a failure that is rare over all but the rule in some conditions of a task.
+    """Return sentence, family and test of a failure that is rare overall but the rule on some conditions of a task.
 
-    Training conditions count too: a policy that does one task wrong from the beginning has no exceptions there. It is
-    none if the same failure is scattered over other tasks as well.
+    Training conditions count too, for a policy that fails one task from the beginning. It is not a habit if the same
+    failure is scattered over other tasks as well.
     """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:
@@ -409,7 +410,7 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
 
 
 def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
-    """Return the clause that says on which axis nearly all trials of a label are, if Fisher's exact test shows it."""
+    """Return a clause with the axis of nearly all trials of a label, if Fisher's exact test confirms it."""
     axes = Counter(trial.axis for trial in varied if trial.label is label)
     axis, count = axes.most_common(1)[0]
     others = [trial for trial in varied if trial.axis != axis]
@@ -421,15 +422,15 @@ def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
 
 
 def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
-    """Return the sentence with the success rates and the gap."""
+    """Return the sentence on the success rates and the gap."""
     if training.missing and variations.missing:
         return "No trial was run."
     if variations.missing:
-        return f"Solves {training.with_unit()} ({training.count()}) of what it was trained on."
+        return f"Solves {training.with_unit()} ({training.count()}) of the training conditions."
     if training.missing:
         return f"Solves {variations.with_unit()} ({variations.count()}) of the variations; no training trial was run."
     text = (
-        f"Solves {training.with_unit()} ({training.count()}) of what it was trained on and "
+        f"Solves {training.with_unit()} ({training.count()}) of the training conditions and "
         f"{variations.with_unit()} ({variations.count()}) of the variations"
     )
     if gap.value is None:
@@ -448,7 +449,7 @@ def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
 
 
 def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
-    """Return the sentence about the failures: how many of which kind, and which label leads."""
+    """Return the sentence on the failures: their counts by kind, and the leading label."""
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     if main is None:
@@ -472,13 +473,13 @@ def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
 
 
 def _unfinished(diagnosis: RunDiagnosis) -> str:
-    """Return how many planned trials of a stopped run have not ended."""
+    """Return the sentence on the unfinished trials of a stopped run."""
     count, planned = len(diagnosis.unfinished), len(diagnosis.trials)
-    return f"{count} of {planned} planned trials are unfinished and count in every rate." if count else ""
+    return f"{count} of {planned} planned trials are unfinished; they stay in all denominators." if count else ""
 
 
 def _breakdown(varied: list[TrialDiagnosis]) -> str:
-    """Return how most trials broke down, where the policy itself failed to run."""
+    """Return the breakdown of most trials if the policy itself failed to run."""
     if main_failure(varied) is not Label.POLICY_ERROR:
         return ""
     texts = Counter(trial.evidence.text for trial in varied if trial.label is Label.POLICY_ERROR)

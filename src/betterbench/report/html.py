@@ -15,7 +15,7 @@ from betterbench.quoting import LONGEST_TEXT
 
 
 def environment() -> Environment:
-    """Return the environment of all templates; every value is escaped, and an unknown one is an error."""
+    """Return the environment of all templates: every value is escaped, and an unknown name is an error."""
     return Environment(
         loader=PackageLoader("betterbench.report", "templates"),
         autoescape=True,
@@ -27,23 +27,23 @@ def environment() -> Environment:
 
 
 def asset(name: str) -> str:
-    """Return a text file that stands beside the templates."""
+    """Return a text file from the folder of the templates."""
     return resources.files("betterbench.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 
 def _bounded(value: object) -> object:
-    """Return a value for a page; texts from outside are shortened, because a page may repeat them a thousand times."""
+    """Return a value for a page; long external texts are shortened, because a page may repeat them many times."""
     return printable(value, most=LONGEST_TEXT) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def data_uri(data: bytes | str, media_type: str) -> Markup:
-    """Return data as a URI, so that a page needs no other file."""
+    """Return data as a URI, so that a page is self-contained."""
     if isinstance(data, str):
         data, media_type = data.encode(), f"{media_type};charset=utf-8"
     return Markup(f"data:{media_type};base64,{b64encode(data).decode('ascii')}")  # noqa: S704 - Base64 needs no escaping
 
 
 def write(path: Path, data: bytes | str) -> Path:
-    """Write a file durably and return its path, so that no reader sees half of it."""
+    """Write a file durably and atomically, and return its path."""
     write_durably(path, data.encode() if isinstance(data, str) else data)
     return path

@@ -1,4 +1,4 @@
-"""View of a model's knowledge beside a policy's behavior, for the report page."""
+"""Table of a model's knowledge next to a policy's behavior, for the report page."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COLUMNS = {
 
 @dataclass(frozen=True, slots=True)
 class KnowledgeRow:
-    """One outcome label with the cells of its row."""
+    """Row of the table for one outcome label."""
 
     label: Label | str
     cells: tuple[str, ...]
@@ -32,7 +32,7 @@ class KnowledgeView:
     """The table of one policy and one model.
 
     Attributes:
-        roles: Right answers by role of the question, one phrase each.
+        roles: Correct answers by role of the question, one phrase each.
         known_failures: Keys of the failed trials whose right decision the model knew.
     """
 

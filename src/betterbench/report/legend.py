@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 from betterbench.tasks.worlds.libero_plus import TITLES
 
 LEGEND: Mapping[Label, FailureMode] = MODES
-"""Every label's entry, in the order in which bars are stacked; it stands in the file of its failure mode."""
+"""Entry of every label, in stacking order; its text comes from the file of its failure mode."""
 
 FAMILIES: dict[str, str] = {
     "right": "Right",
@@ -21,14 +21,14 @@ FAMILIES: dict[str, str] = {
     "execution": "Execution failure",
     "system": "System failure",
 }
-"""Color families and their names, in the order in which bars are stacked."""
+"""Color families and their names, in stacking order."""
 
 UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
-"""The family of planned trials that have not ended, which is shown where there are some."""
+"""Family of planned trials that have not ended; shown only if there are any."""
 
 
 def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
-    """Return the families with which the outcomes of trials are shown, and their names."""
+    """Return the color families of the outcomes of trials, with their names."""
     return {**FAMILIES, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in trials) else {})}
 
 
@@ -42,17 +42,17 @@ AXIS_NAMES: dict[str, str] = {
 """Axes and their names, in the order of the paper; those of LIBERO-Plus come last."""
 
 AXIS_PLACES: dict[str, str] = {
-    Axis.SPATIAL_LAYOUT_SHIFT.value: "where things stand elsewhere than in training",
-    Axis.PRIMITIVE_RECOMPOSITION.value: "where known steps are combined anew",
+    Axis.SPATIAL_LAYOUT_SHIFT.value: "where objects are elsewhere than in training",
+    Axis.PRIMITIVE_RECOMPOSITION.value: "where known steps form new combinations",
     Axis.ADVERSARIAL_OBJECT_PERTURBATION.value: "where objects were exchanged",
     Axis.TEMPORAL_EXTRAPOLATION.value: "where there is more or less to do than in training",
     **{axis: f"where {change}" for axis, change in PLUS_AXES.items()},
 }
-"""Common property of the variations of each axis, as the end of a sentence."""
+"""Clause for each axis that states what its variations have in common."""
 
 EXPECTED_NAMES: dict[str, str] = {
     "succeed": "reach the goal",
-    "refuse": "refuse: what is asked for is not there",
-    "stay_still": "stay still: it is done already",
+    "refuse": "refuse: the requested object is absent",
+    "stay_still": "stay still: the task is already done",
 }
-"""Correct behavior by expected outcome, in words."""
+"""Correct behavior in words, by expected outcome."""

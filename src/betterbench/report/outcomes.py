@@ -6,20 +6,20 @@ from collections import Counter
 from dataclasses import dataclass
 
 from betterbench.diagnosis.failure_mode import FailureMode
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
 from betterbench.tasks import Task, Variation, get_task
+from betterbench.tasks.worlds.facts import facts_of_task
 from betterbench.tasks.worlds.libero import CHANGES
 from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A part of an outcome bar: a failure mode, or a success, and how many trials ended with it."""
+    """Part of an outcome bar: a failure mode or a success, and its number of trials."""
 
     mode: FailureMode
     count: int
@@ -32,14 +32,14 @@ class ConditionRow:
     Attributes:
         id: "fast_food/T1", or "fast_food/training".
         variation: Name of the variation, or None for the training conditions.
-        hypothesis: Hypothesis that the variation tests, or an empty string if the task is not known here.
+        hypothesis: Hypothesis that the variation tests, or an empty string if the task is unknown.
         expected: Correct behavior, in words.
         instruction: The instruction, or the first of several.
         twin_instruction: The instruction of the training condition that a variation is derived from.
-        support: Whether the poses lie inside the training distribution, or an empty string.
+        support: Whether the poses are inside the training distribution, or an empty string.
         twin: Success rate of the counterfactual twins of the pairs in the run.
-        segments: Outcomes, in the order of stacking, none empty.
-        verdict: Of a run until decided, the verdict in words; else an empty string.
+        segments: Non-empty outcomes in stacking order.
+        verdict: For a run until decided, the verdict in words; else an empty string.
     """
 
     id: str
@@ -59,12 +59,16 @@ class ConditionRow:
     verdict: str = ""
 
     def count_of(self, family: str) -> int:
-        """Return how many trials ended in a color family."""
+        """Return the number of trials in a color family."""
         return sum(segment.count for segment in self.segments if segment.mode.family == family)
 
 
+_CHANGES = {**CHANGES, **PLUS_AXES}
+"""Descriptions of what the suites of LIBERO-PRO and LIBERO-Plus change, by the name of the change."""
+
+
 def task_of(name: str) -> Task | None:
-    """Return a task of the suite, or None if this version of the suite has none of that name."""
+    """Return a task of the suite, or None if this version has no task of that name."""
     try:
         return get_task(name)
     except UnknownNameError:
@@ -72,8 +76,8 @@ def task_of(name: str) -> Task | None:
 
 
 def is_abroad(diagnosis: RunDiagnosis) -> bool:
-    """Tell whether a run is in LIBERO, of which the suite's matrices, pretenders and certificates say nothing."""
-    return bool(diagnosis.trials) and all(is_of_libero(trial.task) for trial in diagnosis.trials)
+    """Tell whether a run is in another world, of which our matrices, pretenders and certificates say nothing."""
+    return bool(diagnosis.trials) and not any(facts_of_task(trial.task).measured for trial in diagnosis.trials)
 
 
 def task_title(name: str) -> str:
@@ -112,13 +116,13 @@ def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 
 
 def segments_of(trials: list[TrialDiagnosis]) -> tuple[Segment, ...]:
-    """Return the outcomes of trials in the order of stacking."""
+    """Return the outcomes of trials in stacking order."""
     counts = Counter(trial.label for trial in trials)
     return tuple(Segment(mode, counts[mode.label]) for mode in LEGEND.values() if counts[mode.label])
 
 
 def suite_rank(task: str, variation: str) -> tuple[int, str]:
-    """Return the rank of a variation in its task's table; names that the suite does not know come last, sorted."""
+    """Return the rank of a variation in its task's table; unknown names come last, sorted."""
     known = task_of(task)
     names = [v.name for v in known.variations] if known is not None else []
     return (names.index(variation) if variation in names else len(names), variation)
@@ -127,7 +131,6 @@ def suite_rank(task: str, variation: str) -> tuple[int, str]:
 def _variation_row(
     diagnosis: RunDiagnosis, task: str, name: str, trials: list[TrialDiagnosis], twins: dict[str, TrialDiagnosis]
 ) -> ConditionRow:
-    """Return the row of one variation."""
     known = _variation(task, name)
     found = [twins[key] for t in trials if (key := t.twin_key) is not None and key in twins]
     decided = diagnosis.until_decided
@@ -137,7 +140,7 @@ def _variation_row(
         task,
         name,
         trials[0].axis,
-        known.title if known is not None else {**CHANGES, **PLUS_AXES}.get(name, "") if is_of_libero(task) else "",
+        known.title if known is not None else "" if facts_of_task(task).measured else _CHANGES.get(name, ""),
         known.hypothesis if known is not None else "",
         EXPECTED_NAMES.get(trials[0].expected, trials[0].expected),
         trials[0].instruction,
@@ -152,14 +155,13 @@ def _variation_row(
 
 
 def _twin_instruction(trial: TrialDiagnosis, twins: list[TrialDiagnosis]) -> str:
-    """Return the instruction of the training condition of a variation trial: of the task, or else of a twin."""
+    """Return the instruction of the training condition of a variation trial, from the task or else from a twin."""
     known = task_of(trial.task)
     told = next((c.instruction.text for c in known.training if c.name == trial.condition), "") if known else ""
     return told or (twins[0].instruction if twins else trial.instruction)
 
 
 def _variation(task: str, name: str) -> Variation | None:
-    """Return a variation of the suite, or None."""
     known = task_of(task)
     if known is None:
         return None
@@ -167,7 +169,7 @@ def _variation(task: str, name: str) -> Variation | None:
 
 
 def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> Figure:
-    """Return the success rate from the metrics of the run, or counted if they lack it."""
+    """Return the success rate from the metrics of the run, or counted from the trials if it is missing there."""
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:
         return Figure.of(metric)

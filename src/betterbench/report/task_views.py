@@ -6,12 +6,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.figures.charts import twin_figure
 from betterbench.report.headline import Failure, leading_failure
 from betterbench.report.outcomes import ConditionRow, Segment, segments_of, task_title, training_rows, variation_rows
 from betterbench.report.wording import Figure
+from betterbench.tasks.worlds.facts import facts_of_task
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class ConditionGroup:
 
 @dataclass(frozen=True, slots=True)
 class TaskLine:
-    """Results of one policy on the variations of a task, and on the training trials that they are derived from."""
+    """Results of one policy on the variations of a task, and on the training trials from which they are derived."""
 
     policy: str
     training: Figure
@@ -39,7 +39,7 @@ class TaskLine:
 
 @dataclass(frozen=True, slots=True)
 class TaskView:
-    """One task with its conditions, the training conditions first."""
+    """One task with its conditions, training conditions first."""
 
     task: str
     title: str
@@ -49,17 +49,17 @@ class TaskView:
 
     @property
     def conditions(self) -> tuple[ConditionGroup, ...]:
-        """All conditions, the training ones first."""
+        """All conditions, training conditions first."""
         return self.variations if self.training is None else (self.training, *self.variations)
 
     @property
     def anchor(self) -> str:
-        """Identifier of the view on the page, and its route."""
+        """Identifier of the view on the page and in its URL."""
         return f"task={self.task}"
 
 
 def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
-    """Return the tasks with their conditions and how every policy did on them."""
+    """Return the tasks with their conditions and the results of every policy."""
     by_id: dict[str, list[tuple[str, ConditionRow]]] = {}
     for diagnosis in diagnoses:
         for row in (*training_rows(diagnosis), *variation_rows(diagnosis)):
@@ -80,8 +80,8 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
 
 
 def _title(task: str, groups: Sequence[ConditionGroup]) -> str:
-    """Return the title of a task; in LIBERO, a task is known by its sentence."""
-    return groups[0].first.twin_instruction if is_of_libero(task) else task_title(task)
+    """Return the title of a task; in other worlds, a task is known by its sentence."""
+    return task_title(task) if facts_of_task(task).measured else groups[0].first.twin_instruction
 
 
 def _lines(diagnoses: Sequence[RunDiagnosis], task: str) -> tuple[TaskLine, ...]:

@@ -1,4 +1,4 @@
-"""Numbers as sentences and cells: no percentage without its count, and no difference without its interval."""
+"""Numbers as sentences and cells: percentages come with counts, differences with intervals."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.statistics.wording import minus, signed
 
 MISSING = "not measured"
-"""Text in place of a number that a run does not have."""
+"""Text for a number that a run does not have."""
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A number ready for a page, a CSV file or LaTeX: all fractions, None where there is no such number.
+    """A number for a page, a CSV file or LaTeX. All values are fractions; None means that there is no number.
 
     Attributes:
         low: Lower end of the 95 % interval.
         high: Upper end of the 95 % interval.
-        k: Numerator, or None where the number is no single rate.
-        n: Denominator, or pairs; None where the number has none by nature (a guess).
-        difference: True for differences of rates, which are said in points and with their sign.
+        k: Numerator, or None if the number is not a single rate.
+        n: Denominator, or number of pairs; None if the number has none by nature (a guess).
+        difference: True for differences of rates, which are given in points and with their sign.
         noun: Noun of the counted units ("trials", "pairs", "attempts").
-        sides: Of a difference, the two rates that it is the difference of.
+        sides: For a difference, its two rates.
     """
 
     value: float | None = None
@@ -50,7 +50,7 @@ class Figure:
 
     @classmethod
     def of_rate(cls, rate: Rate) -> Figure:
-        """Return the figure of a rate; without trials it has neither value nor ends."""
+        """Return the figure of a rate; without trials it has neither a value nor an interval."""
         if rate.value is None:
             return cls(k=rate.k, n=rate.n)
         return cls(rate.value, rate.low, rate.high, rate.k, rate.n)
@@ -67,7 +67,7 @@ class Figure:
 
     @property
     def digits(self) -> int:
-        """Fewest digits with which a difference is that of its two sides as they are printed; 0 for other numbers."""
+        """Smallest number of digits at which a difference equals that of its two printed sides; 0 for other numbers."""
         if self.sides is None or self.value is None:
             return 0
         for digits in range(3):
@@ -89,7 +89,7 @@ class Figure:
         return self.value is None
 
     def number(self, digits: int = 0) -> str:
-        """Return the number alone, in percent or points ("62", "+3", "−47.5"), or "–"."""
+        """Return only the number, in percent or points ("62", "+3", "−47.5"), or "–"."""
         if self.value is None:
             return "–"
         rounded = _rounded_rate(self.k, self.n, self.value, max(digits, self.digits))
@@ -104,7 +104,7 @@ class Figure:
         return f"{self.number(digits)}{THIN}%"
 
     def count(self) -> str:
-        """Return the count beside the number ("149/240", "240 pairs", "no trials")."""
+        """Return the count that goes with the number ("149/240", "240 pairs", "no trials")."""
         if self.n is None:
             return "" if self.value is None else "by chance"
         if self.n == 0:
@@ -121,7 +121,7 @@ class Figure:
         return f"{minus(low)} to {minus(high)}"
 
     def sentence(self) -> str:
-        """Return everything in one phrase, for tool tips ("62 % (149/240), 95 % interval 56 to 68")."""
+        """Return the full text in one phrase, for tooltips ("62 % (149/240), 95 % interval 56 to 68")."""
         if self.value is None:
             return self.count() or MISSING
         ends = f", 95{THIN}% interval {self.interval()}" if self.interval() else ""
@@ -130,7 +130,7 @@ class Figure:
 
 
 def _rounded_rate(k: int | None, n: int | None, value: float, digits: int) -> Decimal:
-    """Return the percentage from the counts where they give it, otherwise from the value."""
+    """Return the percentage from the counts if available, otherwise from the value."""
     if k is not None and n and 0 <= k <= n and abs(k / n - value) < 1e-9:
         exact = percent(k, n, digits=digits)
         if exact is not None:

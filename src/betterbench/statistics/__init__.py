@@ -1,7 +1,7 @@
-"""Numbers with their uncertainty: intervals, exact tests, corrections and what few trials can detect.
+"""Statistics with their uncertainty: intervals, exact tests, corrections, and the power of few trials.
 
-Every function refuses counts that no experiment can have, and levels, shares and probabilities out of range, with an
-``InvalidInputError`` that names the argument. Confidence levels and alpha are two-sided, strictly between 0 and 1.
+Every function raises ``InvalidInputError``, which names the argument, for impossible counts and for levels, shares and
+probabilities out of range. Confidence levels and alpha are two-sided, strictly between 0 and 1.
 """
 
 from betterbench.statistics.betting import anytime_interval, evidence_above, evidence_below

@@ -1,10 +1,10 @@
-"""Bets on a bounded mean: evidence and intervals that stay valid however often one looks, and whenever one stops.
+"""Bets on a bounded mean: evidence and intervals that are valid at any time and for any stopping rule.
 
-A bet against "the mean is at most m" starts with 1 and is multiplied by ``1 + c (x - m) / (m - low)`` at every value
-``x``. Its stake ``c`` lies between 0 and 1, so it never loses more than everything, and if the mean is at most m it is
-expected not to grow. By Ville's inequality it then ever reaches ``1 / alpha`` with a probability of at most ``alpha``.
-The evidence is the mean over many stakes, and an interval holds every mean that it does not refute (Waudby-Smith and
-Ramdas, Journal of the Royal Statistical Society B 86, 2024, 1-27).
+A bet against "the mean is at most m" starts with wealth 1, which is multiplied by ``1 + c (x - m) / (m - low)`` for
+every value ``x``. The stake ``c`` is between 0 and 1, so the wealth never becomes negative. If the mean is at most m,
+the wealth is not expected to grow. By Ville's inequality it then reaches ``1 / alpha`` at any time with a probability
+of at most ``alpha``. The evidence is the mean wealth over many stakes, and an interval contains every mean that the
+evidence does not refute (Waudby-Smith and Ramdas, Journal of the Royal Statistical Society B 86, 2024, 1-27).
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ _LARGEST_STAKE = 1.0 - 1e-9
 _HALVINGS = 40
 
 Span = tuple[float, float]
-"""Smallest and largest value that can occur."""
+"""Smallest and largest possible value."""
 
 UNIT: Span = (0.0, 1.0)
 SIGNED: Span = (-1.0, 1.0)
 
 
 def evidence_above(values: Iterable[float], mean: float, *, span: Span = UNIT) -> float:
-    """Return the evidence that values within a span have a mean above the given one, against "at most that"."""
+    """Return the evidence that bounded values have a mean above the given one, against "at most"."""
     return _wealth(_counted(values, mean, span), lambda x: (x - mean) / (mean - span[0]))
 
 
 def evidence_below(values: Iterable[float], mean: float, *, span: Span = UNIT) -> float:
-    """Return the evidence that values within a span have a mean below the given one, against "at least that"."""
+    """Return the evidence that bounded values have a mean below the given one, against "at least"."""
     return _wealth(_counted(values, mean, span), lambda x: (mean - x) / (span[1] - mean))
 
 
 def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
-    """Return an interval that holds the mean with the confidence level at any stopping time, for any reason to stop.
+    """Return an interval that contains the mean with the confidence level at any stopping time.
 
     Args:
         values: Observed values, each within the span; their order does not matter.
-        span: Smallest and largest value that can occur. Without values, the interval is the span.
+        span: Smallest and largest possible value. Without values, the interval is the span.
         confidence: Two-sided confidence level.
     """
     check_fraction("confidence", confidence)
@@ -78,11 +78,11 @@ def _interval(seen: tuple[float, ...], span: Span, confidence: float) -> Interva
 
 
 def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]:
-    """Return how often each value occurs; refuse values outside the span and a mean that is not inside it."""
+    """Return the count of each value; raise InvalidInputError for a value outside the span or a mean not inside it."""
     counts = Counter(values)
     outside = [value for value in counts if not span[0] <= value <= span[1]]
     if outside:
-        problem = f"{outside[0]!r} does not lie between {span[0]:g} and {span[1]:g}"
+        problem = f"{outside[0]!r} is not between {span[0]:g} and {span[1]:g}"
         raise InvalidInputError("values", problem, "Give values within the span")
     if not span[0] < mean < span[1]:
         problem = f"{mean!r} is not strictly between {span[0]:g} and {span[1]:g}"
@@ -91,7 +91,7 @@ def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]
 
 
 def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
-    """Return the mean wealth over all stakes; ``gain`` is the win of a value per unit of stake."""
+    """Return the mean wealth over all stakes; ``gain`` is the gain of a value per unit of stake."""
     logs = np.zeros(_STAKES)
     for value, count in sorted(counts.items()):
         logs += count * np.log1p(_stakes() * gain(value))
@@ -100,7 +100,7 @@ def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
 
 @cache
 def _stakes() -> npt.NDArray[np.float64]:
-    """Return the stakes: a coin's probabilities above one half under the prior of Turner and Grünwald, from 0 to 1."""
+    """Return the stakes from 0 to 1: success probabilities above one half under the prior of Turner and Grünwald."""
     shares = 0.5 + (np.arange(_STAKES) + 0.5) / (2.0 * _STAKES)
     stakes = 2.0 * special.betaincinv(PRIOR_COUNT, PRIOR_COUNT, shares) - 1.0
     return np.minimum(np.asarray(stakes, dtype=np.float64), _LARGEST_STAKE)

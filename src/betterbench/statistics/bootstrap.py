@@ -14,7 +14,7 @@ from betterbench.statistics.interval import DEFAULT_CONFIDENCE, check_fraction
 from betterbench.statistics.paired import PairedTable
 
 DEFAULT_RESAMPLES = 10_000
-"""With this many resamples the Monte Carlo error of a 2.5 % tail is 0.16 percentage points."""
+"""Number of resamples. The Monte Carlo error of a 2.5 % tail is then 0.16 percentage points."""
 
 
 def paired_bootstrap(
@@ -29,11 +29,11 @@ def paired_bootstrap(
 ) -> Difference:
     """Return the mean difference of pairs with its percentile bootstrap interval.
 
-    Whole clusters are drawn with replacement, within each stratum separately. Give the task as stratum, so that the set
-    of tasks is kept as it is, and the twin as cluster when several variations share one twin, because such pairs are
-    not independent. The result does not depend on the order of the pairs.
+    Whole clusters are drawn with replacement, within each stratum separately. Use the task as the stratum to keep the
+    set of tasks fixed. Use the twin as the cluster if several variations share one twin, because such pairs are not
+    independent. The result does not depend on the order of the pairs.
 
-    The interval has no width when all pairs differ by the same amount; for few or clear-cut pairs of successes use
+    The interval has zero width if all pairs differ by the same amount. For few or unanimous pairs of successes use
     :func:`~betterbench.statistics.difference.newcombe_paired_difference`.
 
     Args:
@@ -41,7 +41,7 @@ def paired_bootstrap(
         second: Score of the second of each pair, shape (n,).
         generator: Source of randomness.
         strata: Name of each pair's stratum, shape (n,); one stratum if not given.
-        clusters: Name of each pair's cluster inside its stratum, shape (n,); each pair by itself if not given.
+        clusters: Name of each pair's cluster within its stratum, shape (n,); one cluster per pair if not given.
         resamples: Number of bootstrap resamples.
         confidence: Two-sided confidence level, between 0 and 1.
 
@@ -50,7 +50,9 @@ def paired_bootstrap(
     """
     check_fraction("confidence", confidence)
     if resamples < 1:
-        raise InvalidInputError("resamples", f"{resamples} is not a number of resamples", "Use 10000")
+        raise InvalidInputError(
+            "resamples", f"{resamples} is not a valid number of resamples", "Give at least 1, such as 10000"
+        )
     scores = _paired_scores(first, second)
     n = len(scores)
     strata = _names("strata", strata, n) or [""] * n
@@ -62,7 +64,7 @@ def paired_bootstrap(
         members[stratum][cluster].append(score)
     sums, sizes = np.zeros(resamples), np.zeros(resamples)
     for stratum in sorted(members):
-        # Clusters with the same sum and size are interchangeable, so drawing how often each kind comes up is exact.
+        # Clusters with the same sum and size are interchangeable, so drawing the count of each kind is exact.
         kinds = Counter((float(np.sum(np.sort(values))), len(values)) for values in members[stratum].values())
         ordered = sorted(kinds.items())
         total = kinds.total()
@@ -85,8 +87,8 @@ def wider_paired_difference(
 ) -> Difference:
     """Return the difference of pairs (first succeeded, second succeeded) with the wider of two intervals.
 
-    The bootstrap knows that several variations share the twin of their seed, but has no width where all pairs agree;
-    Newcombe's interval has. Strata and clusters are those of :func:`paired_bootstrap`.
+    The bootstrap accounts for variations that share the twin of their seed, but its interval has zero width if all
+    pairs agree. Newcombe's interval does not. Strata and clusters are those of :func:`paired_bootstrap`.
     """
     drawn = paired_bootstrap(
         [float(first) for first, _ in outcomes],
@@ -104,7 +106,7 @@ def wider_paired_difference(
 def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArray[np.float64]:
     """Return the differences of valid pairs of scores, shape (n,)."""
     if len(first) != len(second):
-        problem = f"{len(first)} first and {len(second)} second scores do not pair up"
+        problem = f"{len(first)} first and {len(second)} second scores cannot be paired"
         raise InvalidInputError("first, second", problem, "Give one of each per pair, in the same order")
     sides = []
     for where, side in (("first", first), ("second", second)):
@@ -117,7 +119,7 @@ def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArr
 
 
 def _names(where: str, names: Sequence[str] | None, n: int) -> list[str]:
-    """Return a list of names that is as long as the pairs, or an empty list when none are given."""
+    """Return a list of names with one per pair, or an empty list if none are given."""
     if names is None:
         return []
     if len(names) != n:

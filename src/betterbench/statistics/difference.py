@@ -1,4 +1,4 @@
-"""Differences of rates with their intervals: two rates, and a novel condition against the mean of the seen ones."""
+"""Differences of rates with intervals: of two rates, and of a novel condition against the mean of seen ones."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Difference:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the interval leaves no room for "no difference"."""
+        """Whether the interval excludes "no difference"."""
         return self.low > 0.0 or self.high < 0.0
 
     def to_json(self) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAUL
     from each rate to the ends of its Wilson interval are added in quadrature.
 
     Returns:
-        ``first - second``; with no trials on a side the value is None and the interval is [-1, 1].
+        ``first - second``; if a side has no trials, the value is None and the interval is [-1, 1].
     """
     return _contrast(((1.0, first), (-1.0, second)), confidence, "newcombe")
 
@@ -70,12 +70,12 @@ def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAUL
 def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
     """Return ``SR(novel composition) - mean SR(seen compositions)``; read it with :attr:`Difference.value_pp`.
 
-    The seen conditions are averaged with equal weight whatever their numbers of trials. The interval adds the distances
-    to the ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in
-    Medicine 27, 2008, 1693-1702); with one seen condition it is Newcombe's.
+    The seen conditions have equal weight regardless of their numbers of trials. The interval adds the distances to the
+    ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in Medicine
+    27, 2008, 1693-1702); with one seen condition it is Newcombe's.
 
     Returns:
-        The difference; with no trials in a condition the value is None and the interval is [-1, 1].
+        The difference; if a condition has no trials, the value is None and the interval is [-1, 1].
     """
     if not seen:
         raise InvalidInputError("seen", "no seen composition to compare with", "Give at least one success rate")
@@ -90,22 +90,22 @@ def mean_of_rates(rates: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDEN
     :func:`delta_success_rate`.
 
     Returns:
-        The mean; with no trials of a rate the value is None and the interval is [-1, 1].
+        The mean; if a rate has no trials, the value is None and the interval is [-1, 1].
     """
     if not rates:
-        raise InvalidInputError("rates", "there is none to average", "Give at least one success rate")
+        raise InvalidInputError("rates", "the list is empty", "Give at least one success rate")
     return _contrast([(1.0 / len(rates), rate) for rate in rates], confidence, "wilson in quadrature")
 
 
 def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
     """Return the difference of two rates measured on the same trials with Newcombe's interval for pairs.
 
-    This is method 10 of Newcombe, Statistics in Medicine 17, 1998, 2635-2650: Wilson intervals in quadrature, less the
-    share that the correlation of the pairs explains. Unlike the bootstrap it keeps a sensible width when all
-    pairs agree or all pairs differ the same way.
+    This is method 10 of Newcombe, Statistics in Medicine 17, 1998, 2635-2650: Wilson intervals in quadrature, reduced
+    by the correlation of the pairs. Unlike the bootstrap, it keeps a positive width if all pairs agree or all pairs
+    differ in the same direction.
 
     Returns:
-        ``first - second``; with no pairs the value is None and the interval is [-1, 1].
+        ``first - second``; without pairs, the value is None and the interval is [-1, 1].
     """
     method = "newcombe paired"
     check_fraction("confidence", confidence)
@@ -128,7 +128,7 @@ def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAUL
 
 
 def _correlated_length(x: float, y: float, phi: float) -> float:
-    """Return the length of the difference of two deviations with correlation ``phi``."""
+    """Return the length of the difference of two deviations with correlation ``phi`` (law of cosines)."""
     return math.sqrt(max(0.0, x * x - 2.0 * phi * x * y + y * y))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 EXACT_UP_TO = 16
-"""Pairs up to which all flips are counted."""
+"""Largest number of pairs for which all flips are enumerated."""
 DRAWN = 99_999
 _SLACK = 1e-9
 
@@ -15,12 +15,13 @@ _SLACK = 1e-9
 def sign_flip_p(differences: Sequence[float], *, generator: np.random.Generator) -> float:
     """Return the two-sided p-value of Fisher's randomization test of paired differences.
 
-    If neither side is better, each difference is as likely with the other sign. The p-value is the share of the flips
-    of all signs whose mean is at least as far from zero. It is exact for up to :data:`EXACT_UP_TO` differences and
-    drawn from the generator beyond; n pairs cannot give less than 2 / 2**n.
+    If neither side is better, each difference is equally likely with the opposite sign. The p-value is the share of all
+    sign combinations whose mean is at least as far from zero as the observed one. It is exact for up to
+    :data:`EXACT_UP_TO` differences and estimated from random flips beyond. The smallest possible p-value of n pairs is
+    2 / 2**n.
 
     Returns:
-        The p-value, 1.0 without any difference.
+        The p-value; 1.0 if there are no differences.
     """
     values = np.asarray(differences, dtype=np.float64)
     if not values.size or not values.any():

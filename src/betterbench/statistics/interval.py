@@ -12,7 +12,7 @@ IntervalMethod = Literal["wilson", "clopper_pearson"]
 """Method of the interval of a rate."""
 
 DEFAULT_CONFIDENCE = 0.95
-"""Two-sided confidence level of every interval unless the caller says otherwise."""
+"""Default two-sided confidence level of all intervals."""
 
 
 class Interval(NamedTuple):
@@ -25,8 +25,8 @@ class Interval(NamedTuple):
 def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
     """Return the score interval of Wilson (1927) without continuity correction.
 
-    It holds all rates ``p`` with ``|k/n - p| <= z sqrt(p (1 - p) / n)``. Its coverage is close to the confidence level
-    on average over ``p``, also for few trials, but may fall below it for single values of ``p``.
+    It contains all rates ``p`` with ``|k/n - p| <= z sqrt(p (1 - p) / n)``. Its coverage is close to the confidence
+    level on average over ``p``, also for few trials, but may fall below it for single values of ``p``.
 
     Returns:
         The interval, inside [0, 1].
@@ -46,8 +46,8 @@ def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -
 def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
     """Return the exact interval of Clopper and Pearson (1934).
 
-    It holds all rates that neither one-sided exact binomial test rejects at ``(1 - confidence) / 2``. It covers the
-    true rate with at least the confidence level whatever the rate is; it is wider than Wilson's.
+    It contains all rates that neither one-sided exact binomial test rejects at ``(1 - confidence) / 2``. Its coverage
+    is at least the confidence level for every true rate, so it is wider than Wilson's interval.
     """
     check_counts(k, n)
     check_fraction("confidence", confidence)
@@ -60,18 +60,18 @@ def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONF
 
 
 def normal_quantile(confidence: float) -> float:
-    """Return the half width of the central interval of a standard normal variable that has this probability."""
+    """Return the half width of the central interval of a standard normal variable with this probability."""
     check_fraction("confidence", confidence)
     return float(special.ndtri(0.5 + confidence / 2.0))
 
 
 def check_counts(k: int, n: int, *, where: str = "rate") -> None:
-    """Refuse counts that no experiment can have."""
+    """Raise InvalidInputError for impossible counts."""
     if n < 0 or k < 0 or k > n:
         raise InvalidInputError(where, f"{k} successes in {n} trials is impossible", "Give counts with 0 <= k <= n")
 
 
 def check_fraction(where: str, value: float) -> None:
-    """Refuse a level or probability that does not lie strictly between 0 and 1."""
+    """Raise InvalidInputError for a level or probability that is not strictly between 0 and 1."""
     if not 0.0 < value < 1.0:
         raise InvalidInputError(where, f"{value!r} is not strictly between 0 and 1", "Give a fraction such as 0.95")

@@ -1,4 +1,4 @@
-"""Compact letter display: many pairwise verdicts as one short text per item."""
+"""Compact letter display: the verdicts of all pairs as one short text per item."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from betterbench.errors import InvalidInputError
 
 
 def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
-    """Return letters such that two items share one exactly when they are not told apart.
+    """Return letters such that two items share a letter exactly if they do not differ significantly.
 
     This is the insert-and-absorb algorithm (Piepho, Journal of Computational and Graphical Statistics 13, 2004,
-    456-466): all items begin with one letter; for every pair that differs, each letter that both carry is split into
-    one without the first and one without the second, and a letter whose items all carry another one is dropped.
+    456-466): all items begin with one letter. For every pair that differs, each shared letter is split into one without
+    the first item and one without the second. A letter is dropped if another letter covers all its items.
 
     Args:
-        different: Whether item ``i`` and item ``j`` were told apart, shape (n, n), symmetric, False on the diagonal.
+        different: Whether items ``i`` and ``j`` differ significantly, shape (n, n), symmetric, False on the diagonal.
 
     Returns:
-        One text per item, its letters in alphabetical order. Letters are named in the order of the first item that
-        carries them, so the first item always carries "a"; after "Z" they go on with "a1".
+        One text per item, its letters in alphabetical order. Letters are named in the order of the first item that has
+        them, so the first item always has "a". After "Z" comes "a1".
     """
     n = len(different)
     _check(different)
@@ -35,19 +35,18 @@ def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
 
 
 def _absorbed(groups: Sequence[frozenset[int]]) -> list[frozenset[int]]:
-    """Return the groups that are not inside another one."""
+    """Return the groups that are not subsets of another group."""
     distinct = list(dict.fromkeys(groups))
     return [g for g in distinct if not any(g < other for other in distinct)]
 
 
 def _letter(number: int) -> str:
-    """Return the name of a letter."""
     turn, place = divmod(number, len(ascii_letters))
     return ascii_letters[place] + (str(turn) if turn else "")
 
 
 def _check(different: Sequence[Sequence[bool]]) -> None:
-    """Refuse an input that is not a matrix of pairwise verdicts."""
+    """Raise InvalidInputError if the input is not a matrix of pairwise verdicts."""
     n = len(different)
     if any(len(row) != n for row in different):
         raise InvalidInputError("different", "the matrix is not square", "Give one row and one column per item")
@@ -56,5 +55,5 @@ def _check(different: Sequence[Sequence[bool]]) -> None:
             raise InvalidInputError(f"different[{i}][{i}]", "an item differs from itself", "Leave the diagonal False")
         for j in range(i):
             if different[i][j] != different[j][i]:
-                problem = f"it is not what different[{j}][{i}] is"
+                problem = f"it differs from different[{j}][{i}]"
                 raise InvalidInputError(f"different[{i}][{j}]", problem, "Give a symmetric matrix")

@@ -11,7 +11,7 @@ from betterbench.statistics import special
 
 @dataclass(frozen=True, slots=True)
 class PairedTable:
-    """Counts of the four kinds of pairs."""
+    """Counts of the four possible outcomes of a pair."""
 
     both: int
     only_first: int
@@ -19,11 +19,11 @@ class PairedTable:
     neither: int
 
     def __post_init__(self) -> None:
-        """Refuse negative counts."""
+        """Raise InvalidInputError for negative counts."""
         for name in ("both", "only_first", "only_second", "neither"):
             count = getattr(self, name)
             if count < 0:
-                raise InvalidInputError(name, f"{count} is not a number of pairs", "Give counts of at least 0")
+                raise InvalidInputError(name, f"{count} is not a valid number of pairs", "Give counts of at least 0")
 
     @classmethod
     def from_outcomes(cls, outcomes: Iterable[tuple[bool, bool]]) -> PairedTable:
@@ -42,9 +42,9 @@ class PairedTable:
 def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> float:
     """Return the two-sided p-value of an exact test of pairs that share their first trial.
 
-    If a variation changes nothing, the one first trial and the second trials of a group are exchangeable: which of them
-    is called the first is a matter of chance. The statistic is the sum of first minus second outcomes over all pairs,
-    and its distribution over all exchanges is computed. With one pair in each group it is McNemar's exact test.
+    If a variation changes nothing, the first trial and the second trials of a group are exchangeable. The statistic is
+    the sum of first minus second outcomes over all pairs, and its exact distribution over all exchanges is computed.
+    With one pair per group, this is McNemar's exact test.
 
     Args:
         outcomes: (first succeeded, second succeeded) of each pair.
@@ -54,7 +54,7 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
         Twice the smaller tail, at most 1.
 
     Raises:
-        InvalidInputError: If there is not one name for each pair, or a first trial has two outcomes.
+        InvalidInputError: If the number of names is not that of the pairs, or a first trial has two outcomes.
     """
     if len(outcomes) != len(shared):
         raise InvalidInputError("shared", f"{len(shared)} names for {len(outcomes)} pairs", "Give one name per pair")
@@ -62,13 +62,15 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
     for (first, second), name in zip(outcomes, shared, strict=True):
         known, seconds = groups.setdefault(name, (first, []))
         if known is not first:
-            raise InvalidInputError("outcomes", f"{name} succeeded and failed", "Give one outcome of each first trial")
+            raise InvalidInputError(
+                "outcomes", f"{name} succeeded and failed", "Give the same outcome for every pair of a first trial"
+            )
         seconds.append(second)
     chances = {0: 1.0}
     observed = 0
     for first, seconds in groups.values():
         size, total = len(seconds) + 1, sum(seconds) + first
-        # first minus second, summed: the first is one of `total` successes among `size` trials.
+        # Sum of first minus second: the first is one of `total` successes among `size` trials.
         steps = ((size - total, total / size), (-total, 1.0 - total / size))
         observed += steps[0][0] if first else steps[1][0]
         drawn: dict[int, float] = {}
@@ -87,11 +89,11 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
 def mcnemar_p(table: PairedTable) -> float:
     """Return the two-sided p-value of the exact test of McNemar (1947).
 
-    If the two rates are equal, each discordant pair is equally likely to favor either side. The p-value is twice
-    the smaller tail of that fair binomial, at most 1; concordant pairs carry no information.
+    If the two rates are equal, each discordant pair is equally likely to favor either side. The p-value is twice the
+    smaller tail of a binomial with probability 1/2, at most 1. Concordant pairs carry no information.
 
     Returns:
-        The p-value, 1.0 when no pair is discordant.
+        The p-value; 1.0 if no pair is discordant.
     """
     discordant = table.only_first + table.only_second
     smaller = min(table.only_first, table.only_second)

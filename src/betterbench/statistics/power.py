@@ -1,4 +1,4 @@
-"""Power of a number of trials, and the smallest difference that they detect.
+"""Power of a number of trials, and the smallest difference that it detects.
 
 Definition: the smallest detectable difference is the smallest true difference, in steps of 0.1 percentage points, at
 which the two-sided test at level ``alpha`` rejects "no difference" with a probability of at least ``power``.
@@ -21,25 +21,26 @@ DEFAULT_ALPHA = 0.05
 """Two-sided level of the test."""
 
 DEFAULT_POWER = 0.8
-"""Probability of finding a true difference, the usual planning value."""
+"""Probability of detecting a true difference; 80 % is the usual planning value."""
 
 EXACT_ARM_LIMIT = 300
 """Largest number of trials per arm for which power is summed over all outcomes of Barnard's test (0.2 s and 0.7 MB).
-Above, the normal approximation is used; at this size the two give the same smallest difference to 0.1 points."""
+Above this number, the normal approximation is used; at the limit, both give the same smallest difference to 0.1 points.
+"""
 
 _NEGLIGIBLE = 1e-20
-"""Probability of a number of discordant pairs below which its outcomes are left out of a sum over up to 1e8 numbers."""
+"""Probability below which a number of discordant pairs is left out of a sum over up to 1e8 numbers."""
 
 _STEPS = 1000
-"""Steps of 0.1 percentage points in the search for the smallest difference."""
+"""Number of steps of 0.1 percentage points in the search for the smallest difference."""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectableDifference:
-    """The smallest true difference that a number of trials finds.
+    """The smallest true difference that a number of trials detects.
 
     Attributes:
-        value: The difference as a fraction, or None if not even the largest possible one is found.
+        value: The difference as a fraction, or None if even the largest possible one is not detected.
         assumption: Test and assumption behind the number, as a phrase for a caption.
     """
 
@@ -56,25 +57,25 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
     Args:
         n: Number of pairs.
         difference: True difference of the two rates, between 0 and 1.
-        opposite: True share of pairs that differ the other way; ``difference + 2 opposite`` is at most 1.
+        opposite: True share of pairs that differ in the opposite direction; ``difference + 2 opposite`` is at most 1.
         alpha: Two-sided level of the test.
 
     Returns:
-        The probability of a p-value of at most ``alpha``, summed exactly over all outcomes but those that together
-        have a probability below 1e-12.
+        The probability of a p-value of at most ``alpha``, summed over all outcomes, except those with a total
+        probability below 1e-12.
     """
     _check_plan(n, alpha)
     discordant_share = difference + 2.0 * opposite
     if difference < 0.0 or opposite < 0.0 or discordant_share > 1.0 + 1e-12:
-        problem = f"difference {difference:g} with {opposite:g} the other way is impossible"
+        problem = f"difference {difference:g} with {opposite:g} in the opposite direction is impossible"
         raise InvalidInputError("difference, opposite", problem, "Keep difference + 2 opposite within 0 and 1")
     if discordant_share == 0.0:
         return 0.0
     mass = binomial_probabilities(n, min(1.0, discordant_share))
     m = np.flatnonzero(mass > _NEGLIGIBLE)
     m = m[m > 0]
-    # Largest smaller count that is still significant for m discordant pairs; -1 if none is. The inverse of the
-    # distribution function is continuous and rounded: what it gives is right, or one or two too high.
+    # Largest smaller count that is still significant for m discordant pairs; -1 if none is. The rounded inverse of the
+    # distribution function is exact, or too high by one or two.
     critical = np.floor(special.bdtrik(alpha / 2.0, m, 0.5)) + 1.0
     for _ in range(2):
         critical = np.where(2.0 * special.bdtr(critical, m, 0.5) <= alpha, critical, critical - 1.0)
@@ -87,13 +88,13 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
 def unpaired_power(n: int, first: float, second: float, *, alpha: float = DEFAULT_ALPHA) -> float:
     """Return the power of Barnard's test for two independent arms of equal size.
 
-    Up to :data:`EXACT_ARM_LIMIT` trials per arm all outcomes are summed; above, the normal approximation of the pooled
-    score test is used.
+    Up to :data:`EXACT_ARM_LIMIT` trials per arm all outcomes are summed; above this limit, the normal approximation of
+    the pooled score test is used.
     """
     _check_plan(n, alpha)
     for where, rate in (("first", first), ("second", second)):
         if not 0.0 <= rate <= 1.0:
-            raise InvalidInputError(where, f"{rate!r} is no rate", "Give a fraction from 0 to 1")
+            raise InvalidInputError(where, f"{rate!r} is not a rate", "Give a fraction from 0 to 1")
     if n > EXACT_ARM_LIMIT:
         return _normal_power(n, first, second, alpha)
     rejected = _p_value_bytes(n)
@@ -105,10 +106,10 @@ def unpaired_power(n: int, first: float, second: float, *, alpha: float = DEFAUL
 def smallest_paired_difference(
     n: int, *, opposite: float = 0.0, alpha: float = DEFAULT_ALPHA, power: float = DEFAULT_POWER
 ) -> DetectableDifference:
-    """Return the smallest difference that ``n`` pairs find with the exact McNemar test.
+    """Return the smallest difference that ``n`` pairs detect with the exact McNemar test.
 
-    With ``opposite = 0`` every pair that differs does so in the same direction. That is the most favorable case, so no
-    smaller difference can be found with this many pairs.
+    With ``opposite = 0`` all discordant pairs favor the same side. This is the most favorable case, so ``n`` pairs
+    cannot detect a smaller difference.
     """
     _check_plan(n, alpha)
     check_fraction("power", power)
@@ -123,14 +124,14 @@ def smallest_paired_difference(
 def smallest_unpaired_difference(
     n: int, *, reference: float = 0.5, alpha: float = DEFAULT_ALPHA, power: float = DEFAULT_POWER
 ) -> DetectableDifference:
-    """Return the smallest difference that two independent arms of ``n`` trials find with Barnard's test.
+    """Return the smallest difference that two independent arms of ``n`` trials detect with Barnard's test.
 
-    One arm has the reference rate, the other lies below it (above it, if the reference is below one half).
+    One arm has the reference rate, the other is below it (above it if the reference is below one half).
     """
     _check_plan(n, alpha)
     check_fraction("power", power)
     if not 0.0 <= reference <= 1.0:
-        raise InvalidInputError("reference", f"{reference!r} is no rate", "Give a fraction from 0 to 1")
+        raise InvalidInputError("reference", f"{reference!r} is not a rate", "Give a fraction from 0 to 1")
     sign = -1.0 if reference >= 0.5 else 1.0
     room = max(reference, 1.0 - reference)
     value = _smallest(
@@ -142,7 +143,7 @@ def smallest_unpaired_difference(
 
 
 def _smallest(power_at: Callable[[float], float], room: float, power: float) -> float | None:
-    """Return the smallest step within ``room`` whose power suffices, by bisection over a growing power."""
+    """Return the smallest step within ``room`` with enough power, by bisection; power increases with the step."""
     low, high = 0, int(np.floor(room * _STEPS + 1e-9))
     if power_at(high / _STEPS) < power:
         return None
@@ -169,12 +170,12 @@ def _normal_power(n: int, first: float, second: float, alpha: float) -> float:
 
 @lru_cache(maxsize=8)
 def _p_value_bytes(n: int) -> bytes:
-    """Return the immutable bytes of Barnard's p-values of all outcomes, which do not depend on the true rates."""
+    """Return Barnard's p-values of all outcomes as immutable bytes; they do not depend on the true rates."""
     return barnard_p_values(n).tobytes()
 
 
 def _check_plan(n: int, alpha: float) -> None:
-    """Refuse an empty experiment and an impossible level."""
+    """Raise InvalidInputError for an empty experiment or an impossible level."""
     if n < 1:
-        raise InvalidInputError("n", f"{n} trials find nothing", "Give at least 1")
+        raise InvalidInputError("n", f"{n} trials detect nothing", "Give at least 1")
     check_fraction("alpha", alpha)

@@ -1,4 +1,4 @@
-"""Ranking quality of a score: the area under its ROC curve of hits against false alarms."""
+"""Ranking quality of a score: the area under its ROC curve."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class RankingArea:
     """Probability that a positive case has a higher score than a negative one (area under the ROC curve).
 
     Attributes:
-        value: The area, 0.5 for a score without information; None if all cases are positive, or all negative.
+        value: The area, 0.5 for a score without information; None if all cases are positive or all are negative.
         low: Lower end of the interval, in [0, 1].
         high: Upper end.
         positives: Number of positive cases.
@@ -35,11 +35,11 @@ class RankingArea:
 def ranking_area(
     scores: Sequence[float], happened: Sequence[bool], *, confidence: float = DEFAULT_CONFIDENCE
 ) -> RankingArea:
-    """Return the area under the receiver operating characteristic (AUROC); equal scores count half.
+    """Return the area under the receiver operating characteristic (AUROC); ties count half.
 
-    The interval is the score interval of Newcombe (Statistics in Medicine 25, 2006, 559-573, method 5): all areas from
-    which the found one is not too far, by Hanley and McNeil's variance at that area. It has a width where every hit has
-    the higher score, and is wide where there are few of either.
+    The interval is the score interval of Newcombe (Statistics in Medicine 25, 2006, 559-573, method 5): all areas whose
+    distance from the estimate is within the normal quantile, with Hanley and McNeil's variance at that area. Its width
+    is positive even if the ranking is perfect, and large if there are few positive or negative cases.
     """
     if len(scores) != len(happened):
         problem = f"{len(scores)} scores for {len(happened)} outcomes"
@@ -56,7 +56,7 @@ def ranking_area(
 
 
 def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
-    """Return the farthest area toward an end from which the found one is not too far."""
+    """Return the end of the interval in a given direction."""
     more = 0.5 * (m + n) - 1.0
 
     def near(other: float) -> bool:

@@ -34,15 +34,17 @@ class Rate:
     confidence: float = DEFAULT_CONFIDENCE
 
     def __post_init__(self) -> None:
-        """Refuse impossible counts, unknown methods and impossible levels."""
+        """Raise InvalidInputError for impossible counts, unknown methods and impossible levels."""
         check_counts(self.k, self.n)
         check_fraction("confidence", self.confidence)
         if self.method not in _METHODS:
-            raise InvalidInputError("method", f"{self.method!r} is no interval", f"Use one of {', '.join(_METHODS)}")
+            raise InvalidInputError(
+                "method", f"{self.method!r} is not an interval method", f"Use one of {', '.join(_METHODS)}"
+            )
 
     @property
     def value(self) -> float | None:
-        """The share of successes as a fraction, or None without trials."""
+        """The share of successes as a fraction; None without trials."""
         return self.k / self.n if self.n else None
 
     @property
@@ -61,5 +63,5 @@ class Rate:
         return self.interval.high
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form with the interval written out."""
+        """Return the JSON form, including the interval."""
         return {**asdict(self), "value": self.value, "low": self.low, "high": self.high}

@@ -11,11 +11,11 @@ _FARTHEST = 1e6
 
 
 def ratio_of(first: Difference, second: Difference) -> Difference | None:
-    """Return ``first / second`` of two independent differences; None unless the second is surely above zero.
+    """Return ``first / second`` of two independent differences; None unless the interval of the second is above zero.
 
-    The interval holds each ratio ``r`` for which the interval of ``first - r * second`` holds zero. That interval adds
-    the distances to the ends of both in quadrature, as Donner and Zou do (Statistical Methods in Medical Research 21,
-    2012, 347-359).
+    The interval contains each ratio ``r`` for which the interval of ``first - r * second`` contains zero. The latter
+    adds the distances to the ends of both intervals in quadrature, as Donner and Zou do (Statistical Methods in Medical
+    Research 21, 2012, 347-359).
     """
     if first.value is None or second.value is None or second.low <= 0.0:
         return None
@@ -23,7 +23,6 @@ def ratio_of(first: Difference, second: Difference) -> Difference | None:
     ratio = a / b
 
     def held_above(r: float) -> bool:
-        """Return whether the interval of ``first - r * second`` reaches up to zero."""
         up = b - second.low if r > 0.0 else second.high - b
         return a - r * b + math.hypot(first.high - a, r * up) >= 0.0
 
@@ -39,7 +38,7 @@ def difference_of(first: Difference, second: Difference) -> Difference:
     """Return ``first - second`` of two independent differences, with their intervals added in quadrature.
 
     Returns:
-        The difference, in [-2, 2]; if one of the two has no trials the value is None and the interval is all of it.
+        The difference, in [-2, 2]; if one of the two has no trials, the value is None and the interval is [-2, 2].
     """
     method = "wilson in quadrature"
     if first.value is None or second.value is None:

@@ -1,4 +1,4 @@
-"""Decimal rounding as people do it on paper: halves go away from zero."""
+"""Decimal rounding with halves away from zero."""
 
 from __future__ import annotations
 
@@ -9,25 +9,27 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics.interval import check_counts
 
 _FLOAT_DIGITS = 12
-"""Significant decimal digits of a float that count. A float has 15; the rest is the noise of adding and dividing
-decimals in binary, which would push 7.685 to one side or the other."""
+"""Number of significant decimal digits of a float that are used. A float has 15, but the last ones contain the noise of
+binary arithmetic, which would move 7.685 up or down.
+"""
 
 
 def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decimal:
     """Round to a number of decimals, with halves away from zero.
 
-    Python's ``round`` sends 7.685 to 7.68, since the nearest float lies below and halves go to even digits; the tables
-    of papers are rounded in decimal.
+    Python's ``round`` gives 7.68 for 7.685, because the nearest float is below it and halves go to even digits. The
+    tables of papers are rounded in decimal.
 
     Args:
-        value: A finite number. Fractions, decimals, integers and numerals are taken exactly, floats to 12 digits.
+        value: A finite number. Fractions, decimals, integers and numeric strings are exact, floats are used to 12
+            digits.
         digits: Decimals to keep, at least 0.
 
     Returns:
         The rounded number with exactly that many decimals.
     """
     if digits < 0:
-        raise InvalidInputError("digits", f"{digits} is not a number of decimals", "Give 0 or more")
+        raise InvalidInputError("digits", f"{digits} is not a valid number of decimals", "Give 0 or more")
     try:
         exact = Fraction(f"{value:.{_FLOAT_DIGITS - 1}e}") if isinstance(value, float) else Fraction(value)
     except (ValueError, OverflowError, ZeroDivisionError) as error:
@@ -42,7 +44,7 @@ def percent(k: int, n: int, *, digits: int = 1) -> Decimal | None:
     """Return ``k`` of ``n`` in percent, computed exactly and rounded half up.
 
     Returns:
-        The percentage, or None without trials.
+        The percentage; None without trials.
     """
     check_counts(k, n)
     return round_half_up(Fraction(100 * k, n), digits) if n else None

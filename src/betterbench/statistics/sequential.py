@@ -1,8 +1,9 @@
-"""Sequential tests of pairs: evidence that may be looked at after every pair, and stopped at any time.
+"""Sequential tests of pairs: evidence that may be inspected after every pair, with any stopping time.
 
-An e-process starts at 1 and, if there is no difference, is expected not to grow, whenever one stops. By Ville's
-inequality it then reaches ``1 / alpha`` with a probability of at most ``alpha``, however often one looks. A
-p-value of a fixed number of trials has no such guarantee: looking after every pair finds a difference in the end.
+An e-process starts at 1. If there is no difference, its expected value is at most 1 at any stopping time. By Ville's
+inequality it then reaches ``1 / alpha`` with a probability of at most ``alpha``, regardless of the number of
+inspections. A p-value for a fixed number of trials has no such guarantee: inspected after every pair, it eventually
+finds a difference.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from betterbench.statistics.interval import check_fraction
 from betterbench.statistics.power import DEFAULT_ALPHA
 
 PRIOR_COUNT = 0.18
-"""Successes and failures that a rate is given before its first trial in :func:`two_rate_e_process`; the value of
-Turner and Grünwald, which grows evidence fast for few trials."""
+"""Prior number of successes and failures of a rate in :func:`two_rate_e_process`. Turner and Grünwald chose this value
+because the evidence then grows fast with few trials.
+"""
 
 DISCORDANT_PRIOR = 0.5
-"""Pairs that each side is given before the first one in :func:`discordant_e_process`: the prior of Jeffreys."""
+"""Prior number of discordant pairs of each side in :func:`discordant_e_process`: the prior of Jeffreys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +48,7 @@ class EProcess:
 
     @property
     def p_value(self) -> float:
-        """The anytime-valid p-value: one over the largest evidence so far, at most 1."""
+        """The anytime-valid p-value: the inverse of the largest evidence so far, at most 1."""
         return math.exp(-max(0.0, *self.logs)) if self.logs else 1.0
 
     @property
@@ -57,13 +59,13 @@ class EProcess:
 
 
 def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEFAULT_ALPHA) -> EProcess:
-    """Return the evidence from pairs that belong together: two policies on the same trials.
+    """Return the evidence from dependent pairs: two policies on the same trials.
 
-    This is the sequential form of McNemar's test. If the two rates are equal, a pair in which one side alone succeeds
-    favors either side like a fair coin; the evidence bets on the side that led before, ``(s + 1/2) / (t + 1)``, and is
-    multiplied by twice the share put on what happened. Pairs that agree leave it as it is. It needs nothing about how
-    the two outcomes of a pair depend on each other, and finds more than :func:`two_rate_e_process` where they agree
-    often.
+    This is the sequential form of McNemar's test. If the two rates are equal, each discordant pair favors either side
+    with probability 1/2. The evidence predicts the next discordant pair from the earlier ones, with probability ``(s +
+    1/2) / (t + 1)``, and is multiplied by twice the probability given to the actual outcome. Concordant pairs leave it
+    unchanged. The test makes no assumption on the dependence within a pair. If the outcomes often agree, it is more
+    powerful than :func:`two_rate_e_process`.
 
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.
@@ -85,9 +87,9 @@ def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEF
     """Return the evidence from two independent arms, one trial of each per pair.
 
     The safe test for two proportions in blocks of two (Turner and Grünwald): the likelihood of a pair under the two
-    rates seen before it, over that under their mean. The rates may drift from pair to pair, but the outcomes of one
-    pair must be independent; where one side tends to fail what the other solves, false alarms pass the level. For
-    policies on the same trials use :func:`discordant_e_process`.
+    rates estimated from earlier pairs, divided by that under their mean. The rates may drift from pair to pair, but the
+    outcomes of one pair must be independent. If one side tends to fail trials that the other solves, the false alarm
+    rate exceeds the level. For policies on the same trials use :func:`discordant_e_process`.
 
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.
@@ -106,5 +108,5 @@ def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEF
 
 
 def _exp(log: float) -> float:
-    """Return the exponential, or the largest finite number where it would overflow."""
+    """Return the exponential, or the largest finite float on overflow."""
     return math.exp(min(log, 709.0))

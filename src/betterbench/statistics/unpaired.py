@@ -1,4 +1,4 @@
-"""Exact tests of two independent rates, and the tests' rejection regions."""
+"""Exact tests of two independent rates, and their rejection regions."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from betterbench.statistics import special
 from betterbench.statistics.rate import Rate
 
 _NUISANCE_POINTS = 257
-"""Values of the unknown common rate over which a p-value is maximized, evenly spaced in the arcsine of its square root,
-where the standard error is the same everywhere. Sixteen times as many move no Barnard p-value of 20 trials a side by
-more than 0.00002."""
+"""Number of values of the unknown common rate over which a p-value is maximized. They are evenly spaced in the arcsine
+of the square root of the rate, where the standard error is constant. Sixteen times as many values change no Barnard
+p-value of 20 trials per side by more than 0.00002.
+"""
 
 _TIE = 1e-9
 """Relative difference below which two values of a test statistic count as equal."""
@@ -20,12 +21,12 @@ _TIE = 1e-9
 def barnard_p(first: Rate, second: Rate) -> float:
     """Return the two-sided p-value of Barnard's exact unconditional test with the pooled score statistic.
 
-    Unlike Fisher's test it does not condition on the total number of successes, which the experimenter never fixed, so
-    it finds more with few trials (Barnard 1947; Suissa and Shuster 1985). The search for the worst common rate is done
-    here and not by ``scipy.stats.barnard_exact``, which stops at a local maximum for some tables (10/20 against 11/20).
+    Unlike Fisher's test, it does not condition on the total number of successes, which the experiment does not fix, so
+    it is more powerful with few trials (Barnard 1947; Suissa and Shuster 1985). ``scipy.stats.barnard_exact`` is not
+    used because its search for the worst common rate stops at a local maximum for some tables (10/20 against 11/20).
 
     Returns:
-        The p-value; 1.0 when a side has no trials or all trials ended alike.
+        The p-value; 1.0 if a side has no trials or all trials have the same outcome.
     """
     if _uninformative(first, second):
         return 1.0
@@ -40,7 +41,7 @@ def boschloo_p(first: Rate, second: Rate) -> float:
     two-sided value is twice the smaller one-sided value, at most 1.
 
     Returns:
-        The p-value; 1.0 when a side has no trials or all trials ended alike.
+        The p-value; 1.0 if a side has no trials or all trials have the same outcome.
     """
     if _uninformative(first, second):
         return 1.0
@@ -55,10 +56,10 @@ def boschloo_p(first: Rate, second: Rate) -> float:
 
 
 def fisher_p(first: Rate, second: Rate) -> float:
-    """Return the two-sided p-value of Fisher's exact test, which is conservative; for comparison with published values.
+    """Return the two-sided p-value of Fisher's exact test, for comparison with published values.
 
     Returns:
-        The p-value; 1.0 when a side has no trials or all trials ended alike.
+        The p-value; 1.0 if a side has no trials or all trials have the same outcome. The test is conservative.
     """
     if _uninformative(first, second):
         return 1.0
@@ -77,7 +78,7 @@ def barnard_p_values(n: int) -> npt.NDArray[np.float64]:
     flat = _pooled_score(n, n).ravel()
     order = np.argsort(-flat, kind="stable")
     descending = flat[order]
-    # An outcome's p-value includes all outcomes that are at least as extreme, thus also its ties.
+    # The p-value of an outcome includes all outcomes that are at least as extreme, and thus also ties.
     last_tie = np.searchsorted(-descending, -descending * (1.0 - _TIE), side="right") - 1
     worst = np.zeros(flat.size)
     for rate in _common_rates():
@@ -108,13 +109,13 @@ def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
 
 
 def _common_rates() -> npt.NDArray[np.float64]:
-    """Return the rates from above 0 to 1/2 to search; a rate and its complement swap successes and failures."""
+    """Return the common rates to search, above 0 up to 1/2; a rate and its complement swap successes and failures."""
     rates: npt.NDArray[np.float64] = np.sin(np.linspace(0.0, np.pi / 4.0, _NUISANCE_POINTS)[1:]) ** 2
     return rates
 
 
 def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
-    """Return the largest probability that any common rate gives to a set of outcomes.
+    """Return the largest probability of a set of outcomes under any common rate.
 
     Returns:
         The maximum over a grid of common rates, refined once around its best point.
@@ -137,6 +138,6 @@ def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
 
 
 def _uninformative(first: Rate, second: Rate) -> bool:
-    """Tell whether no test can tell the two rates apart: an empty arm, or one and the same result everywhere."""
+    """Return whether the data cannot separate the rates: an empty arm, or the same result in all trials."""
     k, n = first.k + second.k, first.n + second.n
     return first.n == 0 or second.n == 0 or k in (0, n)

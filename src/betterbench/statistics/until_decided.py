@@ -1,8 +1,8 @@
-"""Trials until a verdict: tests whether variations drop against their twins, with as few trials as possible.
+"""Trials until a verdict: tests whether variations drop compared with their twins, with as few trials as possible.
 
 A question is whether one condition (a variation) is solved less often than another (its twin) on the same seeds. All
-open questions get the same seeds, round by round; after every round those whose verdict stands get no more. What is run
-is a function of the outcomes alone, so replaying the rounds gives the trials that have been run and the next ones.
+open questions get the same seeds, round by round. After every round, questions with a verdict get no more trials. The
+trials depend only on the outcomes, so replaying the rounds gives the trials that have been run and the next ones.
 
 The drop of a question is the rate of the twin minus that of the condition. Two null hypotheses are tested on the pairs
 by :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of
@@ -24,14 +24,16 @@ from betterbench.statistics.multiplicity import e_benjamini_hochberg
 from betterbench.statistics.power import DEFAULT_ALPHA
 
 DROP_MARGIN = 0.5
-"""Drop that a verdict of "no drop" rules out. The power matrix, too, says that a policy fails a variation if it fails
-half of the trials. A smaller margin costs more: where no pair differs, 50 points take 5 pairs and 20 points 15."""
+"""Drop that a verdict of "no drop" excludes. It matches the power matrix, in which a policy fails a variation if it
+fails half of the trials. A smaller margin needs more trials: if no pair differs, 50 points take 5 pairs and 20 points
+15.
+"""
 
 FIRST_PAIRS = 5
-"""Pairs of the first round: the fewest after which pairs that all agree, or all differ, give a verdict."""
+"""Pairs of the first round: the smallest number after which unanimous pairs give a verdict."""
 
 TWIN_SHARE = 0.5
-"""Share of its pairs in which the twin has to succeed; below, a drop of the margin could hardly show."""
+"""Minimum share of pairs in which the twin has to succeed; below it, a drop by the margin could hardly show."""
 
 
 class Verdict(StrEnum):
@@ -40,11 +42,11 @@ class Verdict(StrEnum):
     DROP = "drop"
     """The condition is solved less often than its twin."""
     NO_DROP = "no_drop"
-    """It is not solved less often by the margin or more."""
+    """The condition is not solved less often by the margin or more."""
     NOT_LEARNED = "not_learned"
-    """Likewise, but its twin is failed in most pairs, so that there was little to lose."""
+    """As "no drop", but the twin fails in most pairs, so that a drop could hardly show."""
     OPEN = "open"
-    """None of these is shown yet."""
+    """None of these is proven yet."""
 
     @property
     def words(self) -> str:
@@ -57,8 +59,8 @@ class StoppingRule:
     """Rule by which a question is decided.
 
     Attributes:
-        level: Bound of the expected share of wrong verdicts among those of "drop", and among those of "no drop".
-        margin: Drop that a verdict of "no drop" rules out, a fraction.
+        level: Bound of the expected share of wrong verdicts, separately among those of "drop" and of "no drop".
+        margin: Drop that a verdict of "no drop" excludes, as a fraction.
         first: Pairs of the first round; every further round adds one.
     """
 
@@ -67,7 +69,7 @@ class StoppingRule:
     first: int = FIRST_PAIRS
 
     def __post_init__(self) -> None:
-        """Refuse a level, a margin or a first round that decides nothing."""
+        """Raise InvalidInputError for a level, margin or first round out of range."""
         check_fraction("level", self.level)
         check_fraction("margin", self.margin)
         if self.first < 1:
@@ -76,7 +78,7 @@ class StoppingRule:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question whether a condition is solved less often than its twin; both by their names."""
+    """Question whether a condition is solved less often than its twin; both are given by name."""
 
     condition: str
     twin: str
@@ -87,9 +89,9 @@ class Answer:
     """State of a question: its verdict, counts and evidence.
 
     Attributes:
-        pairs: Pairs in the complete rounds in which it was open.
+        pairs: Pairs in the complete rounds during which the question was open.
         solved: Pairs in which the condition was solved.
-        twin_solved: Pairs in which its twin was.
+        twin_solved: Pairs in which its twin was solved.
         drop: Evidence against "the drop is at most 0" (e-value).
         no_drop: Evidence against "the drop is at least the margin" (e-value).
     """
@@ -114,8 +116,8 @@ class Decisions:
 
     Attributes:
         answers: One per question, in their order.
-        waiting: (condition, seed) of the round under way that have no outcome yet, twins included; empty if nothing is
-            left to run.
+        waiting: (condition, seed) of the current round without an outcome, including twins; empty if nothing is left to
+            run.
     """
 
     answers: tuple[Answer, ...]
@@ -132,15 +134,15 @@ class Decisions:
 
 
 Outcomes = Callable[[str, int], bool | None]
-"""Whether a condition was solved with a seed, or None if that is not known."""
+"""Returns whether a condition was solved with a seed, or None if unknown."""
 
 
 def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcomes, *, rule: StoppingRule) -> Decisions:
-    """Replay the rounds of some questions as far as their outcomes are known.
+    """Replay the rounds of the questions up to the last known outcome.
 
     Args:
-        questions: The questions, each about another condition. Several may share a twin, whose trials serve them all.
-        seeds: Seeds in the order in which they are run; a question gets at most so many pairs.
+        questions: The questions, each about a different condition. Several questions may share the trials of a twin.
+        seeds: Seeds in the order in which they are run; their number is the maximum number of pairs of a question.
         outcome: Known outcomes of the trials.
         rule: Rule by which a question is decided.
     """
@@ -160,7 +162,6 @@ def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcome
 
 
 def _answer(question: Question, seeds: Sequence[int], outcome: Outcomes, rule: StoppingRule) -> Answer:
-    """Return a question with the evidence of its pairs, still open."""
     pairs = [(bool(outcome(question.twin, s)), bool(outcome(question.condition, s))) for s in seeds]
     lost, won = pairs.count((True, False)), pairs.count((False, True))
     solved, twin_solved = (sum(side) for side in zip(*((condition, twin) for twin, condition in pairs), strict=True))
@@ -170,13 +171,13 @@ def _answer(question: Question, seeds: Sequence[int], outcome: Outcomes, rule: S
 
 @lru_cache(maxsize=4096)
 def _evidence(lost: int, kept: int, won: int, margin: float) -> tuple[float, float]:
-    """Return the evidence of a drop and of none, from how many pairs lost, kept and won what the twin shows."""
+    """Return the evidence of a drop and of no drop, from the numbers of lost, unchanged and won pairs."""
     values = [1.0] * lost + [0.0] * kept + [-1.0] * won
     return evidence_above(values, 0.0, span=SIGNED), evidence_below(values, margin, span=SIGNED)
 
 
 def _judged(answers: Sequence[Answer], rule: StoppingRule) -> list[Answer]:
-    """Return the answers with the verdicts that stand now; those given before stay."""
+    """Return the answers with their current verdicts; earlier verdicts stay."""
     judged = list(answers)
     for family in ((Verdict.DROP,), (Verdict.NO_DROP, Verdict.NOT_LEARNED)):
         eligible = [i for i, a in enumerate(judged) if not a.decided or a.verdict in family]

@@ -1,4 +1,4 @@
-"""Numbers in words, one way of writing each: counts with percentages, percentage points and p-values."""
+"""Text forms of numbers: counts with percentages, percentage points and p-values."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def counted(rate: Rate) -> str:
 
 
 def minus(number: Decimal) -> str:
-    """Return a decimal with a real minus sign."""
+    """Return a decimal number with a typographic minus sign."""
     return str(number).replace("-", MINUS)
 
 
 def signed(number: Decimal) -> str:
-    """Return a decimal with its sign; zero has none."""
+    """Return a decimal number with its sign; zero has none."""
     return f"+{number}" if number > 0 else minus(number)
 
 
@@ -32,7 +32,7 @@ def points(value: float, digits: int = 1) -> str:
 
 
 def p_text(p_value: float | None) -> str:
-    """Return a p-value with two digits that count ("p = 0.26", "p = 0.0078", "p < 0.001"), or an empty string."""
+    """Return a p-value with two significant digits ("p = 0.26", "p = 0.0078", "p < 0.001"), or an empty string."""
     if p_value is None:
         return ""
     if p_value < 0.001:

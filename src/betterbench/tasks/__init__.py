@@ -1,11 +1,11 @@
-"""Tasks as values and pure functions: what is set up, what is asked for, and when it is done.
+"""Tasks as values and pure functions: setup, instruction and success condition.
 
-- ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that conditions are made of.
+- ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that make up conditions.
 - ``relations``: one file per relation ("inside", "beside"), with its check and its placements.
-- ``authoring``: templates, variations and the registry: how a task is written.
+- ``authoring``: templates, variations and the registry, for writing tasks.
 - ``suite``: the tasks of better60, one file each.
 - ``judging``: goals, grasp attempts, restraint, harm and premises, judged from states.
-- ``interventions``: from the name of a condition or a regime to the conditions themselves.
+- ``interventions``: look-up of conditions by the name of a condition or a regime.
 - ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN as data.
 """
 
@@ -20,8 +20,9 @@ from betterbench.tasks.authoring.training_distribution import TrainingDistributi
 from betterbench.tasks.authoring.variation import Variation
 from betterbench.tasks.axes import Axis, Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
-from betterbench.tasks.judging.goal import GoalTracker, Truth
+from betterbench.tasks.judging.goal import GoalTracker
 from betterbench.tasks.judging.premise import broken_premises
+from betterbench.tasks.judging.truth import Truth
 from betterbench.tasks.labels import Kind, Label, all_labels, new_label, remove_label
 from betterbench.tasks.looks import LOOKS, Looks, looks_named
 from betterbench.tasks.randomness import SUITE_VERSION, stream

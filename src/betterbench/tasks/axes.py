@@ -20,10 +20,10 @@ class Axis(StrEnum):
 
     @classmethod
     def of(cls, variation: str) -> Axis:
-        """Return the axis that the name of a variation begins with.
+        """Return the axis at the beginning of a variation's name.
 
         Raises:
-            ValueError: If it begins with another letter than L, R, O or T.
+            ValueError: If it begins with a letter other than L, R, O or T.
         """
         for axis in cls:
             if variation[:1] == axis.letter:

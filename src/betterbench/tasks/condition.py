@@ -1,4 +1,4 @@
-"""Conditions: one fully specified setting of a task, and the objects and slots it is made of."""
+"""Conditions: fully specified settings of a task, with their objects and slots."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 class TargetRegion:
     """Region of a target: a container, a hole of a rack, a layer of a stack, the mount of a drawer.
 
-    The ``target`` is a name in the scene; the ``region`` is "" where the target offers one alone.
+    The ``target`` is a name in the scene; the ``region`` is "" if the target has only one.
     """
 
     target: str
@@ -26,12 +26,12 @@ class TargetRegion:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A named place on the table.
+    """A named start position on the table.
 
     Attributes:
         x: Center [m], world frame.
         y: Center [m], world frame.
-        yaw: Nominal heading of what stands there [rad].
+        yaw: Nominal heading of the object [rad].
         jitter_m: Half width of the uniform position jitter [m].
         yaw_jitter: Half width of the uniform heading jitter [rad].
     """
@@ -53,7 +53,7 @@ class ObjectSpec:
         kind: Noun of the object in instructions ("red mug").
         category: Category of its asset ("mug").
         color: Color of its asset, or None to let the generator choose.
-        mount: For a drawer, the place of the cabinet that it slides in.
+        mount: For a drawer, its mount in the cabinet.
     """
 
     name: str
@@ -71,12 +71,12 @@ class Condition:
 
     Attributes:
         name: Name within the task ("train1", "L3").
-        layout: Object name to slot name, for every object that starts on the table.
-        preplaced: Object name to the place where it already rests.
-        opened: Drawer name to the distance by which it is drawn out at the start [m]; drawers not named are shut.
+        layout: Slot name by object name, for every object that starts on the table.
+        preplaced: Target region by object name, for objects that start at a target.
+        opened: Opening at the start [m] by drawer name; other drawers are closed.
         expected: Behavior of a policy that understood the instruction.
-        mid_task_look: True if the initial state looks like the middle of a demonstration.
-        premise_broken: True if the instruction presupposes something that is deliberately not there.
+        mid_task_look: Whether the initial state looks like the middle of a demonstration.
+        premise_broken: Whether a premise of the instruction is deliberately false.
     """
 
     task: str
@@ -111,7 +111,7 @@ class Condition:
         return None
 
     def resolve(self, reference: Reference) -> tuple[str, ...]:
-        """Return the names of the objects that a reference can mean, in a stable order."""
+        """Return the names of the possible objects of a reference, in a stable order."""
         if reference.slot is not None:
             occupant = self.occupant(reference.slot)
             return () if occupant is None else (occupant,)

@@ -1,8 +1,8 @@
 """Measured points of release and final poses of the expert's demonstrations: the file and its look-up.
 
 ``better certify --demonstrations`` measures it. Scenes draw the poses of pre-placed objects from it, and clause (b) of
-the certificate compares releases with it. It ships with the suite; for the tasks of a user's file it lies beside that
-file.
+the certificate compares releases with it. It is packaged with the suite; for the tasks of a user's file it is stored
+beside that file.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.user_files import companion_of, options_for
 
 HEIGHT_MM = 5.0
-"""Farthest that a release may be above or below a height at which training released something there [mm]; suite, §3."""
+"""Largest vertical distance of a release from a trained release height [mm]; suite, §3."""
 REACH_MM = 15.0
-"""Farthest that a release in a container may be from one in training, seen from above [mm]: the jitter of a slot."""
+"""Largest horizontal distance of a release in a container from a trained one [mm]: the jitter of a slot."""
 
 PACKAGED = "demonstrations.json"
 FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
 
 
 class FlatPose(NamedTuple):
-    """Planar pose of an object at its target: position from the middle of the target region [mm], heading [degrees].
+    """Planar pose of an object at its target: position from the center of the target region [mm], heading [degrees].
 
     Both are in the frame of the target.
     """
@@ -52,11 +52,11 @@ class Releases:
 
     Attributes:
         slot: Slot of the target, or of the object that carries it.
-        relation: Relation that the release brings about.
-        region: Region of the target, "" where it offers one alone.
+        relation: Relation that the release establishes.
+        region: Region of the target, "" if it has only one.
         level: Number of objects below, down to the slot.
         heights_mm: Heights of the released object's foot above the table [mm], sorted.
-        points_mm: Positions of that foot in the frame of the target, from the middle of the region, x and y [mm].
+        points_mm: Positions of that foot in the frame of the target, from the center of the region, x and y [mm].
     """
 
     slot: str
@@ -72,11 +72,11 @@ class Releases:
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return how far a height is above the nearest trained one [mm]; negative below it."""
+        """Return the distance of a height from the nearest trained one [mm]; negative below it."""
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
-        """Return how far a point, given like ``points_mm``, is from the nearest trained one [mm]."""
+        """Return the distance of a point, in the frame of ``points_mm``, from the nearest trained one [mm]."""
         return min(math.dist((x_mm, y_mm), point) for point in self.points_mm)
 
 
@@ -87,11 +87,11 @@ class FinalPoses:
 
     Attributes:
         kind: Kind of the object.
-        asset: Identity of its asset, because objects of other shapes come to rest elsewhere.
+        asset: Identity of its asset, because objects of other shapes rest in other poses.
         target_kind: Kind of the target.
         target_asset: Identity of its asset.
         relation: Relation between the two.
-        region: Region of the target, "" where it offers one alone.
+        region: Region of the target, "" if it has only one.
         poses: Poses of the object at rest.
     """
 
@@ -107,13 +107,13 @@ class FinalPoses:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrated:
-    """Points of release and final poses of one task's demonstrations, with the versions they were measured under.
+    """Release points and final poses of one task's demonstrations, with the versions of the measurement.
 
     Attributes:
         suite: Version of the suite.
         engine: Version of the physics engine.
         version: Version of the task.
-        solved: Number of demonstrations that they were measured in.
+        solved: Number of measured demonstrations.
     """
 
     suite: str
@@ -124,16 +124,16 @@ class Demonstrated:
     final_poses: tuple[FinalPoses, ...]
 
     def releases_at(self, place: tuple[str | None, str | None, str, int]) -> Releases | None:
-        """Return the releases at a place, given as slot, relation, region and level; None where there are none."""
+        """Return the releases at a place, given as slot, relation, region and level; None if there are none."""
         return next((r for r in self.releases if r.place == place), None)
 
     def final_poses_at(
         self, target_kind: str, relation: str, region: str, *, kind: str, assets: tuple[str, str]
     ) -> tuple[FlatPose, ...]:
-        """Return the final poses at a target of what is most like an object.
+        """Return the final poses at a target of the most similar object.
 
         These are the poses of the same assets (of object and target), else of the same asset of the object, else of its
-        kind, else of whatever was brought there; none if nothing was.
+        kind, else of any object brought there; empty if there are none.
         """
         place = (target_kind, relation, region)
         there = [p for p in self.final_poses if (p.target_kind, p.relation, p.region) == place]
@@ -182,7 +182,7 @@ _measured: dict[str, Demonstrated] = {}
 
 @contextmanager
 def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
-    """Let a task's demonstrations be these for a while: those measured so far decide where the next ones begin."""
+    """Set a task's demonstrations temporarily: those measured so far determine where the next ones begin."""
     before = _measured.get(task)
     if found is not None:
         _measured[task] = found
@@ -195,14 +195,14 @@ def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
 
 
 def demonstrated(task: Task, *, engine: str) -> Demonstrated:
-    """Return what the demonstrations of a task show.
+    """Return the measurements from a task's demonstrations.
 
     Args:
         task: The task.
-        engine: Version of the physics engine in use; its minor version has to agree.
+        engine: Version of the physics engine in use; its minor version must be the same.
 
     Raises:
-        InvalidInputError: If it was never measured, or under other versions; the text names the cure.
+        InvalidInputError: If it was never measured, or under other versions; the message names the remedy.
     """
     if task.id in _measured:
         return _measured[task.id]
@@ -226,7 +226,7 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
 
 
 def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
-    """Return what the demonstrations of a task show, or None where that was not measured under the versions in use."""
+    """Return the measurements from a task's demonstrations, or None if they are missing for the versions in use."""
     try:
         return demonstrated(task, engine=engine)
     except InvalidInputError:
@@ -234,7 +234,7 @@ def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
 
 
 def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence[FlatPose]) -> FlatPose:
-    """Return the final pose in which an object is pre-placed in a trial, drawn from the trial's own stream."""
+    """Return the final pose of a pre-placed object in a trial, drawn from the trial's random stream."""
     return poses[int(stream(task.id, seed, f"preplaced:{kind}:{region}").integers(len(poses)))]
 
 
@@ -247,7 +247,7 @@ def cure_for(task: str) -> str:
 
 @functools.lru_cache(maxsize=8)
 def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
-    """Read a file of measured demonstrations; raise InvalidInputError if it is none."""
+    """Read a file of measured demonstrations; raise InvalidInputError if it is invalid."""
     cure = "Measure again with better certify --demonstrations"
     form = open_seal(text, where=where, cure=cure, since=("version", 2))
     form.pop("version", None)
@@ -256,13 +256,13 @@ def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
 
 @functools.lru_cache(maxsize=1)
 def _packaged() -> DemonstrationsFile:
-    """Return what ships with the suite, empty if there is no file."""
+    """Return the packaged measurements, empty if there is no file."""
     file = resources.files("betterbench.tasks").joinpath("data", PACKAGED)
     return read_demonstrations(file.read_text(encoding="utf-8"), _PACKAGED_NAME) if file.is_file() else _NONE
 
 
 def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
-    """Return the text of a file into which some tasks were measured anew; what it holds of others is kept."""
+    """Return the text of a file with new measurements of some tasks; those of other tasks are kept."""
     before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
     _packaged.cache_clear()
     return DemonstrationsFile({**before, **found}).to_text()

@@ -1,6 +1,6 @@
-"""Outcome labels. They are defined here, below tasks and diagnosis, so that both use them as values and not as strings.
+"""Outcome labels, defined below tasks and diagnosis so that both use them as values instead of strings.
 
-What a label means, how it is found and how reports speak of it stands in its file in ``diagnosis/modes``.
+The meaning of a label, its rule and its text in reports are in its file in ``diagnosis/modes``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 
 
 class Kind(StrEnum):
-    """Kind of outcome that a label stands for; an unfinished trial is neither a success nor a failure."""
+    """Kind of an outcome label; an unfinished trial is neither a success nor a failure."""
 
     NONE = "none"
     REASONING = "reasoning"
@@ -25,13 +25,12 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """The one outcome of a trial (suite, section 5): a text with a kind, one object per name.
+    """The outcome of a trial (suite, section 5): a text with a kind, one object per name.
 
-    The order of all labels decides between pieces of evidence of the same moment. Further labels are made by
-    :func:`new_label`.
+    The order of all labels decides between evidence of the same moment. Further labels are made by :func:`new_label`.
 
     Raises:
-        UnknownNameError: If there is no such label.
+        UnknownNameError: If the label does not exist.
     """
 
     __slots__ = ("kind",)
@@ -63,7 +62,7 @@ class Label(str):
             raise UnknownNameError("label", name, _LABELS) from None
 
     def __reduce__(self) -> tuple[type[Label], tuple[str]]:
-        """Copies and what another process unpacks are the same object."""
+        """Return the arguments of a copy, so that copies and unpickled labels are the same object."""
         return Label, (self.value,)
 
     @property
@@ -90,12 +89,12 @@ def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
 
 
 def remove_label(label: Label) -> None:
-    """Take a label out again, as tests do."""
+    """Remove a label, for tests."""
     del _LABELS[label.value]
 
 
 def all_labels() -> tuple[Label, ...]:
-    """Return all labels in their order: ``wrong_object``, which is general, comes after all other reasoning labels."""
+    """Return all labels in order: ``wrong_object``, which is general, comes after all other reasoning labels."""
     return tuple(_LABELS.values())
 
 

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 SUITE_VERSION = "2.0"
-"""Version of the suite: it moves when the meaning of a seed changes for all tasks."""
+"""Version of the suite, incremented if the meaning of a seed changes for all tasks."""
 
 FIRST_DEMONSTRATION_SEED = 1_000_000
 """First seed of demonstrations; smaller ones belong to evaluation and certificates (law 8 of the suite)."""
@@ -14,8 +14,8 @@ FIRST_DEMONSTRATION_SEED = 1_000_000
 def stream(task: str, seed: int, purpose: str) -> np.random.Generator:
     """Return a fresh generator for one purpose ("slot:near", "look:mug"): PCG64 seeded with a SHA-256.
 
-    The stream depends on the suite version, the task, the seed and the purpose and on nothing else: not on the
-    condition, the policy, the order of trials or the number of workers.
+    The stream depends only on the suite version, the task, the seed and the purpose: not on the condition, the policy,
+    the order of trials or the number of workers.
     """
     digest = hashlib.sha256(f"{SUITE_VERSION}|{task}|{seed}|{purpose}".encode()).digest()
     return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))

@@ -1,7 +1,7 @@
-"""Earlier names of modules, for users' files that were written before the packages moved.
+"""Earlier names of modules, for user files written before the packages moved.
 
-Runs and checkpoints name the file that defines their tasks or their learner by the SHA-256 of its text, so the file
-cannot be edited when a module that it imports moves. Its imports are translated when it is loaded.
+Runs and checkpoints identify the file of their tasks or their learner by the SHA-256 of its text, so the file cannot be
+edited when an imported module moves. Its imports are translated when it is loaded.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _MOVED = (
     ("diagnosis", "diagnosis.analysis", "trace approaches episode_analysis halts harm collisions"),
     ("diagnosis", "diagnosis.measures", "metrics confusion forms power_matrix standing"),
 )
-"""Package before, package now, and the modules that moved from one to the other under their own names."""
+"""Old package, new package, and the modules that moved from one to the other with their names."""
 
 MODULES: Mapping[str, str] = {
     **{f"{old}.{name}".lstrip("."): f"{new}.{name}" for old, new, names in _MOVED for name in names.split()},
@@ -42,7 +42,7 @@ MODULES: Mapping[str, str] = {
     "demonstrations": "demonstrations.making",
     "datasets": "demonstrations.sets",
 }
-"""Modules by their earlier name, both below ``betterbench``; what lies below an earlier name moved with it."""
+"""Modules by their earlier name, both below ``betterbench``; submodules moved with them."""
 
 NAMES: Mapping[tuple[str, str], str] = {
     ("recording", "LineJournal"): "jobs",
@@ -58,13 +58,13 @@ NAMES: Mapping[tuple[str, str], str] = {
     ("evaluation", "known_policies"): "policies.kinds",
     ("evaluation", "check_policy"): "policies.factory",
 }
-"""Module of each public name that is not imported from where its package went, by (earlier package, name)."""
+"""Module of each public name that is not in its package's new location, by (earlier package, name)."""
 
 
 def with_present_names(source: str | bytes, path: str) -> ast.Module:
-    """Return the syntax tree of a user's file, in which imports by an earlier name are imports by the present one.
+    """Return the syntax tree of a user's file, with imports by earlier names translated to current names.
 
-    Lines keep their numbers. Imports by names that exist are left as they are.
+    Line numbers are kept. Imports by existing names are unchanged.
 
     Raises:
         SyntaxError: If the text is not Python.
@@ -74,7 +74,7 @@ def with_present_names(source: str | bytes, path: str) -> ast.Module:
 
 
 def present_name(module: str) -> str:
-    """Return the present name of a module, below ``betterbench`` as given: the same if there is no other."""
+    """Return the current name of a module, below ``betterbench`` as given: unchanged if it has not moved."""
     parts = module.split(".")
     for count in range(len(parts), 0, -1):
         moved = MODULES.get(".".join(parts[:count]))
@@ -84,7 +84,7 @@ def present_name(module: str) -> str:
 
 
 class _Renaming(ast.NodeTransformer):
-    """Translation of import statements to the present names of modules."""
+    """Translation of import statements to the current names of modules."""
 
     def visit_Import(self, node: ast.Import) -> ast.Import:
         for alias in node.names:
@@ -101,7 +101,7 @@ class _Renaming(ast.NodeTransformer):
 
 
 def _statements(module: str, names: list[ast.alias]) -> Iterator[ast.ImportFrom]:
-    """Yield one import statement for each name of a statement that imports from a module of this package."""
+    """Yield one import statement for each name in a statement that imports from a module of this package."""
     for alias in names:
         inner = f"{module}.{alias.name}".lstrip(".")
         if (module, alias.name) in NAMES:
@@ -115,8 +115,8 @@ def _statements(module: str, names: list[ast.alias]) -> Iterator[ast.ImportFrom]
 
 
 def _exists(module: str) -> bool:
-    """Return whether there is a module of this name below ``betterbench``."""
+    """Return whether a module of this name exists below ``betterbench``."""
     try:
         return importlib.util.find_spec(f"{_PACKAGE}.{module}") is not None
-    except ModuleNotFoundError:  # nor the package in which it would be
+    except ModuleNotFoundError:  # its package does not exist either
         return False

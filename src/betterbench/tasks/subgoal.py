@@ -5,18 +5,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of an instruction to an object: by its description, or by its place at the start.
+    """Reference of an instruction to an object: by its description, or by its start slot.
 
     Attributes:
-        kind: Kind of object that is meant ("burger", "red mug"), or None.
-        slot: Slot whose occupant is meant ("far"), or None. Exactly one of the two is given.
+        kind: Kind of the object ("burger", "red mug"), or None.
+        slot: Start slot of the object ("far"), or None. Exactly one of the two is given.
     """
 
     kind: str | None = None
     slot: str | None = None
 
     def __post_init__(self) -> None:
-        """Check that exactly one way of picking out is given."""
+        """Check that exactly one of the two is given."""
         if (self.kind is None) == (self.slot is None):
             msg = "a reference names either a kind or a slot"
             raise ValueError(msg)
@@ -24,17 +24,17 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Subgoal:
-    """Step of an instruction: a relation that has to hold between an object and a target.
+    """Step of an instruction: a relation that must become true between an object and a target.
 
     Attributes:
         name: Name of the step ("pack_burger") in records, reports and questions.
-        relation: Name of the relation that has to hold ("inside", "on_ring").
+        relation: Name of the relation ("inside", "on_ring").
         reference: Reference to the object.
-        target: Scene name of the container or fixture it has to be related to.
-        word: The word of the instruction that picks out the object ("red", "top", "burger").
-        count: Number of objects of that reference that must be there for this step to be done; the second of two equal
+        target: Scene name of the target container or fixture.
+        word: The word of the instruction that identifies the object ("red", "top", "burger").
+        count: Number of objects of that reference that must be at the target for this step; the second of two equal
             steps has 2.
-        place: Region of the target, where it offers several ("left", "hole_2", layer "3").
+        place: Region of the target, if it has several ("left", "hole_2", layer "3").
     """
 
     name: str
@@ -48,10 +48,10 @@ class Subgoal:
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """A text that a policy is given, together with the steps that it asks for, in their order.
+    """A text for a policy, with its steps in order.
 
     Attributes:
-        ordered: True if the order is part of the goal.
+        ordered: Whether the order is part of the goal.
     """
 
     text: str

@@ -1,9 +1,9 @@
-"""Thresholds of live judging, and the table of all thresholds that a verdict depends on.
+"""Thresholds of live judging, and the table of all thresholds that affect a verdict.
 
-The goal tracker, the grasp attempts and the rules of harm judge a trial while it runs, so their thresholds stand here,
-below the diagnosis, with those that the diagnosis shares with them. Those of the diagnosis alone stand in
-:mod:`betterbench.diagnosis.thresholds`. A tolerance of a relation stands in the file of its relation, and a failure
-mode of a user's own brings its thresholds along.
+The goal tracker, the grasp attempts and the rules of harm judge a trial while it runs, so their thresholds are defined
+here, below the diagnosis, including those shared with it. Thresholds of the diagnosis only are in
+:mod:`betterbench.diagnosis.thresholds`. A tolerance of a relation is in the file of its relation, and a user's failure
+mode defines its own thresholds.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ _TABLE: dict[str, Threshold] = {}
 
 
 def threshold(name: str, value: float, unit: str, reason: str, effect: str = "", *, listed: bool = True) -> float:
-    """Enter a threshold in the table and return its value.
+    """Add a threshold to the table and return its value.
 
     Args:
         name: Its name in runs, stored diagnoses and reports.
@@ -40,8 +40,8 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
         reason: Use of the threshold, and source of its value.
         effect: Labels that become more or less frequent with a larger value.
-        listed: False for a value that decided before it had an entry. Diagnoses stored then lack it, and listing it
-            would make them read as judged by other rules. List it when its value changes.
+        listed: False for a value that was used before it had an entry. Stored diagnoses lack it, and listing it would
+            mark them as judged by other rules. List it when its value changes.
 
     Raises:
         ValueError: If the name is taken.
@@ -53,7 +53,7 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
 
 
 def remove_threshold(name: str) -> None:
-    """Take a threshold out again, as tests do."""
+    """Remove a threshold, for tests."""
     del _TABLE[name]
 
 
@@ -63,10 +63,10 @@ def threshold_table() -> tuple[Threshold, ...]:
 
 
 class Thresholds:
-    """Thresholds that several modules use."""
+    """Thresholds used by several modules."""
 
     # fmt: off
-    # The goal tracker: what is at rest, what stands, what is home.
+    # The goal tracker: objects at rest, upright objects, and the home position.
     rest_time = threshold("rest_time", 0.25, "s",
         "Time over which an object must have stayed in its place to be at rest; in it a falling object moves 0.3 m.",
         "Larger: a goal counts later; fewer success, more timeout.")
@@ -132,7 +132,7 @@ class Thresholds:
         "Height by which an object must have risen to count as lifted.",
         "Larger: fewer objects count as taken; more execution_failure of what slips.")
 
-    # What becomes of an object, and of a drawer.
+    # Objects and drawers after a release.
     settle_after_release = threshold("settle_after_release", 1.0, "s",
         "Time in which a released object comes to rest; a fall from 0.3 m takes 0.25 s, rolling and tipping the "
         "rest.",
@@ -177,19 +177,19 @@ class Thresholds:
 
     @staticmethod
     def names() -> tuple[str, ...]:
-        """Return the names of all thresholds in force, also of those that other files enter or that are not listed."""
+        """Return the names of all current thresholds, including unlisted ones and those of other files."""
         return tuple(_TABLE)
 
     @staticmethod
     def to_json() -> dict[str, float]:
-        """Return the values of all listed thresholds in force by name."""
+        """Return the values of all listed thresholds by name."""
         return {entry.name: entry.value for entry in _TABLE.values() if entry.listed}
 
 
 THRESHOLDS = Thresholds()
 """The thresholds in use."""
 
-# Thresholds that one file of live judging reads.
+# Thresholds used by one file of live judging.
 # fmt: off
 # Grasp attempts: one finger on an object, and empty slots.
 PRESS_FORCE = threshold("press_force", 10.0, "N",
@@ -216,7 +216,7 @@ EMPTY_SLOT_REACH = threshold("empty_slot_reach", 0.08, "m",
     "Larger: more closings on nothing are at an emptied slot; more behavioral_inertia, fewer execution_failure, "
     "correct_freeze and timeout.")
 
-# Things that are to be left alone.
+# Forbidden objects.
 HOVER_TIME = threshold("hover_time", 0.5, "s",
     "Time for which an open, empty gripper stays within reach of something that is to be left alone until it has "
     "interfered with it; at the speed of a transport it would be past in that time.",

@@ -12,5 +12,5 @@ class TrialId:
     seed: int
 
     def __str__(self) -> str:
-        """Return the form that plans, journals and file names share: "fast_food/L3/0"."""
+        """Return the text form in plans, journals and file names: "fast_food/L3/0"."""
         return f"{self.task}/{self.condition}/{self.seed}"

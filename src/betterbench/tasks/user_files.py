@@ -1,8 +1,8 @@
-"""User files and plugins: tasks, assets and other items that a user's file or an installed package registers.
+"""User files and plugins: tasks, assets and other items registered by a user's file or an installed package.
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
-inherit. Packages name a module under the entry point group ``betterbench.plugins``. A file found in the folder of a run
-is never executed by itself: it may come from a stranger.
+inherit. Packages name a module under the entry point group ``betterbench.plugins``. A file in the folder of a run is
+never executed automatically, because it may be untrusted.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ GROUP = "betterbench.plugins"
 """Group of entry points; each names a module that registers tasks or assets when it is imported."""
 
 COMPANION_SUFFIX = ".demonstrations.json"
-"""Suffix, in place of ".py", of the file beside a task file in which demonstrations of its tasks are measured."""
+"""Suffix, instead of ".py", of the file beside a task file with the measurements of its demonstrations."""
 
 COPIES = "task_files"
-"""Folder inside the folder of a run that holds a copy of each task file."""
+"""Folder within a run with a copy of each task file."""
 
 _MAX_SOURCE_BYTES = 64 << 20
 
@@ -49,9 +49,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """User file as it was loaded. Workers get the same text even if the file changes meanwhile.
+    """User file as loaded. Workers get the same text even if the file changes meanwhile.
 
-    The path is absolute, on the machine that loaded it first. ``demonstrations`` is the text of its companion file, if
+    The path is absolute, on the machine that first loaded it. ``demonstrations`` is the text of its companion file, if
     there is one.
     """
 
@@ -64,7 +64,7 @@ class TaskFile:
         """Read a file.
 
         Raises:
-            InvalidInputError: If there is no such file, or it is no text in UTF-8.
+            InvalidInputError: If the file does not exist, or is not UTF-8 text.
         """
         cure = "Give the path of a Python file"
         try:
@@ -72,7 +72,7 @@ class TaskFile:
             text = read_bounded(found, max_bytes=_MAX_SOURCE_BYTES, cure=cure).decode("utf-8")
             return cls(str(found), text, _companion_text(found))
         except (InvalidInputError, ValueError) as error:
-            problem = error.problem if isinstance(error, InvalidInputError) else "it is no text in UTF-8"
+            problem = error.problem if isinstance(error, InvalidInputError) else "it is not UTF-8 text"
             raise InvalidInputError(f"--task-file {path}", problem, cure) from None
 
     @property
@@ -129,19 +129,18 @@ _lock = threading.RLock()
 
 
 def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]) -> Callable[P, T]:
-    """Note which user's file registers a name; every registry that users may add to calls this.
+    """Note which user's file registers a name; every registry that users may extend calls this.
 
-    The ``kind`` of what is registered is in the singular ("task", "asset"); ``known`` are the names that are taken
-    already.
+    ``kind`` is the singular name of the registered items ("task", "asset"); ``known`` are the names already taken.
 
     Returns:
-        The function. One of a user's file names its file and line when it raises.
+        The function. A user's function reports its file and line when it raises an error.
 
     Raises:
-        InvalidInputError: If a user's file takes a name that betterbench or another file has.
+        InvalidInputError: If a user's file takes a name of betterbench or of another file.
     """
     if not _loading or make.__module__.startswith("betterbench."):
-        return make  # a user's file may be what imports our own modules first
+        return make  # a user's file may import our own modules first
     here, before = _loading[-1], _origins.get((kind, name))
     if name in known and (before is None or before.path != here.path):
         owner = "betterbench itself" if before is None else before.text
@@ -157,7 +156,7 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
 
 
 def load_task_files(paths: Iterable[Path | str]) -> None:
-    """Load users' files, each once, and name them to the processes that are started from here.
+    """Load user files, each once, and pass their names on to child processes.
 
     Raises:
         InvalidInputError: If a file is missing, raises an error or takes a name that exists.
@@ -170,7 +169,7 @@ def load_task_files(paths: Iterable[Path | str]) -> None:
 
 
 def load_sources(files: Iterable[TaskFile]) -> None:
-    """Load files that have been read already, as a worker does; a text that is loaded is not loaded again.
+    """Load files that have already been read, as in a worker; an already loaded text is not loaded again.
 
     Raises:
         InvalidInputError: If a file raises an error or takes a name that exists.
@@ -185,20 +184,20 @@ def load_sources(files: Iterable[TaskFile]) -> None:
             if spec is None or spec.loader is None:
                 raise AssertionError("a loader gives its specification")
             module = importlib.util.module_from_spec(spec)
-            sys.modules[name] = module  # dataclasses look the module of their class up there
+            sys.modules[name] = module  # dataclasses look up the module of their class there
             with _registering(_Origin(file.path, file.path)):
                 spec.loader.exec_module(module)
             _files[file.path] = file
 
 
 def load_declared() -> None:
-    """Load installed plugins and the files that the environment variable names, once; registries call this.
+    """Load installed plugins and the files in the environment variable, once; registries call this.
 
     Raises:
-        InvalidInputError: If one cannot be loaded, raises an error or takes a name that exists.
+        InvalidInputError: If a file cannot be loaded, raises an error or takes a name that exists.
     """
     if _loading:
-        return  # a user's file looks something up while it is loaded
+        return  # a user's file uses a registry while it is being loaded
     with _lock:
         if not _plugins_loaded:
             for entry in importlib.metadata.entry_points(group=GROUP):
@@ -217,13 +216,13 @@ def loaded_files() -> tuple[TaskFile, ...]:
     return tuple(_files.values())
 
 
-def origins_of(tasks: Iterable[str]) -> dict[str, list[dict[str, str]]]:
-    """Return what has to be loaded before tasks can be run or diagnosed, for the plan of a run.
+def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str, list[dict[str, str]]]:
+    """Return what has to be loaded before tasks and worlds can be run or diagnosed, for the plan of a run.
 
-    These are "task_files" (name, sha256) and "plugins" (name, version) as far as there are any; nothing for built-in
-    tasks.
+    These are "task_files" (name, sha256) and "plugins" (name, version), if there are any; nothing for built-in tasks.
     """
-    found = [origin for origin in (_origins.get(("task", task)) for task in tasks) if origin is not None]
+    names = [*(("task", task) for task in tasks), *(("world", world) for world in worlds)]
+    found = [origin for origin in map(_origins.get, names) if origin is not None]
     packages = sorted({origin.package for origin in found if origin.package})
     files = [{"name": Path(f.path).name, "sha256": f.sha256} for f in _files.values()] if found else []
     plugins = [{"name": name, "version": version} for name, version in packages]
@@ -231,9 +230,9 @@ def origins_of(tasks: Iterable[str]) -> dict[str, list[dict[str, str]]]:
 
 
 def code_of(kind: str, name: str) -> str | None:
-    """Return which code registers a name: "sha256 ..." of a user's file, or package and version; None if it is ours.
+    """Return the code that registers a name: "sha256 ..." of a user's file, or package and version; None if built in.
 
-    The ``kind`` is that of :func:`registered`.
+    ``kind`` is that of :func:`registered`.
     """
     origin = _origins.get((kind, name))
     if origin is None:
@@ -243,10 +242,10 @@ def code_of(kind: str, name: str) -> str | None:
 
 @contextmanager
 def explaining(kind: str, name: str) -> Iterator[None]:
-    """Turn an error of the code that registers a name into one that names its file and line, if it is a user's.
+    """Turn an error of the code that registers a name into one with its file and line, for user code.
 
     Raises:
-        InvalidInputError: If there is an error.
+        InvalidInputError: If the code raises an error.
     """
     origin = _origins.get((kind, name))
     if origin is None:
@@ -257,10 +256,10 @@ def explaining(kind: str, name: str) -> Iterator[None]:
 
 
 def companion_of(task: str) -> Companion | None:
-    """Return the file beside the one that defines a task in which its demonstrations are measured.
+    """Return the file, beside a task's file, with the measurements of the task's demonstrations.
 
     Returns:
-        Its path and text; None for a built-in task. On a machine that has only been sent the file, the text is what was
+        Its path and text; None for a built-in task. On a machine that received only the task file, the text is the one
         sent with it.
     """
     origin = _origins.get(("task", task))
@@ -285,22 +284,22 @@ def _companion_text(path: Path) -> str | None:
 
 
 def options_for(tasks: Iterable[str]) -> str:
-    """Return the options that load the files of tasks again, with a leading space; empty if all are built in."""
+    """Return the options that load the files of tasks, with a leading space; empty if all are built in."""
     return loading_options() if origins_of(tasks).get("task_files") else ""
 
 
 def loading_options() -> str:
-    """Return the options that load all files again that are loaded in this process, with a leading space."""
+    """Return the options that load all files loaded in this process, with a leading space."""
     return "".join(f" --task-file {shell_word(path)}" for path in _files)
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
-    """Check that the files and plugins that define the tasks of a run are loaded, as the plan of the run names them.
+    """Check that the files and plugins of a run's tasks are loaded, as listed in the plan of the run.
 
-    Copies in the folder of the run are named in the error, and never loaded from here.
+    Copies in the folder of the run are named in the error, but never loaded from there.
 
     Raises:
-        RecordError: If one is not loaded, or only with another text.
+        RecordError: If a file or plugin is not loaded, or has another text.
     """
     load_declared()
     hashes = {file.sha256 for file in _files.values()}
@@ -311,7 +310,7 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
                 "loaded, or only with another text: then give a new --out. A file in the folder of a run is not "
-                f"executed by itself; {where} with --task-file."
+                f"executed automatically; {where} with --task-file."
             )
     packages = {origin.package[0] for origin in _origins.values() if origin.package}
     for name, version in _pairs(plan, "plugins", "version"):
@@ -330,7 +329,7 @@ def _pairs(plan: Mapping[str, Any], key: str, second: str) -> Iterator[tuple[str
 
 
 def _safe(text: str) -> str:
-    """Return a stranger's text without what could lead out of a folder or control a terminal."""
+    """Return an untrusted text without characters that could leave a folder or control a terminal."""
     return re.sub(r"[^\w.+-]", "_", text)[:100]
 
 
@@ -340,7 +339,7 @@ def _copy_name(name: str, sha256: str) -> str:
 
 @contextmanager
 def _registering(origin: _Origin) -> Iterator[None]:
-    """Take what is registered meanwhile for that of a file, and build its tasks to see that they can be built."""
+    """Attribute registrations inside the context to a file, and build its tasks to check them."""
     _loading.append(origin)
     try:
         with _errors_explained(origin.path):
@@ -354,10 +353,10 @@ def _registering(origin: _Origin) -> Iterator[None]:
 
 @contextmanager
 def _errors_explained(path: str) -> Iterator[None]:
-    """Turn an error in a user's file into one that names file and line.
+    """Turn an error in a user's file into one with file and line.
 
     Raises:
-        InvalidInputError: If there is an error.
+        InvalidInputError: If the file raises an error.
     """
     try:
         yield

@@ -1,10 +1,10 @@
-"""Words for sentences about objects: verbs that agree with the name of a kind."""
+"""Words for sentences about objects, such as verbs that agree with the name of a kind."""
 
 from __future__ import annotations
 
 
 def is_plural(kind: str) -> bool:
-    """Tell whether the name of a kind is a plural: "fries" is one, "glass" and "cactus" are none."""
+    """Tell whether the name of a kind is a plural: "fries" is a plural, "glass" and "cactus" are not."""
     return kind.endswith("s") and not kind.endswith(("ss", "us", "is"))
 
 
@@ -14,6 +14,6 @@ def agreeing(kind: str, one: str, many: str) -> str:
 
 
 def place_words(kind: str, region: str) -> str:
-    """Return the words for a place of a target: "the laptop (upper right)", "the white plate (layer 1)", "the box"."""
+    """Return the text for a region of a target: "the laptop (upper right)", "the white plate (layer 1)", "the box"."""
     name = f"layer {region}" if region.isdigit() else region.replace("_", " ")
     return f"the {kind} ({name})" if name else f"the {kind}"

@@ -1,10 +1,10 @@
-"""Visual questions whose answers the records prove, and whether a model knows what a policy fails to do.
+"""Visual questions with answers proven by records, and comparison of a model's knowledge with a policy's behavior.
 
-- ``types``: one file per type of question; ``phrasings`` and ``nouns`` word them, ``difficulty`` grades them.
-- ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records; ``balance`` evens them
-out.
+- ``types``: one file per type of question; ``phrasings`` and ``nouns`` contain their texts, ``difficulty`` grades them.
+- ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records; ``balance`` balances their
+  answers.
 - ``asking``, ``scoring``, ``blind``, ``llm``: answers of a model, their score, and baselines without the image.
-- ``knowing``: whether a model knows what the policy gets wrong.
+- ``knowing``: whether a model knows the right decision in the policy's failures.
 """
 
 from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of

@@ -1,12 +1,10 @@
-"""Asking a model a set of questions, and scoring its answers by type."""
+"""Asking a model the questions of a set, and scoring its answers by type."""
 
 from __future__ import annotations
 
 import codecs
 import logging
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,8 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line, require_between
-from betterbench.jobs import write_durably
+from betterbench.jobs import OnCount, counts, in_threads, run_items, write_durably
+from betterbench.jobs.item_threads import NoResource
 from betterbench.jobs.line_journal import MAX_BYTES, LineJournal, say_lost_tail
 from betterbench.jobs.outputs import OutputFile, require_replaceable
 from betterbench.json_form import SEAL, dump_json, open_form, open_ordinary, read_bounded, read_form, seal_of
@@ -30,9 +29,9 @@ logger = logging.getLogger(__name__)
 _LONGEST_NAME = 200
 _MOST_HEAD = 10_000
 _BEGINNING = b'{"coordinates":'
-"""Beginning of the first line of a file of answers."""
+"""Beginning of the first line of an answer file."""
 MOST_AT_ONCE = 256
-"""Most requests at the same time."""
+"""Maximum number of simultaneous requests."""
 
 _UNITS: dict[Coordinates, str] = {
     "pixels": "pixels of the image, which is {width} pixels wide and {height} high",
@@ -57,7 +56,7 @@ class ModelAnswer:
         id: Identifier of the question.
         text: Text of the answer; empty if the request was refused.
         error: Reason for a missing answer, or None.
-        seal: Digest of its line; None in a file of another program, or of an earlier version.
+        seal: Checksum of its line; None in a file from another program or an earlier version.
     """
 
     id: str
@@ -69,7 +68,7 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """First line of a file of answers: the model, the hash of its set, and the unit of the numbers."""
+    """First line of an answer file: the model, the hash of the question set, and the unit of coordinates."""
 
     model: str
     set_sha256: str
@@ -77,14 +76,14 @@ class AnswersHead:
     seal: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a name that tables and sentences cannot show."""
+        """Raise InvalidInputError for a name that cannot be shown in tables and sentences."""
         if not self.model.strip() or not self.model.isprintable() or len(self.model) > _LONGEST_NAME:
-            problem = f"{one_line(self.model, most=60)!r} is no name of up to {_LONGEST_NAME} printable characters"
+            problem = f"{one_line(self.model, most=60)!r} is not a name of up to {_LONGEST_NAME} printable characters"
             raise InvalidInputError("model", problem, "Give the name of the model in one line")
 
 
 _ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
-_CURE = "Correct a file of your own, or ask again into another one with --answers"
+_CURE = "Correct the file if it is your own, or write the answers to another file with --answers"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +91,7 @@ class Answers:
     """The answers of a model to a set; a question without one counts as wrong.
 
     Attributes:
-        changed: Number of the first line of their file whose seal does not fit; 0 if there is none.
+        changed: Number of the first line of the answer file with a wrong checksum; 0 if there is none.
     """
 
     head: AnswersHead
@@ -100,11 +99,11 @@ class Answers:
     changed: int = 0
 
     def has(self, question: Question) -> bool:
-        """Tell whether the model was asked a question, even if it said nothing."""
+        """Return whether the model was asked a question, even if the answer is empty."""
         return question.id in self.answers
 
     def right(self, question: Question) -> bool:
-        """Tell whether a question was answered right."""
+        """Return whether a question was answered correctly."""
         answer = self.answers.get(question.id)
         if answer is None:
             return False
@@ -113,11 +112,11 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Score on one part of a set: right answers, readable answers, and the shares reached without the image.
+    """Score on one part of a set: correct answers, readable answers, and the rates without the image.
 
     Attributes:
-        chance: Expected share of right answers when guessing without the image.
-        blind: Share that the blind classifier gets.
+        chance: Expected rate of correct answers when guessing without the image.
+        blind: Rate of the blind classifier.
     """
 
     name: str
@@ -133,7 +132,7 @@ class Score:
 
 
 class _AnswerFile(LineJournal):
-    """The file in which answers are kept as they come, each line with its seal."""
+    """File to which answers are appended as they arrive, each line with a checksum."""
 
     def __init__(self, path: Path, head: AnswersHead) -> None:
         self.head, self.known = head, dict[str, ModelAnswer]()
@@ -146,8 +145,8 @@ class _AnswerFile(LineJournal):
             found = _parsed(lines, self._path)
             if replace(found.head, seal=None) != self.head:
                 raise RunConflictError(
-                    f"{self._path}: holds answers of {found.head.model!r} to another set, or with other coordinates. "
-                    "Choose another file."
+                    f"{self._path}: contains answers of {found.head.model!r} to another set, or with other "
+                    f"coordinates. Choose another file."
                 )
             _require_unchanged(found, self._path)
             self.known = found.answers
@@ -155,10 +154,11 @@ class _AnswerFile(LineJournal):
     def append(self, answer: ModelAnswer) -> None:
         """Append an answer and force it to disk."""
         self._append_line(_sealed(self.head, answer))
+        self.known[answer.id] = answer
 
 
 def prompt_for(question: Question, coordinates: Coordinates = "pixels") -> str:
-    """Return the text that a model is asked: question, options, and what its answer has to look like."""
+    """Return the prompt for a model: question, options, and the required form of the answer."""
     unit = _UNITS[coordinates].format(width=question.width, height=question.height)
     return f"{question.prompt}\n{_LINES[question.form].format(unit=unit)}"
 
@@ -171,16 +171,17 @@ def ask_set(
     coordinates: Coordinates = "pixels",
     at_once: int = 4,
     overwrite: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Answers:
     """Ask a model all questions of a set that it has not answered yet, and return all answers.
 
-    Answers are appended in the order of the set, so that the file does not depend on how many are asked at once.
+    Answers are appended in the order of the set, so that the file does not depend on the number of simultaneous
+    requests.
 
     Raises:
-        ModelError: If the model cannot be reached; what was answered is kept.
-        RunConflictError: If the file holds answers of another model or set, or anything else, unless it may be
-            overwritten; or if another process asks into it.
+        ModelError: If the model cannot be reached; earlier answers are kept.
+        RunConflictError: If the file contains other data, such as answers of another model or set, and must not be
+            overwritten, or if another process writes to it.
         InvalidInputError: If the number of requests is out of range.
     """
     require_between("--at-once", at_once, 1, MOST_AT_ONCE)
@@ -190,29 +191,25 @@ def ask_set(
         with OutputFile(file, "vqa", overwrite=True):
             write_durably(file, b"")
     with _AnswerFile(file, head) as kept:
-        todo = [q for q in asked.questions if q.id not in kept.known]
-        total, answers = len(asked.questions), dict(kept.known)
-        with ThreadPoolExecutor(max_workers=at_once) as pool:
-            waiting: deque[Future[ModelAnswer]] = deque()
-            try:
-                for question in [*todo, *([None] * at_once)]:
-                    if question is not None:
-                        waiting.append(pool.submit(_ask, chat, asked, question, coordinates))
-                    if waiting and (question is None or len(waiting) >= at_once):
-                        answer = waiting.popleft().result()
-                        kept.append(answer)
-                        answers[answer.id] = answer
-                        if on_progress is not None:
-                            on_progress(len(answers), total)
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-    return Answers(head, answers)
+        questions = {q.id: q for q in asked.questions}
+
+        def ask(_: object, question: str) -> ModelAnswer:
+            return _ask(chat, asked, questions[question], coordinates)
+
+        run_items(
+            questions,
+            is_done=kept.known.__contains__,
+            work=lambda waiting: in_threads(waiting, ask, workers=at_once, open_resource=NoResource, in_order=True),
+            keep=kept.append,
+            on_progress=counts(on_progress),
+        )
+    return Answers(head, kept.known)
 
 
 def is_answers(file: Path) -> bool:
-    """Tell whether the first line of a file is that of answers; raises OSError unless it is missing.
+    """Return whether a file begins like an answer file; raises OSError unless it is missing.
 
-    A line that a killed process left unfinished is known by its beginning.
+    An incomplete first line of a killed process is recognized by its beginning.
     """
     line = _first_line(file)
     if not line.endswith(b"\n"):
@@ -225,7 +222,7 @@ def is_answers(file: Path) -> bool:
 
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
-    """Tell whether a file holds answers with a first line, or nothing."""
+    """Return whether a file contains a complete first line of answers, or nothing."""
     return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 
@@ -247,14 +244,14 @@ def _ask(chat: Chat, asked: QuestionSet, question: Question, coordinates: Coordi
 
 
 def read_answers(file: Path, asked: QuestionSet) -> Answers:
-    """Read answers to a set, from ``better vqa --ask`` or from somebody's own program.
+    """Read answers to a set, from ``better vqa --ask`` or from another program.
 
-    The first line says ``{"model": ..., "set_sha256": ..., "coordinates": "pixels"}``, each other line
-    ``{"id": ..., "text": ...}``.
+    The first line is ``{"model": ..., "set_sha256": ..., "coordinates": "pixels"}``, each other line ``{"id": ...,
+    "text": ...}``.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.
-        InvalidInputError: If the answers are to another set.
+        InvalidInputError: If the answers belong to another set.
     """
     cure = _CURE if file.exists() else "Name the file that better vqa SET --ask wrote"
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
@@ -263,17 +260,19 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         raise RecordError(f"{file}: is empty. {_CURE}.")
     if len(lines) > len(asked.questions) + 1:
         problem = f"has {len(lines) - 1:,} answers to the {len(asked.questions):,} questions of {asked.path}"
-        raise InvalidInputError(str(file), problem, "Name the answers to that set, one to a question")
+        raise InvalidInputError(str(file), problem, "Give a file with one answer per question of that set")
     found = _parsed(lines, file)
     if found.head.seal is not None:
         say_lost_tail(file)
         if (left := len(asked.questions) - len(found.answers)) > 0:
-            logger.warning("%s: %d questions of %s have no answer in it, and count as wrong", file, left, asked.path)
+            logger.warning(
+                "%s: %d questions of %s have no answer in this file and count as wrong", file, left, asked.path
+            )
     if found.head.set_sha256 != asked.sha256:
-        raise InvalidInputError(str(file), f"its answers are to another set than {asked.path}", "Name that set")
+        raise InvalidInputError(str(file), f"its answers belong to another set than {asked.path}", "Name that set")
     unknown = found.answers.keys() - {q.id for q in asked.questions}
     if unknown:
-        raise RecordError(f"{file}: answers {one_line(min(unknown), most=80)}, which the set does not ask. {_CURE}.")
+        raise RecordError(f"{file}: answers {one_line(min(unknown), most=80)}, which is not in the set. {_CURE}.")
     _require_unchanged(found, file)
     return found
 
@@ -296,21 +295,21 @@ def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
 def _require_unchanged(found: Answers, file: Path) -> None:
     if found.changed:
         raise RecordError(
-            f"{file}, line {found.changed}: was changed after it was written: its seal does not fit. {_CURE}."
+            f"{file}, line {found.changed}: was changed after it was written: its checksum does not match. {_CURE}."
         )
 
 
 def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any]:
-    """Return a line of a file of answers with its seal, which holds for this model and set alone."""
+    """Return a line of an answer file with its checksum, which includes the model and the set."""
     form = {name: value for name, value in asdict(line).items() if name != SEAL}
     to = [head.model, head.set_sha256, head.coordinates]
     return {**form, SEAL: seal_of({**form, "to": to})}
 
 
 def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
-    """Return the scores of each type, form within grounding and difficulty, and of the whole set.
+    """Return the scores by type, by form within grounding, by difficulty, and for the whole set.
 
-    Questions without an answer, or with one that cannot be read, count as wrong.
+    Questions without a readable answer count as wrong.
     """
     baselines = {b.name: b for b in asked.baselines}
     found = []

@@ -1,11 +1,11 @@
-"""Choosing questions so that their text alone does not give the answers away.
+"""Selection of questions such that their text alone does not reveal the answers.
 
-Questions are in one group if their texts give the same information: the same family about the same objects. Within a
-group every answer that is kept comes equally often, so that no rule over the text does better than guessing among them.
-A group with a single answer is left out: it could be answered blind. Boxes and points are balanced over the cells of
-the image in which they lie. Types have equally many questions, and so have the kinds of question of a type, as far as
-there are enough; no kind has more than all others of its type together. Questions are chosen by hashes of their text
-and of their frame, never of their answer.
+Questions belong to one group if their texts give the same information: the same family about the same objects. Within a
+group, every kept answer occurs equally often, so that no rule over the text is better than guessing among the answers.
+A group with a single answer is left out, because it could be answered blind. Boxes and points are balanced over cells
+of the image. All types have the same number of questions, and so have all kinds of question of a type, as far as
+possible. No kind has more questions than all others of its type together. Questions are selected by hashes of their
+text and frame, never of their answer.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from typing import TypeVar
 from betterbench.vqa.question import Candidate, Form, QuestionType, hash_number
 
 LEAST_CELLS = 10
-"""Least number of cells over which the boxes or points of one kind of object have to be spread."""
+"""Minimum number of cells over which the boxes or points of one kind of object must be spread."""
 MOST_ALIKE = 2
-"""Largest number of questions with one answer about the same objects in the images of one camera in one trial:
-successive frames show the same."""
+"""Maximum number of questions with the same answer about the same objects, per trial and camera, because successive
+frames are nearly equal."""
 
 
 SUBJECTS = {"what is held": "holding", "is it held": "holding"}
-"""Families about the same subject, which count as one kind of question within their type."""
+"""Families with the same subject, which count as one kind of question within their type."""
 
 NameT = TypeVar("NameT", bound=str)
-"""A type, a kind or a family of questions."""
+"""A type, kind or family of questions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """A question that was chosen, with the answers that its group keeps, sorted.
+    """A selected question, with the kept answers of its group, sorted.
 
     Attributes:
-        turn: A number that the n-th questions of all answers of a group share: cross-validation keeps them together, so
-            that each of its parts is as balanced as the whole.
+        turn: Index of the question among those of its group and answer. Cross-validation keeps equal turns together, so
+            that each fold is as balanced as the whole set.
     """
 
     candidate: Candidate
@@ -46,7 +46,7 @@ class Chosen:
 
 
 def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
-    """Return the candidates of one trial without near-repetitions, in the order of their identifiers."""
+    """Return the candidates of one trial without near-duplicates, in the order of their identifiers."""
     alike: dict[tuple[object, ...], list[tuple[str, Candidate]]] = defaultdict(list)
     for candidate in candidates:
         what = (candidate.type, candidate.key, candidate.bucket, candidate.source.camera)
@@ -56,13 +56,13 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 
 
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
-    """Return about ``count`` questions with balanced answers, the same number of each type as far as there are enough.
+    """Return about ``count`` questions with balanced answers, equally many per type as far as possible.
 
-    What a type lacks is given to the others. Within a type, each kind of question has the same number likewise, and no
-    kind more than all others together. Within a kind, families and groups take turns, so that none outweighs the rest.
+    If a type has too few questions, the others get more. The kinds of question within a type are treated in the same
+    way, and no kind has more questions than all others together. Within a kind, families and groups take turns.
 
     Args:
-        candidates: Everything that could be asked.
+        candidates: All possible questions.
         count: Number of questions; 0 for as many as can be balanced.
         seed: Seed of the set.
     """
@@ -95,9 +95,9 @@ def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -
 
 
 def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[str, dict[str, int]]:
-    """Return the number of questions of each family of a type that may be taken, by subject.
+    """Return the available number of questions of each family of a type, by subject.
 
-    No subject may have more questions than all others of its type together.
+    No subject has more questions than all others of its type together.
     """
     subjects: dict[str, dict[str, int]] = {}
     for family, rows in families.items():
@@ -111,7 +111,7 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Return the questions of a group in rounds of one question per answer; empty if too few answers occur."""
+    """Return the questions of a group in rounds with one question per answer; empty if there are too few answers."""
     lists = {answer: sorted(cs, key=lambda c: c.id(seed)) for answer, cs in by_answer.items()}
     ranked = sorted(lists, key=lambda answer: (-len(lists[answer]), answer))
     spatial = lists[ranked[0]][0].form in (Form.BOX, Form.POINT)
@@ -125,7 +125,7 @@ def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chose
 
 
 def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]]:
-    """Return the rounds of all groups in an order in which groups take turns."""
+    """Return the rounds of all groups, with groups taking turns."""
     keyed = [
         (number, hash_number("turn", seed, rounds[0][0].candidate.key), r)
         for rounds in groups
@@ -135,7 +135,7 @@ def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]
 
 
 def _shares(available: Mapping[NameT, int], count: int) -> dict[NameT, int]:
-    """Return how many questions of each type or family are wanted: equal parts, and what one lacks for the others."""
+    """Return the number of questions per type or family: equal parts, redistributed where some have too few."""
     shares = dict.fromkeys(available, 0)
     wanting, left = [k for k in available if available[k]], count
     while wanting and left > 0:

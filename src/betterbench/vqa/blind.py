@@ -1,8 +1,8 @@
-"""Baselines that never see an image: the majority answer, and naive Bayes on the words of the question.
+"""Baselines without the image: the majority answer, and naive Bayes on the words of the question.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing (McCallum and
-Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. Of a box
-or a point it predicts the cell of the image, and answers with a typical answer of that cell.
+Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. For a box
+or a point, it predicts a cell of the image and gives a typical answer of that cell.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from betterbench.vqa.scoring import is_right, overlap
 from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
 
 FOLDS = 5
-"""Parts of the cross-validation."""
+"""Number of folds of the cross-validation."""
 TARGET_POINTS = 5.0
-"""Largest excess of the blind classifier over chance [percentage points] with which a type counts as balanced."""
+"""Largest excess of the blind classifier over chance [percentage points] for which a type counts as balanced."""
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Numbers of questions of one type that are answered right without the image.
+    """Numbers of questions of one type that are answered correctly without the image.
 
     Attributes:
         n: Number of questions.
-        blind: Right answers of the classifier.
-        majority: Right answers of the most frequent answer.
-        chance: Expected share of right answers when guessing among the answers of each group; of boxes and points, the
-            share that the best constant answer gets.
+        blind: Correct answers of the classifier.
+        majority: Number of questions for which the most frequent answer is correct.
+        chance: Expected rate of correct answers when guessing among the answers of each group; for boxes and points,
+            the rate of the best constant answer.
     """
 
     name: str
@@ -50,13 +50,13 @@ class Baseline:
     chance: Annotated[float, Field(ge=0.0, le=1.0)]
 
     def __post_init__(self) -> None:
-        """Refuse more right answers than questions; raises InvalidInputError."""
+        """Raise InvalidInputError if there are more correct answers than questions."""
         if max(self.blind, self.majority) > self.n:
-            raise InvalidInputError(self.name, f"has more right answers than its {self.n} questions", "Count again")
+            raise InvalidInputError(self.name, f"has more correct answers than its {self.n} questions", "Count again")
 
     @property
     def excess_points(self) -> float:
-        """Accuracy of the classifier above chance [percentage points]."""
+        """Accuracy of the classifier minus chance [percentage points]."""
         return 100.0 * (self.blind / self.n - self.chance) if self.n else 0.0
 
     @property
@@ -72,11 +72,11 @@ class Baseline:
 
 
 def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Baseline]:
-    """Return the baselines of each type that a set has, then of each form within grounding, which differ in chance.
+    """Return the baselines of each type in a set, then of each form within grounding, because forms differ in chance.
 
     Args:
         questions: The set.
-        turns: Per question its turn within group and answer; see :class:`~betterbench.vqa.balance.Chosen`.
+        turns: Turn of each question within its group and answer; see :class:`~betterbench.vqa.balance.Chosen`.
     """
     right = blind_right(questions, turns)
     constant = _constant_right(questions)
@@ -103,7 +103,7 @@ def _parts(questions: Sequence[Question]) -> list[tuple[str, list[int]]]:
 
 
 def _constant_right(questions: Sequence[Question]) -> list[bool]:
-    """Tell for each question whether the most frequent answer of its type and form is right."""
+    """Return for each question whether the most frequent answer of its type and form is correct."""
     right = [False] * len(questions)
     for members in _by_form(questions):
         constant = _typical([questions[i] for i in members])
@@ -113,9 +113,9 @@ def _constant_right(questions: Sequence[Question]) -> list[bool]:
 
 
 def blind_right(questions: Sequence[Question], turns: Sequence[int]) -> list[bool]:
-    """Tell for each question whether the classifier, trained on the other folds, answers it right.
+    """Return for each question whether the classifier, trained on the other folds, answers it correctly.
 
-    A question is in the fold of its turn modulo :data:`FOLDS`.
+    The fold of a question is its turn modulo :data:`FOLDS`.
     """
     right = [False] * len(questions)
     fold = np.array(turns) % FOLDS
@@ -145,7 +145,7 @@ def _by_form(questions: Sequence[Question]) -> list[list[int]]:
 
 
 def answer_class(question: Question) -> str:
-    """Return the answer, or of a box or point the cell of the image in which its middle lies."""
+    """Return the answer; for a box or point, the cell of the image that contains its center."""
     if question.form not in (Form.BOX, Form.POINT) or question.box is None:
         return question.answer
     return _cell(question.box, question.width, CELLS)
@@ -157,7 +157,7 @@ def _cell(box: Sequence[int], width: int, cells: int) -> str:
 
 
 def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str]:
-    """Return the answer of the classifier for each class."""
+    """Return the classifier's answer for each class."""
     members: dict[str, list[Question]] = defaultdict(list)
     for question in train:
         members[answer_class(question)].append(question)
@@ -165,7 +165,7 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
 
 
 def _typical(questions: Sequence[Question]) -> str:
-    """Return the answer that would most often be right: the most frequent one, or the box or point that most share."""
+    """Return the answer that is most often correct: the most frequent one, or the box or point that matches most."""
     if questions[0].form not in (Form.BOX, Form.POINT):
         counts = Counter(q.answer for q in questions)
         return min(counts, key=lambda a: (-counts[a], a))
@@ -185,7 +185,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
-    """Return a text about an image so many pixels wide with each box in it as a word for the cell of its middle."""
+    """Return a text with each box replaced by a word for the cell of its center, given the image width in pixels."""
     for found in re.findall(r"\[[\d, ]+\]", text):
         box = [int(v) for v in _numbers(found)]
         if len(box) == 4:
@@ -194,7 +194,7 @@ def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
 
 
 def _words(question: Question) -> list[str]:
-    """Return the words of a question and its pairs of neighbors; coordinates in it become coarse cells."""
+    """Return the words of a question and all pairs of neighboring words; coordinates become coarse cells."""
     words = re.findall(r"[a-z0-9'-]+", in_cells(question.text.lower(), question.width))
     return words + [f"{a} {b}" for a, b in itertools.pairwise(words)]
 
@@ -215,7 +215,7 @@ class _NaiveBayes:
         self._log_prior = np.log(prior / prior.sum())
 
     def predict(self, words: Sequence[str], allowed: set[str] | None, *, tie: str) -> str | None:
-        """Return the likeliest class among those allowed; equally likely ones are told apart by a hash of ``tie``."""
+        """Return the most likely of the allowed classes; ties are broken by a hash of ``tie``."""
         known = [self._vocabulary[w] for w in words if w in self._vocabulary]
         scores = self._log_prior + self._log_words[:, known].sum(axis=1)
         open_to = [i for i, c in enumerate(self.classes) if allowed is None or c in allowed]

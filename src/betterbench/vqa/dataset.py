@@ -1,9 +1,9 @@
-"""Set of questions on disk: made from the records of a run, resumable, with the same bytes after any interruption.
+"""Question set on disk, made from the records of a run; resumable, with the same bytes after any interruption.
 
-While the set is made, ``candidates/`` holds the possible questions about each trial. Once all trials are there,
-questions are chosen over all of them and written, and files that are not needed any more are removed. ``summary.json``
-comes last. It and ``set.json`` carry seals. ``summary.json`` also holds the hashes of questions and images, which are
-compared when they are read.
+While the set is made, ``candidates/`` contains the possible questions about each trial. When all trials are done,
+questions are selected over all of them and written, and temporary files are removed. ``summary.json`` is written last.
+It and ``set.json`` contain checksums. ``summary.json`` also contains the hashes of questions and images, which are
+verified on reading.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import json
 import shutil
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 from pydantic import TypeAdapter
@@ -32,9 +32,9 @@ from betterbench.errors import (
     require_between,
 )
 from betterbench.interface.state import FrameView
-from betterbench.jobs import RunLock, write_durably
-from betterbench.jobs.durable import PART_SUFFIX, on_disk, remove_parts
-from betterbench.jobs.item_threads import in_threads
+from betterbench.jobs import OnCount, counts, in_threads, job_folder, run_items, write_durably
+from betterbench.jobs.conflict import require_free, require_same
+from betterbench.jobs.durable import on_disk
 from betterbench.jobs.places import require_inside
 from betterbench.json_form import (
     dump_json,
@@ -48,7 +48,6 @@ from betterbench.json_form import (
 )
 from betterbench.quoting import json_line
 from betterbench.records import Record, RunFolder
-from betterbench.records.run import first_difference
 from betterbench.records.tables import table_bytes
 from betterbench.tasks import TrialId, stream
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
@@ -71,57 +70,56 @@ from betterbench.vqa.question import (
 from betterbench.vqa.types import candidates_of
 
 SET_SCHEMA_VERSION = 3
-"""Version of the files of a set and of its questions: the same command in the folder of another version is refused.
+"""Version of the files and questions of a set. A set of another version cannot be continued.
 
-Version 3 has other phrasings and balances the kinds of question within each type. Sets of all versions are
-read; those of version 1 have no seals and are read with a warning.
+Version 3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read; those
+of version 1 have no checksums and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
-"""Cameras whose images are asked about: texts do not name the camera, so that places in the image cannot be guessed."""
+"""Cameras of the images. Texts do not name the camera, so that positions in the image cannot be guessed."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
-"""Most questions of a set, and most frames of a trial that are asked about."""
+"""Maximum number of questions of a set, and of frames per trial."""
 SET_NAME = "set.json"
-"""File of a folder with the description of its set of questions."""
+"""File name of the description of a question set."""
 SIZES_PX = 32, 4096
-"""Least and largest side of the images [pixel]."""
+"""Smallest and largest side of the images [pixel]."""
 
 _MAX_BYTES = 1 << 30
 _MAX_CANDIDATE_BYTES = 1 << 28
-"""Most bytes that the candidates of one trial may unpack to."""
+"""Maximum size of the unpacked candidates of one trial [bytes]."""
 _CURE = "Make the set again in a new folder"
-_ANEW = "Delete it and give the same command again"
+_ANEW = "Delete it and run the same command again"
 
 
 class Photo(Protocol):
-    """An image (JPEG) with the objects that it shows."""
+    """An image (JPEG) with its visible objects."""
 
     @property
     def jpeg(self) -> bytes:
-        """The image."""
+        """The image (JPEG)."""
 
     @property
     def view(self) -> FrameView:
-        """Objects that the image shows, with the camera."""
+        """Visible objects of the image, with the camera."""
 
 
 class PhotoSource(Protocol):
-    """Source of images of records, which are drawn now or were materialized before."""
+    """Source of images of records, rendered on demand or materialized before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
-        """Return the image of a camera at a row of a record, with the objects that it shows."""
+        """Return the image of a camera at a row of a record, with its visible objects."""
 
     def stop(self) -> None:
-        """Let all threads that draw end soon with an error."""
+        """Stop all rendering threads soon with an error."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
-OnProgress = Callable[[int, int], None]
 
 
 def require_size(size: int) -> None:
-    """Raise InvalidInputError if images cannot have sides of so many pixels."""
+    """Raise InvalidInputError if the image size is out of range."""
     require_between("--size", size, *SIZES_PX)
 
 
@@ -130,11 +128,11 @@ class SetOptions:
     """Options of a set of questions.
 
     Attributes:
-        questions: Approximate number of questions; 0 for as many as can be balanced.
+        questions: Approximate number of questions; 0 for the largest balanced set.
         frames: Frames per trial, one from each equal part of it; 0 for all.
-        seed: Seed of the choice of frames, questions and phrasings.
+        seed: Seed for choosing frames, questions and phrasings.
         size: Side of the images [pixel].
-        quality: Quality of the images.
+        quality: Render quality of the images.
     """
 
     questions: int = 10_000
@@ -147,7 +145,7 @@ class SetOptions:
     tasks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse numbers of which no set can be made."""
+        """Raise InvalidInputError for numbers out of range."""
         require_between("--questions", self.questions, 0, MOST_QUESTIONS)
         require_between("--frames", self.frames, 0, MOST_FRAMES)
         require_size(self.size)
@@ -155,14 +153,14 @@ class SetOptions:
 
 @dataclass(frozen=True, slots=True)
 class QuestionSet:
-    """A set of questions.
+    """A question set.
 
     Attributes:
-        purpose: "test" if its records are of evaluation seeds, which nothing may be trained on, else "training".
-        baselines: Numbers of questions that are answered right without the images, by type.
+        purpose: "test" if its records have evaluation seeds, which must not be used for training, else "training".
+        baselines: Numbers of questions that are answered correctly without the images, by type.
         sha256: Hash of ``questions.jsonl``.
-        records: SHA-256 of the record of each trial that was looked at, by its name; empty for older sets.
-        images: SHA-256 of each image by its place; empty for older sets.
+        records: SHA-256 of the record of each used trial, by trial name; empty for older sets.
+        images: SHA-256 of each image by its path; empty for older sets.
     """
 
     path: Path
@@ -174,31 +172,33 @@ class QuestionSet:
     images: Mapping[str, str] = field(default_factory=dict)
 
     def image(self, place: str) -> bytes:
-        """Return an image of the set (JPEG); RecordError if it is missing or another one than was asked about.
+        """Return an image of the set (JPEG).
 
-        InvalidInputError if a link leads out of the set.
+        Raises:
+            RecordError: If it is missing or was changed.
+            InvalidInputError: If a link leads out of the set.
         """
         file = self.path / place
         require_inside(file, self.path)
         data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
         known = self.images.get(place, "") if self.images else None
         if known not in (None, hashlib.sha256(data).hexdigest()):
-            raise RecordError(f"{file}: is another image than when the set was made. {_CURE}.")
+            raise RecordError(f"{file}: was changed after the set was made. {_CURE}.")
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
-        """Tell whether its questions about a trial of this name are about this record; True if it stores no hashes."""
+        """Return whether questions about a trial belong to this record; True if the set stores no hashes."""
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
-        """Raise InvalidInputError if the set asks about another record of a trial than the one of a run."""
+        """Raise InvalidInputError if the set was made from another record of a trial than that of a run."""
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
-                problem = f"it asks about another record of {entry.key} than the one in {run.path}"
-                raise InvalidInputError(str(self.path), problem, "Give the set that better vqa made of this run")
+                problem = f"it was made from another record of {entry.key} than the one in {run.path}"
+                raise InvalidInputError(str(self.path), problem, "Give the set that better vqa made from this run")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form of everything but the questions."""
+        """Return the JSON form without the questions."""
         counts: dict[str, dict[str, int]] = {"type": {}, "form": {}, "difficulty": {}, "family": {}, "task": {}}
         for q in self.questions:
             for name, value in (*((n, getattr(q, n)) for n in list(counts)[:4]), ("task", q.source.task)):
@@ -221,21 +221,21 @@ def make_set(
     *,
     open_photos: OpenPhotos,
     workers: int = 1,
-    on_progress: OnProgress | None = None,
+    on_progress: OnCount | None = None,
 ) -> QuestionSet:
-    """Make a set of questions from the records of a run, or go on with one that was interrupted.
+    """Make a question set from the records of a run, or resume an interrupted one.
 
     Args:
         run: The run.
         out: Folder of the set.
         options: Options of the set.
-        open_photos: Opens a source of images; each worker has its own.
-        workers: Number of trials that are looked at at the same time; the set does not depend on it.
+        open_photos: Opens a source of images for a worker.
+        workers: Number of trials processed in parallel; the set does not depend on it.
         on_progress: Called with the number of trials done and planned.
 
     Raises:
-        RunConflictError: If the folder holds another set or other files, or is being written to.
-        InvalidInputError: If the run has no record, or its seeds are of demonstrations and of trials.
+        RunConflictError: If the folder contains another set or other files, or is being written to.
+        InvalidInputError: If the run has no records, or mixes seeds of demonstrations and evaluation.
         RecordError: If a record or a scene cannot be read.
         StorageError: If the disk is full, or the folder was removed or moved meanwhile.
     """
@@ -259,15 +259,15 @@ def make_set(
 
 
 def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
-    """Return the trials of a run that have a record, sorted; of some tasks only, if any are named.
+    """Return the sorted trials of a run that have a record, restricted to ``tasks`` if any are named.
 
     Raises:
-        InvalidInputError: If there is none.
-        UnknownNameError: If there is none of one of the tasks.
+        InvalidInputError: If no trial has a record.
+        UnknownNameError: If a named task has no such trial.
     """
     done = sorted(e.key for e in run.entries() if e.status == "done")
     if not done:
-        raise InvalidInputError(str(run.path), "it has no finished trial", "Name a run with finished trials")
+        raise InvalidInputError(str(run.path), "it has no finished trials", "Name a run with finished trials")
     known = {trial.task for trial in done}
     for task in tasks:
         if task not in known:
@@ -276,86 +276,59 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:
-    """Return "test" or "training", by the seeds of trials.
+    """Return "test" or "training", depending on the seeds of trials.
 
     Raises:
-        InvalidInputError: If there are seeds of both kinds.
+        InvalidInputError: If both kinds of seeds occur.
     """
     purposes = {"training" if t.seed >= FIRST_DEMONSTRATION_SEED else "test" for t in trials}
     if len(purposes) > 1:
         raise InvalidInputError(
-            "seeds", "the run has seeds of demonstrations and of evaluation", "Make a set of each in runs of their own"
+            "seeds",
+            "the run mixes seeds of demonstrations and of evaluation",
+            "Make separate runs and sets for the two",
         )
     return purposes.pop()
 
 
 def run_digest(run: RunFolder) -> str:
-    """Return a hash of the plan of a run, which identifies the run."""
+    """Return a hash of a run's plan, which identifies the run."""
     return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
 
 
 def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
-    """Return the SHA-256 of the record of each of some trials, by its name."""
+    """Return the SHA-256 of the records of trials, by trial name."""
     wanted = set(trials)
     return {str(e.key): run.record_digest(e) for e in run.entries() if e.key in wanted and e.status == "done"}
 
 
-class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a function
-    """Locks the folder of a set and writes its plan; tells whether the set is complete already."""
+@contextmanager
+def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
+    """Lock the folder of a set and write its plan; tell whether the set is complete already.
 
-    def __init__(self, out: Path, plan: dict[str, Any]) -> None:
-        self._out, self._plan = out, {"schema_version": SET_SCHEMA_VERSION, **plan}
-        self._stack = ExitStack()
-        self._lock: RunLock | None = None
-
-    def __enter__(self) -> bool:
-        """Lock, compare, and write the plan; raises what :func:`make_set` raises."""
-        out, file = self._out, self._out / SET_NAME
-        if out.exists() and not out.is_dir():
-            raise RunConflictError(f"{out}: this is a file. Choose another folder for the set.")
-        there = out.iterdir() if out.is_dir() else ()
-        others = [p for p in there if p.name != ".lock" and not p.name.endswith(PART_SUFFIX)]
-        if others and not file.exists():
-            raise RunConflictError(f"{out}: the folder holds other files and no set. Choose an empty or a new folder.")
-        self._lock = self._stack.enter_context(RunLock(out / ".lock"))
-        try:
-            plan = json.loads(dump_json(self._plan))
-            _require_same(file, plan)
-            remove_parts(out)
-            write_durably(file, json.dumps(sealed_form(plan), indent=1, sort_keys=True).encode() + b"\n")
-            if (out / "summary.json").exists():
-                shutil.rmtree(out / "candidates", ignore_errors=True)
-                return True
-        except BaseException:
-            self._stack.close()
-            raise
-        return False
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Unlock; raises StorageError if the folder was removed or moved and nothing else went wrong."""
-        with self._stack:
-            if self._lock is not None and error is None:
-                self._lock.require_in_place()
+    Raises what :func:`make_set` raises.
+    """
+    file, plan = out / SET_NAME, json.loads(dump_json({"schema_version": SET_SCHEMA_VERSION, **plan}))
+    require_free(out, "set", file=SET_NAME)
+    with job_folder(out):
+        _require_same(file, plan)
+        write_durably(file, json.dumps(sealed_form(plan), indent=1, sort_keys=True).encode() + b"\n")
+        done = (out / "summary.json").exists()
+        if done:
+            shutil.rmtree(out / "candidates", ignore_errors=True)
+        yield done
 
 
 def _require_same(file: Path, plan: dict[str, Any]) -> None:
-    """Raise RunConflictError if a folder holds a set with another plan, or of another version."""
+    """Raise RunConflictError if the folder contains a set with another plan or of another version."""
     stored = _sealed(file) if file.exists() else plan
     version = stored.get("schema_version")
     if version != SET_SCHEMA_VERSION:
         raise RunConflictError(
-            f"{file.parent}: the set in this folder has version {one_line(repr(version), most=40)}, and this "
+            f"{file.parent}: the set in this folder has version {one_line(repr(version), most=40)}, but this "
             f"betterbench makes sets of version {SET_SCHEMA_VERSION} with other questions. Choose another folder."
         )
-    difference = first_difference(stored, plan, "set")
-    if difference is not None:
-        where, there, asked = difference
-        raise RunConflictError(
-            f"{file.parent}: the set in this folder is another one: {where} is {there} there and {asked} here. "
-            "Give the same arguments to go on with it, or choose another folder."
-        )
+    require_same(file.parent, stored, plan, "set", where="set")
 
 
 def _sealed(file: Path) -> dict[str, Any]:
@@ -371,30 +344,19 @@ def _survey(
     *,
     open_photos: OpenPhotos,
     workers: int,
-    on_progress: OnProgress | None,
+    on_progress: OnCount | None,
 ) -> None:
     """Write the possible questions about each trial, with its images; finished trials are left as they are."""
-    waiting = [t for t in trials if not _shard(out, t).exists()]
-    done = len(trials) - len(waiting)
-    if on_progress is not None:
-        on_progress(done, len(trials))
-
-    def told(_: TrialId) -> None:
-        nonlocal done
-        done += 1
-        if on_progress is not None:
-            on_progress(done, len(trials))
-
-    in_threads(
-        waiting,
-        lambda source, trial: _look_at(run, out, trial, options, source),
-        workers=workers,
-        open_resource=open_photos,
-        on_done=told,
+    look = partial(_look_at, run, out, options)
+    run_items(
+        trials,
+        is_done=lambda trial: _shard(out, trial).exists(),
+        work=lambda waiting: in_threads(waiting, look, workers=workers, open_resource=open_photos),
+        on_progress=counts(on_progress),
     )
 
 
-def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, source: PhotoSource) -> None:
+def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource, trial: TrialId) -> None:
     """Write the images of a trial, and then the possible questions about them."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)
@@ -411,7 +373,7 @@ def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, sou
 
 
 def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
-    """Return the file of candidates: compressed lines with a seal; equal candidates give equal bytes."""
+    """Return the file of candidates: compressed lines with a checksum; equal candidates give equal bytes."""
     buffer = io.BytesIO()
     with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0, compresslevel=6) as packed:
         packed.write(sealed_lines(b"".join(dump_json(c.to_json()) + b"\n" for c in candidates)))
@@ -419,7 +381,7 @@ def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
 
 
 def image_path(source: FrameSource) -> str:
-    """Return the path of an image in a set, from its frame."""
+    """Return the path of an image in a set for a frame."""
     return f"images/{source.task}/{source.condition}/{source.seed}_{source.row:05d}_{source.camera}.jpg"
 
 
@@ -441,7 +403,7 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
 
 
 def _question(candidate: Candidate, answers: tuple[str, ...], options: SetOptions) -> Question:
-    """Return a chosen question with its text and its options."""
+    """Return a selected question with its text and options."""
     spatial = candidate.form in (Form.BOX, Form.POINT)
     identifier = candidate.id(options.seed)
     shown = sorted(answers, key=lambda a: hash_number("option", identifier, a)) if candidate.form is Form.CHOICE else ()
@@ -465,7 +427,7 @@ def finished(
     chance: float | None,
     role: str | None = None,
 ) -> Question:
-    """Return a question of a set from what it asks; see :class:`Question`."""
+    """Return a question of a set from its draft; see :class:`Question`."""
     c = candidate
     tags = tuple(sorted(set(c.tags)))
     return Question(
@@ -477,14 +439,14 @@ def finished(
 
 
 def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline], purpose: str) -> QuestionSet:
-    """Write the files of a set, remove what is not needed any more, and return the set.
+    """Write the files of a set, remove temporary files, and return the set.
 
     Raises:
-        InvalidInputError: If there is no question.
+        InvalidInputError: If there are no questions.
     """
     if not questions:
         raise InvalidInputError(
-            str(out), "no question could be balanced", "Give more trials, variations, frames or cameras"
+            str(out), "no balanced questions are possible", "Give more trials, variations, frames or cameras"
         )
     lines = b"".join(json_line(dump_json(_conversation(q))) for q in questions)
     images = sorted({q.image for q in questions})
@@ -494,7 +456,7 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
     rows = [_row(q) for q in questions]
     write_durably(out / "questions.parquet", table_bytes(COLUMNS, rows, {"betterbench": f"vqa {SET_SCHEMA_VERSION}"}))
     wanted = {q.image for q in questions}
-    require_inside(out / "images", out)  # files are deleted there
+    require_inside(out / "images", out)  # files in it are deleted
     for file in sorted((out / "images").rglob("*.jpg")):
         if file.relative_to(out).as_posix() not in wanted:
             file.unlink()
@@ -512,7 +474,7 @@ def _digest_of(file: Path) -> str:
 
 
 def _conversation(question: Question) -> dict[str, Any]:
-    """Return a question in the conversation form of LLaVA, with everything else under the key "betterbench"."""
+    """Return a question in the conversation format of LLaVA, with all other fields under the key "betterbench"."""
     return {
         "id": question.id,
         "image": question.image,
@@ -531,7 +493,7 @@ COLUMNS = {
     "time_s": "number", "camera": "text", "width": "integer", "height": "integer", "box": "integers",
     "runs": "integers",
 }  # fmt: skip
-"""Columns of ``questions.parquet`` and their kinds."""
+"""Columns of ``questions.parquet`` with their kinds."""
 
 
 def _row(question: Question) -> dict[str, Any]:
@@ -559,16 +521,16 @@ def read_set(folder: Path) -> QuestionSet:
     """Read a complete set.
 
     Raises:
-        RecordError: If the folder holds no complete set, or a file is missing, damaged or malformed.
+        RecordError: If the folder contains no complete set, or a file is missing, damaged or malformed.
     """
     if not (folder / "summary.json").exists():
-        raise RecordError(f"{folder}: holds no complete set of questions. Make one with better vqa RUN --out {folder}.")
+        raise RecordError(f"{folder}: contains no complete question set. Make one with better vqa RUN --out {folder}.")
     form = _sealed(folder / "summary.json")
     summary = read_form(_SUMMARY, form, where=str(folder / "summary.json"), cure=_CURE, raises=RecordError)
     file = folder / "questions.jsonl"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     if hashlib.sha256(data).hexdigest() != summary.sha256:
-        raise RecordError(f"{file}: has other bytes than when it was written. {_CURE}.")
+        raise RecordError(f"{file}: was changed after it was written. {_CURE}.")
     questions = tuple(
         read_form(_LINE, line, where=f"{file}, line {n}", cure=_CURE, raises=RecordError).betterbench
         for n, line in enumerate(data.splitlines(), start=1)
@@ -578,13 +540,13 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return the record hashes that a set stores; empty if it stores none."""
+    """Return the record hashes of a set; empty if it stores none."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}
     records = form.get("records", {})
     if not isinstance(records, dict) or not all(isinstance(value, str) for value in records.values()):
-        raise RecordError(f"{file}: its records are no hashes by trial. {_CURE}.")
+        raise RecordError(f"{file}: its records are not hashes by trial. {_CURE}.")
     return records
 
 

@@ -1,9 +1,9 @@
-"""Questions about the moments at which the trials of a run were decided.
+"""Questions about the decisive moments of a run's trials.
 
-In a failed trial, this moment is the first wrong decision that the diagnosis names; in a successful one, it is the
-first attempt. Questions about the right target, its place, finished steps and the presence of objects are about the
-frame in which that decision began. The question about the object at the gripper is about the frame of the attempt. Each
-question is asked twice, in other words and with its options in another order, because a guess is seldom right twice.
+In a failed trial, this is the first wrong decision according to the diagnosis; in a successful one, the first attempt.
+Questions about the right target, its position, finished steps and the presence of objects use the frame at which that
+decision began. The question about the object at the gripper uses the frame of the attempt. Each question is asked
+twice, with different wording and order of options, because a guess is seldom right twice.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis, analyze_episode
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interface.state import ObjectInfo
-from betterbench.jobs import write_durably
+from betterbench.jobs import OnCount, counts, run_items, write_durably
 from betterbench.jobs.durable import on_disk
 from betterbench.json_form import dump_json, open_sealed_lines, read_bounded, read_form, sealed_lines
 from betterbench.quoting import json_line
 from betterbench.records import RunFolder
-from betterbench.tasks import Expected, Kind, Label, training_distribution_of
+from betterbench.tasks import Expected, Kind, Label, TrialId, training_distribution_of
 from betterbench.vqa.blind import baselines
 from betterbench.vqa.dataset import (
     OpenPhotos,
@@ -49,17 +49,17 @@ from betterbench.vqa.types.grounding import written
 from betterbench.vqa.types.relation import yes
 
 TIMES_ASKED = 2
-"""Number of times that each question is asked, each time in other words."""
+"""Number of times that each question is asked, with different wording each time."""
 MOST_OPTIONS = 6
-"""Largest number of boxes or objects among which the right one has to be found."""
+"""Maximum number of boxes or objects among which the right one has to be chosen."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
-"""Time from a release until the gripper has left the released object and the next decision begins [s]."""
+"""Time from a release until the gripper has left the object and the next decision begins [s]."""
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
-"""Roles of questions about a decisive moment: the object that is asked for now (among boxes), the place of the named
-object, the object at the gripper, the presence of an object, and the steps that are done already."""
+"""Roles of questions about a decisive moment: the object requested now (among boxes), the position of the named object,
+the object at the gripper, the presence of an object, and the steps that are already done."""
 
 DECIDING: dict[Label, tuple[str, ...]] = {
     Label.LEXICAL_KINEMATIC_SHORTCUT: (ASKED, WHERE),
@@ -77,13 +77,13 @@ DECIDING: dict[Label, tuple[str, ...]] = {
     Label.CORRECT_FREEZE: (DONE,),
     Label.CORRECT_REFUSAL: (EXISTS,),
 }
-"""Roles by label whose questions tell whether the model knew the right decision: for a look-alike its identity, for a
-shortcut the requested object and its place, for a wrong step the due and the finished steps."""
+"""Roles per label whose questions show whether the model knew the right decision. For a look-alike, this is its
+identity; for a shortcut, the requested object and its position; for a wrong step, the due and the finished steps."""
 
 
 @dataclass(frozen=True, slots=True)
 class DecisiveOptions:
-    """Options of a set; cameras in the order in which they are tried until one shows the objects of a question."""
+    """Options of a set; cameras are tried in order until one shows the objects of a question."""
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256
@@ -93,7 +93,7 @@ class DecisiveOptions:
     failures_only: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse sizes that no image can have."""
+        """Raise InvalidInputError for an image size out of range."""
         require_size(self.size)
 
 
@@ -104,11 +104,11 @@ def make_decisive_set(
     options: DecisiveOptions,
     *,
     open_photos: OpenPhotos,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> QuestionSet:
-    """Make the set of questions about the decisive moments of a run, or go on with one that was interrupted.
+    """Make the question set about the decisive moments of a run, or resume an interrupted one.
 
-    Raises what :func:`~betterbench.vqa.dataset.make_set` raises.
+    Raises as :func:`~betterbench.vqa.dataset.make_set` does.
     """
     trials = trials_of(run, options.tasks)
     records = records_of(run, trials)
@@ -121,47 +121,47 @@ def make_decisive_set(
         chosen = [t for t in chosen if t.kind is not Kind.NONE]
     if not chosen:
         raise InvalidInputError(str(run.path), "no trial of it failed", "Leave --failures-only out to ask about all")
-    questions: list[Question] = []
     with on_disk(out), begun_set(out, plan) as done:
         if done:
             return read_set(out)
         with open_photos() as source:
-            for number, trial in enumerate(chosen, start=1):
-                questions += _kept(run, trial, out, options, source)
-                if on_progress is not None:
-                    on_progress(number, len(chosen))
-        ordered = sorted(questions, key=lambda q: q.id)
+            run_items(
+                [t.trial_id for t in chosen],
+                is_done=lambda trial: _file(out, trial).exists(),
+                work=lambda waiting: ((trial, _about(run, told[trial], out, options, source)) for trial in waiting),
+                keep=lambda found: _keep(_file(out, found[0]), found[1]),
+                on_progress=counts(on_progress),
+            )
+        ordered = sorted((q for t in chosen for q in _read(_file(out, t.trial_id))), key=lambda q: q.id)
         return replace(
             write_set(out, ordered, baselines(ordered, folds_of(ordered)), purpose_of(trials)), records=records
         )
 
 
 def folds_of(questions: Sequence[Question]) -> list[int]:
-    """Return the turn of each question by which the blind classifier is tested: those of one trial belong together."""
+    """Return the cross-validation fold of each question; the questions of one trial stay together."""
     return [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in questions]
 
 
-def _kept(
-    run: RunFolder, trial: TrialDiagnosis, out: Path, options: DecisiveOptions, source: PhotoSource
-) -> list[Question]:
-    """Return the questions about one trial, from the file that an interrupted command left or newly made."""
-    where = trial.trial_id
-    file = out / "candidates" / where.task / where.condition / f"{where.seed}.jsonl"
-    if file.exists():
-        cure = "Delete it and give the same command again"
-        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
-        lines = open_sealed_lines(data, where=str(file), cure=cure, raises=RecordError)
-        return [
-            read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError, sealed=True) for line in lines
-        ]
-    questions = _about(run, trial, out, options, source)
+def _file(out: Path, trial: TrialId) -> Path:
+    """Return the file of the questions about one trial."""
+    return out / "candidates" / trial.task / trial.condition / f"{trial.seed}.jsonl"
+
+
+def _keep(file: Path, questions: Sequence[Question]) -> None:
     write_durably(file, sealed_lines(b"".join(json_line(dump_json(q.to_json())) for q in questions)))
-    return questions
+
+
+def _read(file: Path) -> list[Question]:
+    cure = "Delete it and give the same command again"
+    data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+    lines = open_sealed_lines(data, where=str(file), cure=cure, raises=RecordError)
+    return [read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError, sealed=True) for line in lines]
 
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """A draft with the frame that it is about, its role and its options."""
+    """A draft with its frame, role and options."""
 
     draft: QuestionDraft
     type: QuestionType
@@ -173,7 +173,7 @@ class _Asked:
 def _about(
     run: RunFolder, trial: TrialDiagnosis, out: Path, options: DecisiveOptions, source: PhotoSource
 ) -> list[Question]:
-    """Return the questions about one trial; the images that they need are written."""
+    """Return the questions about one trial, and write the images that they need."""
     where = trial.trial_id
     record = run.read_record(where.task, where.condition, where.seed)
     episode = episode_of(record)
@@ -212,11 +212,11 @@ def _first(found: Iterator[_Asked | None]) -> _Asked | None:
 def decisive_rows(
     episode: Episode, analysis: EpisodeAnalysis, trial: TrialDiagnosis
 ) -> tuple[tuple[int, int] | None, int]:
-    """Return when a trial was decided.
+    """Return the rows at which a trial was decided.
 
     Returns:
-        The row of the decisive attempt with the index of what it was at, or None if there was no attempt at an object;
-        and the row at which that decision began: at the start, or when the gripper had left what it put down before.
+        The row and object index of the decisive attempt, or None if no object was attempted; and the row at which that
+        decision began, which is the start or the time at which the gripper had left the previous object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1
@@ -235,7 +235,7 @@ def decisive_rows(
 
 
 def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str, ...]] | None:
-    """Return one of the wanted objects and the boxes among which it has to be found, or None if it is not seen."""
+    """Return one of the requested objects and the candidate boxes, or None if it is not visible."""
     things = [o for o in moment.objects if o.role in ("item", "distractor", "drawer") and moment.is_clear(o.name)]
     right = sorted((o for o in things if o.name in wanted), key=lambda o: (o.slot or "", o.kind))
     if not right or len(things) <= len(right):
@@ -246,7 +246,7 @@ def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str
 
 
 def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question which box holds the object that has to be picked up or moved now."""
+    """Return the question which box contains the object to be picked up or moved now."""
     if moment.condition.expected is not Expected.SUCCEED:
         return _next(moment)
     found = _boxes(moment, [moment.objects[i].name for i in analysis.wanted(moment.row)])
@@ -262,7 +262,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question about the next step where nothing is to be done."""
+    """Return the question about the next step if nothing has to be done."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -273,7 +273,7 @@ def _next(moment: Moment) -> _Asked | None:
 
 
 def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question in which box the object is that is asked for, called by its own name."""
+    """Return the question in which box the requested object is, given its name."""
     wanted = [moment.objects[i] for i in analysis.wanted(moment.row)]
     named = [o for o in wanted if o.kind in moment.single]
     found = _boxes(moment, [o.name for o in named[:1]])
@@ -305,7 +305,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question whether an object is there: the requested one, or an absent one that could be meant."""
+    """Return the question whether an object is present: the requested one, or an absent one that could be meant."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:
         kinds = [moment.objects[i].kind for g in range(len(goals)) for i in trace.meant[g]]
@@ -324,7 +324,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
 
 
 def _done(moment: Moment) -> _Asked | None:
-    """Return the question which steps of the instruction are done already."""
+    """Return the question which steps of the instruction are already done."""
     done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
     names = evidence_of(moment, done)
     if names is None:
@@ -339,7 +339,7 @@ def _done(moment: Moment) -> _Asked | None:
 
 
 def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
-    """Yield a question in each of its wordings, each with its options in another order."""
+    """Yield a question in each of its wordings, with a different order of options."""
     d = asked.draft
     candidate = Candidate(
         type=asked.type, form=d.form, family=d.family, group=d.group, bucket=d.answer, answer=d.answer, words=d.words,
@@ -364,6 +364,6 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
 
 
 def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
-    """Return the place of the right option when a question is asked for the first time."""
+    """Return the position of the right option in the first wording of a question."""
     identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
     return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

@@ -1,4 +1,4 @@
-"""Difficulty of a question, by the number of its tags that make it harder."""
+"""Difficulty of a question, by the number of tags that make it harder."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ HARDER = frozenset(
         "several steps",
     )
 )
-"""Tags that each make a question harder by one."""
+"""Tags that each increase the difficulty by one level."""
 
 
 def difficulty_of(tags: Collection[str]) -> Difficulty:
-    """Return easy for none of the tags that make a question harder, medium for one, hard for more."""
+    """Return easy, medium or hard for no, one or several tags that increase the difficulty."""
     count = len(HARDER & set(tags))
     return Difficulty.EASY if count == 0 else Difficulty.MEDIUM if count == 1 else Difficulty.HARD

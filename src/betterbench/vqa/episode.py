@@ -18,15 +18,15 @@ from betterbench.tasks.interventions.resolve import ResolvedCondition, condition
 from betterbench.tasks.judging.attempts import GraspAttempt, find_grasps
 
 REACH_M = 0.10
-"""Distance from an object's box within which the gripper visibly goes for it; slots are 12 cm apart."""
+"""Distance from an object's box within which the gripper is visibly approaching it [m]; slots are 12 cm apart."""
 NEAREST_BY_M = 0.03
-"""By how much the object must be nearer to the gripper than any other: an image shows where it goes."""
+"""Margin by which the object must be nearer to the gripper than any other [m], so that the image shows the target."""
 CARRY_M = 0.03
-"""Height by which an object has to be lifted off where it stood to be visibly carried."""
+"""Height above its previous support at which an object is visibly carried [m]."""
 
 
 class Act(StrEnum):
-    """Activity of the robot, as far as an image can show it."""
+    """Activity of the robot, as far as an image shows it."""
 
     REACHING = "reaching"
     CARRYING = "carrying"
@@ -42,15 +42,15 @@ class Doing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """One recorded trial, with the facts that questions need about the whole trial.
+    """One recorded trial, with the facts about the whole trial that questions need.
 
     Attributes:
         record: The record.
         resolved: Its condition.
-        trace: The record as arrays; rows after the step limit are left out.
+        trace: The record as arrays, up to the step limit.
         grasps: Its grasp attempts, in time.
         vocabulary: Kinds that occur in any condition of the task, sorted.
-        foreign: Kinds of the other tasks of the suite that are none of this task's, sorted.
+        foreign: Kinds that occur only in other tasks of the suite, sorted.
     """
 
     record: Record
@@ -66,7 +66,7 @@ class Episode:
         return self.trace.rows
 
     def doing(self, row: int) -> Doing | None:
-        """Return the activity of the robot at a row, or None if an image would not show it beyond doubt."""
+        """Return the activity of the robot at a row, or None if an image would be ambiguous."""
         trace, held = self.trace, int(self.trace.held[row])
         if held >= 0:
             if trace.is_drawer(held):
@@ -89,7 +89,7 @@ class Episode:
         return Doing(Act.REACHING, i) if now[i] <= REACH_M and alone and nearer else None
 
     def out_of_place(self, i: int) -> bool:
-        """Tell whether an object starts in a slot in which training had another kind: swapped, or a look-alike."""
+        """Return whether an object starts in a slot in which training had another kind: swapped, or a look-alike."""
         info = self.trace.info.objects[i]
         if info.slot is None:
             return False
@@ -97,7 +97,7 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Tell whether something else starts where training had this kind: a hard negative of it."""
+        """Return whether another object starts where training had this kind, which makes it a hard negative."""
         return any(
             self.out_of_place(i) and kind in self.trace.info.slot(o.slot).trained_kinds
             for i, o in enumerate(self.trace.info.objects)
@@ -109,8 +109,8 @@ def episode_of(record: Record) -> Episode:
     """Return the facts of a record that questions need.
 
     Raises:
-        UnknownNameError: If its task or condition is unknown.
-        RecordError: If it lacks a predicate of its task.
+        UnknownNameError: If the task or condition of the record is unknown.
+        RecordError: If the record lacks a predicate of its task.
     """
     resolved = resolved_of(record.metadata)
     task = resolved.task
@@ -129,7 +129,7 @@ def kinds_of(task: str) -> tuple[str, ...]:
 
 @functools.cache
 def kinds_in_numbers() -> tuple[str, ...]:
-    """Return the kinds of which some condition of the suite holds more than one object, sorted."""
+    """Return the kinds that occur more than once in some condition of the suite, sorted."""
     found = set()
     for task in suite_tasks("better60"):
         for name in condition_names(get_task(task)):

@@ -1,8 +1,8 @@
-"""Descriptions and questions that a model writes itself, each kept only if the state proves its claims.
+"""Descriptions and questions written by a model, kept only if the state proves their claims.
 
-The model is shown an image and the names of what could be in it, and answers with texts and with the claims on which
-each text rests, in a small language. A text is kept if every claim is decided by the state and true, and if the text
-names nothing and says no word of place or state that its claims do not cover. Texts that cannot be checked are dropped.
+The model gets an image and the names of objects that could be in it. It answers with texts and, for each text, its
+claims in a small formal language. A text is kept if every claim can be decided from the state and is true, and if its
+claims cover all objects and all words of position or state in the text. Texts that cannot be checked are dropped.
 """
 
 from __future__ import annotations
@@ -10,17 +10,16 @@ from __future__ import annotations
 import contextlib
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, RecordError, require_between
-from betterbench.jobs import RunLock, write_durably
-from betterbench.jobs.durable import remove_parts
-from betterbench.jobs.lock import LOCK_NAME
+from betterbench.jobs import OnCount, counts, job_folder, run_items, write_durably
 from betterbench.jobs.outputs import OutputFile
 from betterbench.json_form import (
     dump_json,
@@ -60,7 +59,7 @@ CLAIMS = {
     "is open": "the drawer X is open",
     "is shut": "the drawer X is shut",
 }
-"""Language of claims, with X and Y as names of objects."""
+"""Claims of the formal language, with X and Y as names of objects."""
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "left": ("is left of", "is right of"),
@@ -73,7 +72,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "carrying": ("is held", "is not held"), "open": ("is open", "is shut"), "closed": ("is shut", "is open"),
     "shut": ("is shut", "is open"),
 }  # fmt: skip
-"""Words of place and state, with the claims that a text needs to say them."""
+"""Words of position and state, with the claims that a text needs to use them."""
 _FREE = ("in the image", "in this image", "in the picture", "in the scene", "in this scene", "in view", "on the table")
 _UNCHECKED = frozenset(
     [
@@ -112,7 +111,7 @@ _UNCHECKED = frozenset(
         "full",
     ]
 )
-"""Words that no claim can express; a text with one of them is dropped, unless the word is part of a name."""
+"""Words that no claim can express; a text with such a word is dropped, unless the word is part of a name."""
 
 MOST_IMAGES = 1_000_000
 MOST_TEXTS = 8
@@ -122,7 +121,7 @@ LONGEST_TEXT = 600
 @open_form
 @dataclass(frozen=True, slots=True)
 class StateClaim:
-    """One statement in the language of :data:`CLAIMS`."""
+    """One claim in the language of :data:`CLAIMS`."""
 
     x: Annotated[str, Field(max_length=60)]
     says: Annotated[str, Field(max_length=30)]
@@ -132,7 +131,7 @@ class StateClaim:
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelText:
-    """A description (no question) or an answer to a question, with the claims on which it rests."""
+    """A description (without question) or an answer to a question, with its claims."""
 
     text: Annotated[str, Field(max_length=LONGEST_TEXT)]
     claims: Annotated[tuple[StateClaim, ...], Field(max_length=20)]
@@ -150,11 +149,11 @@ _REPLY = TypeAdapter(_Reply)
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """Result of a model's description of images: numbers of texts kept and dropped.
+    """Result of describing images: numbers of kept and dropped texts.
 
     Attributes:
-        kept: Number of texts that the state proves.
-        dropped: Number of texts that were dropped, by reason.
+        kept: Number of texts proven by the state.
+        dropped: Number of dropped texts by reason.
     """
 
     path: Path
@@ -181,28 +180,27 @@ def describe_images(
     *,
     count: int,
     overwrite: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Described:
-    """Let a model describe images of a set and ask about them, and keep the texts that the state proves.
+    """Let a model describe images of a set and write questions; keep the texts that the state proves.
 
-    What each image gave is kept in ``descriptions/``, so that the same command goes on where it was interrupted; what
-    is kept is written to ``descriptions.jsonl`` of the set, in the conversation form of LLaVA.
+    The results of each image are stored in ``descriptions/``, so that an interrupted command can be resumed. Kept texts
+    are written to ``descriptions.jsonl`` of the set, in the conversation format of LLaVA.
 
     Raises:
         ModelError: If the model cannot be reached.
         RecordError: If a record or scene cannot be read.
         InvalidInputError: If the number of images is out of range.
-        RunConflictError: If the file holds anything else, unless it may be overwritten, or another process writes it.
+        RunConflictError: If the file contains other data and must not be overwritten, or another process writes to it.
     """
     require_between("--images", count, 1, MOST_IMAGES)
     path = described.path / "descriptions.jsonl"
-    with RunLock(described.path / LOCK_NAME), OutputFile(path, "vqa", overwrite=overwrite, is_ours=_is_described):
-        remove_parts(described.path)
+    with job_folder(described.path), OutputFile(path, "vqa", overwrite=overwrite, is_ours=_is_described):
         return _described(run, described, chat, photos, path, count=count, on_progress=on_progress)
 
 
 def _is_described(path: Path) -> bool:
-    """Tell whether the first line of a file is a text about an image."""
+    """Return whether the first line of a file is a text about an image."""
     with contextlib.suppress(ValueError), open_ordinary(path) as file:
         first = parse_json(file.readline(_MOST_LINE))
         return isinstance(first, dict) and {"image", "conversations", "claims", "source"} <= first.keys()
@@ -217,18 +215,26 @@ def _described(
     path: Path,
     *,
     count: int,
-    on_progress: Callable[[int, int], None] | None,
+    on_progress: OnCount | None,
 ) -> Described:
     sources = {q.image: q.source for q in described.questions}
     chosen = sorted(sources, key=lambda image: hash_number("described", image))[:count]
+    folder = described.path / "descriptions" / default_name(chat.name, otherwise="model")
+    files = {image: folder / f"{hash_number(image):016x}.json" for image in chosen}
+    about = partial(_about, run, described, chat, photos)
+    run_items(
+        chosen,
+        is_done=lambda image: files[image].exists(),
+        work=lambda waiting: ((image, about(image=image, source=sources[image])) for image in waiting),
+        keep=lambda found: write_durably(files[found[0]], json_line(dump_json(sealed_form(found[1])))),
+        on_progress=counts(on_progress),
+    )
     kept: list[dict[str, Any]] = []
     dropped: Counter[str] = Counter()
-    for number, image in enumerate(chosen, start=1):
-        found = _about(run, described, chat, photos, image=image, source=sources[image])
-        kept += found["kept"]
-        dropped.update(found["dropped"])
-        if on_progress is not None:
-            on_progress(number, len(chosen))
+    for file in files.values():
+        there = _read(file)
+        kept += there.kept
+        dropped.update(there.dropped)
     write_durably(path, b"".join(json_line(dump_json(line)) for line in kept))
     return Described(path, len(chosen), len(kept), dict(dropped))
 
@@ -237,15 +243,6 @@ def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
     """Return the texts of a model about one image that are kept, and the reasons for dropping the others."""
-    model = default_name(chat.name, otherwise="model")
-    file = described.path / "descriptions" / model / f"{hash_number(image):016x}.json"
-    if file.exists():
-        cure = "Move it elsewhere and give the same command again, which asks about the image again"
-        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
-        form = open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
-        form.pop("version", None)
-        stored = read_form(_DESCRIBED, form, where=str(file), cure=cure, raises=RecordError)
-        return {"kept": stored.kept, "dropped": stored.dropped}
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -259,7 +256,7 @@ def _about(
     except BetterError as error:
         if not isinstance(error, RecordError):
             raise
-        texts, reasons["not in the form asked for"] = [], 1
+        texts, reasons["not in the requested form"] = [], 1
     facts = facts_of(moment)
     for text in texts:
         reason = why_dropped(text, moment, facts)
@@ -267,15 +264,22 @@ def _about(
             checked["kept"].append(_line(image, text, source))
         else:
             reasons[reason] += 1
-    checked["dropped"] = dict(reasons)
-    write_durably(file, json_line(dump_json(sealed_form({"version": 2, **checked}))))
-    return checked
+    return {"version": 2, **checked, "dropped": dict(reasons)}
+
+
+def _read(file: Path) -> _Kept:
+    """Return the stored texts about one image; raises RecordError."""
+    cure = "Move it elsewhere and give the same command again, which asks about the image again"
+    data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+    form = open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
+    form.pop("version", None)
+    return read_form(_DESCRIBED, form, where=str(file), cure=cure, raises=RecordError)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """Stored texts of a model about one image, and the number of dropped ones by reason."""
+    """Stored texts of a model about one image, and the number of dropped texts by reason."""
 
     kept: list[dict[str, Any]]
     dropped: dict[str, Annotated[int, Field(ge=0, lt=1 << 31)]]
@@ -286,7 +290,7 @@ _MAX_BYTES, _CURE = 1 << 24, "Delete it and ask again"
 
 
 def prompt_of(moment: Moment) -> str:
-    """Return the prompt about an image."""
+    """Return the prompt for an image."""
     names = ", ".join(sorted({*moment.single, *moment.episode.vocabulary}))
     language = "\n".join(f'- "{says}": {meaning}' for says, meaning in CLAIMS.items())
     return (
@@ -300,10 +304,10 @@ def prompt_of(moment: Moment) -> str:
 
 
 def parsed_texts(said: str) -> list[ModelText]:
-    """Return the texts of a reply, which may stand in a fence of Markdown.
+    """Return the texts of a reply, which may be inside a Markdown code fence.
 
     Raises:
-        RecordError: If it is not in the form asked for.
+        RecordError: If the reply does not have the requested form.
     """
     found = re.search(r"\{.*\}", said, flags=re.DOTALL)
     form = found[0] if found else said
@@ -314,7 +318,7 @@ Facts = Mapping[tuple[str, str, str], bool]
 
 
 def facts_of(moment: Moment) -> Facts:
-    """Return every claim about a moment that the state decides, with its truth."""
+    """Return all claims about a moment that the state decides, with their truth values."""
     facts: dict[tuple[str, str, str], bool] = {}
     for c in candidates_of(moment):
         for claim, truth in _claims_of(c):
@@ -349,13 +353,13 @@ def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
 
 
 def why_dropped(text: ModelText, moment: Moment, facts: Facts) -> str | None:
-    """Return why a text is dropped, or None if the state proves it."""
+    """Return the reason for dropping a text, or None if the state proves it."""
     if not text.claims or not text.text.strip():
         return "without a claim"
     for claim in text.claims:
         truth = facts.get((claim.x, claim.says, claim.y))
         if truth is None:
-            return "not decided by the state"
+            return "cannot be decided from the state"
         if not truth:
             return "false"
     named = {name for claim in text.claims for name in (claim.x, claim.y) if name}
@@ -364,19 +368,19 @@ def why_dropped(text: ModelText, moment: Moment, facts: Facts) -> str | None:
         for spelling in dict.fromkeys((definite(name).removeprefix("the "), name)):
             if re.search(rf"(?<!\w){re.escape(spelling)}(?!\w)", rest):
                 if name not in named:
-                    return "names what it does not claim"
+                    return "names objects without a claim"
                 rest = re.sub(rf"(?<!\w){re.escape(spelling)}(?!\w)", " ", rest)
     for phrase in _FREE:
         rest = rest.replace(phrase, " ")
     words = set(re.findall(r"[a-z-]+", rest))
     said = {claim.says for claim in text.claims}
     if any(word in words and not said & set(needed) for word, needed in _WORDS.items()):
-        return "says more than it claims"
+        return "says more than its claims"
     return "says what cannot be checked" if words & _UNCHECKED or re.search(r"\d", rest) else None
 
 
 def _line(image: str, text: ModelText, source: FrameSource) -> dict[str, Any]:
-    """Return a text in the conversation form of LLaVA."""
+    """Return a text in the conversation format of LLaVA."""
     asked = text.question.strip() or "Describe what you see in the image."
     identifier = f"{hash_number(image, asked, text.text):016x}"
     claims: Sequence[Sequence[str]] = [[c.x, c.says, c.y] for c in text.claims]

@@ -1,4 +1,4 @@
-"""Comparison of a model's answers about decisive moments with the policy's actions: knowledge beside behavior."""
+"""Comparison of a model's answers about decisive moments with the policy's actions."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ class KnowledgeStanding(StrEnum):
     KNOWS_AND_DOES = "knows_and_does"
     KNOWS_AND_DOES_NOT = "knows_and_does_not"
     DOES_NOT_KNOW = "does_not_know"
-    """The model does not know, and the policy does not act rightly."""
+    """The model does not know the right decision, and the policy does not act correctly."""
     DOES_WITHOUT_KNOWING = "does_without_knowing"
     NOT_ASKED = "not_asked"
-    """No question that would tell was asked and answered: its objects were not seen well enough, the set is of other
-    trials, or the model has not been asked all questions yet."""
+    """No deciding question was answered, because its objects were not clearly visible, the set is about other trials,
+    or the model has not answered all questions yet."""
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class TrialKnowledge:
-    """Knowledge of a model in one trial, beside the outcome of the policy.
+    """Knowledge of a model in one trial, together with the outcome of the policy.
 
     Attributes:
-        roles: Per role that was asked and answered, whether all of its questions were answered right.
-        deciding: The roles that, for this label, tell whether the model knew the right decision.
-        chance: Probability of answering all deciding questions right without an image: by guessing or by the words
-            alone, whichever is larger.
+        roles: For each answered role, whether all of its questions were answered correctly.
+        deciding: The roles that show, for this label, whether the model knew the right decision.
+        chance: Probability of answering all deciding questions correctly without an image, by guessing or from the
+            words, whichever is larger.
     """
 
     key: str
@@ -73,17 +73,17 @@ class LabelKnowledge:
     chance: float
 
     def __post_init__(self) -> None:
-        """Refuse counts that do not divide the trials into all standings; raises InvalidInputError."""
+        """Raise InvalidInputError if the counts do not add up to the trials."""
         if set(self.counts) != set(KnowledgeStanding) or min(self.counts.values()) < 0:
             names = ", ".join(KnowledgeStanding)
-            raise InvalidInputError(self.label, "its counts are not one per standing", f"Expected {names}")
+            raise InvalidInputError(self.label, "it does not have one count per standing", f"Expected {names}")
         if sum(self.counts.values()) != self.n:
-            problem = f"its counts are of {sum(self.counts.values())} trials, not of {self.n}"
+            problem = f"its counts add up to {sum(self.counts.values())} trials, expected {self.n}"
             raise InvalidInputError(self.label, problem, "Count again")
 
     @property
     def knows(self) -> Rate:
-        """Share of trials in which the model knew the decision, of those that it was asked about."""
+        """Share of trials in which the model knew the decision, out of those with answers."""
         known = (
             self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
             + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]
@@ -101,12 +101,12 @@ class Knowledge:
     """Knowledge of a model about the decisive moments of a policy's trials.
 
     Attributes:
-        model: Name of the model that answered.
+        model: Name of the model.
         policy: Name of the policy.
-        labels: One entry per label that occurs, in the order of labels.
-        roles: Per role, the share of questions answered right, of those that have an answer.
-        asked: Questions that the set asks about moments of the run.
-        answered: Those of them that have an answer.
+        labels: One entry per occurring label, in the order of labels.
+        roles: Rate of correct answers per role, out of the answered questions.
+        asked: Number of questions of the set about moments of the run.
+        answered: Number of these questions with an answer.
     """
 
     model: str
@@ -123,7 +123,7 @@ class Knowledge:
         return self.answered == self.asked
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
-        """Return the number of trials of a standing; of the failed or the solved ones only, if told."""
+        """Return the number of trials of a standing, optionally only of failed or of solved trials."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property
@@ -132,11 +132,11 @@ class Knowledge:
         failed = [t for t in self.trials if not t.success and t.standing is not KnowledgeStanding.NOT_ASKED]
         known = sum(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
         if not failed:
-            return f"{self.model} was asked about no failed trial."
+            return f"{self.model} answered no questions about failed trials."
         guessed = sum(t.chance for t in failed)
         return (
-            f"Of {len(failed)} failed trials that {self.model} was asked about, it knew the right decision in {known} "
-            f"(somebody who sees no image: {guessed:.1f})."
+            f"Of {len(failed)} failed trials with answers of {self.model}, it knew the right decision in {known} "
+            f"(expected without the image: {guessed:.1f})."
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -161,11 +161,11 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
 
     Args:
         diagnosis: The diagnosis of the run.
-        asked: The set of questions about its decisive moments.
+        asked: The question set about its decisive moments.
         answers: The model's answers to that set.
 
     Raises:
-        InvalidInputError: If the set asks about no trial of the run, or none of its questions has an answer.
+        InvalidInputError: If no question of the set is about a trial of the run, or none has an answer.
     """
     by_trial: dict[TrialId, list[Question]] = {}
     for q in asked.questions:
@@ -174,12 +174,14 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     trials = [t for t in diagnosis.trials if t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)]
     if not any(t.trial_id in by_trial for t in trials):
         cure = "Make one with better vqa --run RUN --out SET and ask it"
-        raise InvalidInputError(str(asked.path), "asks about no decisive moment of this run", cure)
+        raise InvalidInputError(str(asked.path), "contains no questions about this run", cure)
     mine = [q for t in trials for q in by_trial.get(t.trial_id, [])]
     answered = [q for q in mine if answers.has(q)]
     if not answered:
-        cure = "Ask the set with better vqa SET --ask, or name its answers"
-        raise InvalidInputError(f"answers of {answers.head.model!r}", f"none is to a question of {asked.path}", cure)
+        cure = "Run better vqa SET --ask, or give a file with answers to that set"
+        raise InvalidInputError(
+            f"answers of {answers.head.model!r}", f"none belongs to a question of {asked.path}", cure
+        )
     blind = _blind_by_role(asked.questions)
     found = tuple(
         _trial(t.key, t.label, by_trial.get(t.trial_id, []), answers, blind, success=t.kind is Kind.NONE)
@@ -195,7 +197,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
 
 
 def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
-    """Return per role the share of trials of which the words alone give away all questions of that role."""
+    """Return, per role, the share of trials in which the words alone reveal all answers of that role."""
     decisive = [q for q in questions if q.role is not None]
     given_away: dict[str, dict[TrialId, bool]] = {}
     for q, right in zip(decisive, blind_right(decisive, folds_of(decisive)), strict=True):
@@ -205,18 +207,18 @@ def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
 
 
 def knowledge_path(run: RunFolder) -> Path:
-    """Return the path at which a run keeps a model's knowledge."""
+    """Return the path of a model's knowledge in a run."""
     return run.path / "knowledge.json"
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write a model's knowledge into the folder of the run, where the report finds it, and return the path.
+    """Write a model's knowledge into the folder of the run, where the report reads it, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.
         RunConflictError: If another process is writing to the run.
         StorageError: If the disk is full, broken or protected.
-        InvalidInputError: If the place is a link that leads out of the folder.
+        InvalidInputError: If the path is a link that leads out of the folder.
     """
     form = sealed_form({"version": 2, "sentence": known.sentence, **asdict(known)})
     with run.locked():
@@ -225,7 +227,7 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
 
 
 def read_knowledge(run: RunFolder) -> Knowledge | None:
-    """Read a model's knowledge about a run, or return None if the run does not keep it.
+    """Read a model's knowledge about a run, or return None if the run has none.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.
@@ -233,7 +235,7 @@ def read_knowledge(run: RunFolder) -> Knowledge | None:
     path = knowledge_path(run)
     if not path.exists():
         return None
-    cure = "Give better diagnose RUN --answers FILE again"
+    cure = "Run better diagnose RUN --answers FILE again"
     raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     form = open_seal(raw, where=str(path), cure=cure, raises=RecordError, since=("version", 2))
     return read_form(_KNOWLEDGE, form, where=str(path), cure=cure, raises=RecordError)

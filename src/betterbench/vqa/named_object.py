@@ -1,8 +1,8 @@
-"""Questions about one trial that ask for the position of the object that the instruction names.
+"""Questions about one trial for the position of the object in the instruction.
 
-The frame is the one in which the decision began that the diagnosis names, as in
-:mod:`betterbench.vqa.decisive`. A box and a point are asked for, each in two wordings. Unlike the questions of a set,
-these are not balanced: they are all about one object.
+The frame is the beginning of the diagnosed decision, as in :mod:`betterbench.vqa.decisive`. The questions ask for a box
+and a point, each in two wordings. Unlike the questions of a set, they are not balanced, because all are about one
+object.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from betterbench.vqa.types.grounding import CELLS, grounding
 
 @dataclass(frozen=True, slots=True)
 class NamedObject:
-    """The object that a trial's instruction names, and the questions about its position.
+    """The object named in a trial's instruction, and the questions about its position.
 
     Attributes:
-        name: Its name in the scene.
-        row: Row of the record that is asked about.
-        questions: Its box and a point on it, each in :data:`TIMES_ASKED` wordings.
-        middles: Middle of the box of each clearly seen object that can be picked up, by the name of the object: column
-            and row in cells of :data:`~betterbench.vqa.types.grounding.CELLS` to a side, from 0 at the left and top.
+        name: Name in the scene.
+        row: Row of the record.
+        questions: Questions for its box and for a point on it, each in :data:`TIMES_ASKED` wordings.
+        middles: Center of the box of each clearly visible object that can be picked up, by object name: column and row
+            in units of cells, :data:`~betterbench.vqa.types.grounding.CELLS` per side, from 0 at the left and top.
     """
 
     name: str
@@ -45,17 +45,17 @@ class NamedObject:
 def named_object(
     record: Record, trial: TrialDiagnosis, photos: PhotoSource, *, camera: str = "front", seed: int = 0
 ) -> NamedObject | None:
-    """Return the object that a trial is about and the questions where it is.
+    """Return the object named in a trial's instruction with the questions about its position.
 
     Args:
         record: The record of the trial.
         trial: Its diagnosis.
         photos: Source of the camera images.
         camera: Camera of the frame.
-        seed: Seed of the choice of wordings.
+        seed: Seed for choosing wordings.
 
     Returns:
-        None where nothing is to be picked up, or the object is not clearly seen or shares its kind with another one.
+        None if nothing has to be picked up, or the object is not clearly visible or shares its kind with another one.
     """
     episode = episode_of(record)
     condition = episode.resolved.condition

@@ -1,4 +1,4 @@
-"""Nouns of objects in sentences: articles, plurals, and names that could mean the same object in an image."""
+"""Nouns of objects in sentences: articles, plurals, and names that are easily confused in an image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PORTIONS = {
     "tape": ("roll of tape", "rolls of tape"),
     "mouse": ("computer mouse", "computer mice"),
 }
-"""Names that are not countable nouns, or have another meaning, with their singular and plural in sentences."""
+"""Names that are uncountable or ambiguous, with their singular and plural forms in sentences."""
 
 _LOOKS = frozenset(
     [
@@ -33,7 +33,7 @@ _LOOKS = frozenset(
         "crumpled",
     ]
 )
-"""Words of a name that describe the look or the place of an object, and not its kind."""
+"""Words of a name that describe appearance or location instead of the kind."""
 
 _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
     frozenset(words.split())
@@ -79,7 +79,7 @@ def plural_of(kind: str) -> str:
 
 
 def mistakable(a: str, b: str) -> bool:
-    """Tell whether a person could call a thing of kind ``b`` by the name ``a``, or see the one as part of the other."""
+    """Return whether an object of kind ``b`` could be called ``a``, or be seen as part of one."""
     mine, other = _words(a), _words(b)
     if mine & other or any(x.endswith(y) or y.endswith(x) for x in mine for y in other):
         return True

@@ -1,7 +1,7 @@
-"""Wordings of questions: several for each family, chosen by a question's identifier and not by its answer.
+"""Wordings of questions: several per family, chosen by a question's identifier instead of its answer.
 
-Each wording says its frame of reference: the image, the camera, the robot's base or a person who sits in front of
-something. A region of the image is a bounding box, because scenes have boxes of their own.
+Each wording states its frame of reference: the image, the camera, the robot's base or a person in front of an object.
+Image regions are called bounding boxes, because scenes contain boxes as objects.
 """
 
 from __future__ import annotations
@@ -244,14 +244,14 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
         "The gripper closes at the bounding box {box}. What is the object there?",
     ),
 }
-"""Phrasings by family; words in braces are filled in."""
+"""Phrasings by family, with placeholders in braces."""
 
 
 def phrase(candidate: Candidate, *, seed: int, number: int | None = None) -> str:
-    """Return the text of a question: phrasing ``number`` of its family, or the one that its identifier chooses.
+    """Return the text of a question: phrasing ``number`` of its family, or the one selected by its identifier.
 
     Raises:
-        UnknownNameError: If there is no such family.
+        UnknownNameError: If the family does not exist.
     """
     if candidate.family not in PHRASINGS:
         raise UnknownNameError("family of questions", candidate.family, PHRASINGS)

@@ -35,13 +35,13 @@ class Form(StrEnum):
     YES_NO = "yes_no"
     """"Yes" or "No"."""
     CHOICE = "choice"
-    """One of the options, which the question lists with letters."""
+    """One of the options, which are listed with letters."""
     NUMBER = "number"
     """A count."""
     BOX = "box"
-    """[left, top, right, bottom] edges [pixel]; right if its overlap with the true box is at least one half (IoU)."""
+    """[left, top, right, bottom] edges [pixel]; correct if its overlap with the true box (IoU) is at least one half."""
     POINT = "point"
-    """[x, y] column and row [pixel]; right if it lies on a visible pixel of the object."""
+    """[x, y] column and row [pixel]; correct if it is on a visible pixel of the object."""
 
 
 class Difficulty(StrEnum):
@@ -55,7 +55,7 @@ class Difficulty(StrEnum):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Frame that a question is about: camera and row of the record of a trial, and the time of the row [s]."""
+    """Frame of a question: camera and row of the record of a trial, and the time of the row [s]."""
 
     task: str
     condition: str
@@ -73,18 +73,18 @@ class FrameSource:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A question before it is chosen, worded and given its options.
+    """A question before selection, without wording and options.
 
     Attributes:
-        family: Kind of question, across all objects; phrasings belong to families.
-        group: Information in the text besides the family. Within a family and group, answers are balanced.
-        bucket: Value that is balanced: the answer itself, or the cell of the image in which a box or point lies.
-        answer: The right answer.
+        family: Kind of question, for all objects; phrasings belong to families.
+        group: Information in the text besides the family. Answers are balanced within a family and group.
+        bucket: Value to be balanced: the answer itself, or the image cell of a box or point.
+        answer: The correct answer.
         words: Words that fill the phrasings.
-        objects: Names, in the scene, of the objects that the question is about.
+        objects: Names of the objects of the question in the scene.
         tags: Properties for the difficulty and for filtering ("look-alike", "robot frame").
-        box: The true box, of a grounded question.
-        runs: The visible pixels of the object, of a question for a point; see
+        box: The true box, for a grounded question.
+        runs: The visible pixels of the object, for a question about a point; see
         :class:`~betterbench.interface.state.SeenObject`.
     """
 
@@ -103,11 +103,11 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group: the information in the text alone."""
+        """Family and group: the information in the text."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
-        """Return its identifier in the set of a seed: a hash of what is asked and of which frame, not of the answer."""
+        """Return the identifier in the set of a seed: a hash of question and frame, without the answer."""
         s = self.source
         told = (str(seed), s.task, s.condition, str(s.seed), str(s.row), s.camera, *self.key, *sorted(self.objects))
         told += tuple(f"{k}={v}" for k, v in sorted(self.words.items()))
@@ -119,7 +119,7 @@ class Candidate:
 
 
 _LONGEST_PLACE = 1000
-"""Most characters of the place of an image within its set."""
+"""Maximum length of an image path within its set [characters]."""
 
 
 def _inside(place: str) -> str:
@@ -131,7 +131,7 @@ def _inside(place: str) -> str:
         or ".." in parts
         or not place.isprintable()
     ):
-        raise ValueError("it names no file inside the set")
+        raise ValueError("it is not the path of a file inside the set")
     return place
 
 
@@ -144,13 +144,13 @@ class Question:
         id: Identifier within the set.
         text: The question without its options.
         options: The options of a choice, in the order of their letters.
-        answer: The right answer; of a choice the option, of a box or point its coordinates in brackets.
+        answer: The correct answer: the option of a choice, or the coordinates of a box or point in brackets.
         image: Path of the image, relative to the folder of the set.
         width: Columns of the image [pixel].
         height: Rows of the image [pixel].
-        group: Information in the text alone: answers are balanced among the questions of a group.
-        chance: Share of right answers when guessing from the text; None for boxes and points, where the constant answer
-            of the set is the reference.
+        group: Information in the text; answers are balanced among the questions of a group.
+        chance: Rate of correct answers when guessing from the text; None for boxes and points, whose reference is the
+            constant answer of the set.
         role: Role of a question about a decisive moment ("asked", "where", "under", "exists", "done").
     """
 
@@ -177,12 +177,12 @@ class Question:
 
     @property
     def prompt(self) -> str:
-        """The question as it is asked: its text and its options with letters, one per line."""
+        """The prompt of the question: its text and its options with letters, one per line."""
         return "\n".join([self.text, *(f"{letter(i)}. {option}" for i, option in enumerate(self.options))])
 
     @property
     def reply(self) -> str:
-        """The answer as it is written: of a choice its letter and the option."""
+        """The answer in written form: for a choice, its letter and the option."""
         return f"{letter(self.options.index(self.answer))}. {self.answer}" if self.options else self.answer
 
     def to_json(self) -> dict[str, Any]:
@@ -199,13 +199,13 @@ def letter(number: int) -> str:
 
 
 def hash_number(*parts: object) -> int:
-    """Return a number that depends on the text of all parts: choices by it are the same on every machine."""
+    """Return a number that depends on all parts as text; it is the same on every machine and is used for choices."""
     return int.from_bytes(hashlib.sha256("\x1f".join(map(str, parts)).encode()).digest()[:8], "big")
 
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """Part of a question that its generator provides; the frame adds the rest. See :class:`Candidate`."""
+    """Part of a question provided by its generator; the frame adds the rest. See :class:`Candidate`."""
 
     form: Form
     family: str

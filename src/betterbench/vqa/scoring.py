@@ -1,4 +1,4 @@
-"""Scoring of answers: reading a text, in stages from strict to tolerant, and comparing it with the right answer."""
+"""Scoring of answers: parsing of a text, from strict to tolerant, and comparison with the correct answer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Coordinates = Literal["pixels", "thousandths", "fractions"]
 """Unit of the numbers of a box or point: pixels of the image, thousandths of its sides, or fractions of them."""
 
 LEAST_OVERLAP = 0.5
-"""Intersection over union from which a box is right: the usual threshold of detection benchmarks (PASCAL VOC)."""
+"""Minimum intersection over union of a correct box: the usual threshold of detection benchmarks (PASCAL VOC)."""
 
 _NUMBER_WORDS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
 _LONGEST = 4000
@@ -22,11 +22,12 @@ _LONGEST = 4000
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """Answer that was read from a text.
+    """Answer parsed from a text.
 
     Attributes:
-        answer: The answer in the form of the question's own answer, or None if none was found.
-        stage: "strict" if the text is the answer and nothing else, "tolerant" if it had to be found in it, "none".
+        answer: The answer in the form of the correct answer, or None if none was found.
+        stage: "strict" if the text consists only of the answer, "tolerant" if the answer had to be extracted, or
+            "none".
     """
 
     answer: str | None
@@ -34,7 +35,7 @@ class Read:
 
 
 def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "pixels") -> Read:
-    """Return the answer that a text gives to a question."""
+    """Return the answer to a question contained in a text."""
     text = text[:_LONGEST].strip()
     match question.form:
         case Form.YES_NO:
@@ -48,7 +49,7 @@ def parse_answer(question: Question, text: str, *, coordinates: Coordinates = "p
 
 
 def is_right(question: Question, answer: str | None) -> bool:
-    """Tell whether an answer in the form of the question's own answer is right."""
+    """Return whether an answer, in the form of the correct answer, is correct."""
     if answer is None:
         return False
     if question.form is Form.BOX and question.box is not None:
@@ -64,7 +65,7 @@ def is_right(question: Question, answer: str | None) -> bool:
 
 
 def overlap(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the intersection over union of two boxes, given by left, top, right and bottom edge."""
+    """Return the intersection over union of two boxes, given as left, top, right and bottom edge."""
     across, down = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
     if across <= 0.0 or down <= 0.0:
         return 0.0
@@ -73,7 +74,7 @@ def overlap(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def _option(question: Question, text: str) -> Read:
-    """Return the option that a text names: by its letter alone or before its words, or by the words alone."""
+    """Return the option in a text, given by its letter, by letter and words, or by the words."""
     letters = {letter(i): option for i, option in enumerate(question.options)}
     first = re.match(r"\(?([A-Z])\s*(?:[).:]\s*(.*))?$", text, flags=re.DOTALL)
     if first and first[1] in letters:

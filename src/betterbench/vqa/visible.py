@@ -1,33 +1,34 @@
-"""Visibility limits of a fair question: its object is large enough in the image and not mostly hidden."""
+"""Visibility limits of a fair question: the object is large enough in the image and not mostly hidden."""
 
 from __future__ import annotations
 
 from betterbench.interface.state import SeenObject
 
 MIN_SIDE_PX = 8
-"""Least length of the shorter side of a box [pixel]. Vision encoders cut images of this size into patches of 14 or 16
-pixels: less than half a patch carries no shape."""
+"""Minimum length of the shorter side of a box [pixel]. Vision encoders cut images of this size into patches of 14 or 16
+pixels, and less than half a patch shows no shape."""
 MIN_PIXELS = 60
-"""Least number of visible pixels, somewhat more than those of a disc of 8 pixels across."""
+"""Minimum number of visible pixels, slightly more than a disc with a diameter of 8 pixels."""
 MIN_FRACTION = 0.35
-"""Least visible fraction: below about a third, people guess an object from the rest of the scene."""
+"""Minimum visible fraction; below about a third, people infer an object from the rest of the scene."""
 HIDDEN_PX = 3
-"""Number of pixels up to which an object counts as hidden: single pixels between other objects do not show it."""
+"""Maximum number of visible pixels of a hidden object; isolated pixels between other objects do not show it."""
 
 
 def clear(seen: SeenObject | None) -> bool:
-    """Tell whether an object is seen well enough to be asked about."""
+    """Return whether an object is visible enough for a question."""
     return seen is not None and large(seen) and seen.fraction >= MIN_FRACTION
 
 
 def large(seen: SeenObject | None) -> bool:
-    """Tell whether the visible part of an object is large enough, however much of the object is hidden.
+    """Return whether the visible part of an object is large enough, even if most of the object is hidden.
 
-    A base is hidden by what lies on it, and a shut drawer by its cabinet: that is what questions about them ask.
+    This is for questions about stacks and drawers: a base is hidden by the objects on it, a closed drawer by its
+    cabinet.
     """
     return seen is not None and seen.side >= MIN_SIDE_PX and seen.pixels >= MIN_PIXELS
 
 
 def hidden(seen: SeenObject | None) -> bool:
-    """Tell whether no part of an object is seen; an object that is neither clear nor hidden is not asked about."""
+    """Return whether no part of an object is visible; objects that are neither clear nor hidden are not used."""
     return seen is None or seen.pixels <= HIDDEN_PX

@@ -53,4 +53,5 @@ def play():
 
 @pytest.fixture(scope="session")
 def scene_of():
-    return make_scene
+    """Scenes that are made once and shared: whoever asks for one resets it."""
+    return functools.lru_cache(maxsize=8)(make_scene)

@@ -212,15 +212,15 @@ FRONT = "observation.images.front"
 LINES = "episodes_stats.jsonl"
 FIELDS = {
     "v3": (
-        (fields(INFO, lambda f: f["features"]["action"].update(shape=[9])), r"shape\[0\] is 9 and should be 7"),
+        (fields(INFO, lambda f: f["features"]["action"].update(shape=[9])), r"shape\[0\] is 9, expected 7"),
         (fields(INFO, lambda f: f["features"]["action"]["names"].reverse()), r"features\.action\.names\[0\] is "),
-        (fields(INFO, lambda f: f["features"].pop("action")), r"features\.action is absent and should be "),
+        (fields(INFO, lambda f: f["features"].pop("action")), r"features\.action is absent, expected "),
         (fields(INFO, lambda f: f.update(data_path="x")), 'meta/info.json: data_path is "x" and should be "data/'),
-        (fields(INFO, lambda f: f.update(video_path=None)), "video_path is null and should be "),
-        (fields(INFO, lambda f: f.update(fps=20.0)), "fps is 20.0 and should be 20. Export it again into another"),
-        (fields(INFO, lambda f: f.update(total_frames=1)), "total_frames is 1 and should be 18"),
-        (fields(INFO, lambda f: f.update(total_tasks=99)), "total_tasks is 99 and should be 2"),
-        (fields(INFO, lambda f: f.update(chunks_size=1)), "chunks_size is 1 and should be 1000"),
+        (fields(INFO, lambda f: f.update(video_path=None)), "video_path is null, expected "),
+        (fields(INFO, lambda f: f.update(fps=20.0)), "fps is 20.0, expected 20. Export it again into another"),
+        (fields(INFO, lambda f: f.update(total_frames=1)), "total_frames is 1, expected 18"),
+        (fields(INFO, lambda f: f.update(total_tasks=99)), "total_tasks is 99, expected 2"),
+        (fields(INFO, lambda f: f.update(chunks_size=1)), "chunks_size is 1, expected 1000"),
         (fields(INFO, lambda f: f.update(robot_type="so100")), 'robot_type is "so100" and should be "panda"'),
         (fields(INFO, lambda f: f.update(splits={})), "info.json: splits.train is None, and no share of validation"),
         (fields(INFO, lambda f: f.update(splits={"train": "0:3"})), r"splits\.train is 0:3, and no share"),
@@ -230,28 +230,28 @@ FIELDS = {
         (fields(STATS, lambda f: f["action"]["mean"].insert(0, 99.0)), r"stats\.json: action\.mean\[0\] is 99.0 and"),
         (fields(STATS, lambda f: f["action"].update(std=[float("nan")] * 7)), r"action\.std\[0\] is NaN and"),
         (fields(STATS, lambda f: f["action"].pop("max")), r"action\.max is absent and"),
-        (fields(STATS, lambda f: f[FRONT]["std"].pop()), r"the length of .*front\.std is 2 and should be 3"),
+        (fields(STATS, lambda f: f[FRONT]["std"].pop()), r"the length of .*front\.std is 2, expected 3"),
         (fields(STATS, lambda f: f[FRONT].update(max=[[[255]]] * 3)), r'is 255 and should be "a number from 0 to 1"'),
-        (fields(STATS, lambda f: f[FRONT].update(count=[1])), r"front\.count\[0\] is 1 and should be 18"),
-        (fields(SOURCE, lambda f: f["episodes"][1].update(rows=3)), r"json: episodes\[1\]: rows is 3 and should be 9"),
+        (fields(STATS, lambda f: f[FRONT].update(count=[1])), r"front\.count\[0\] is 1, expected 18"),
+        (fields(SOURCE, lambda f: f["episodes"][1].update(rows=3)), r"json: episodes\[1\]: rows is 3, expected 9"),
         (fields(SOURCE, lambda f: f["episodes"][0].update(instruction="x")), r'instruction is "x" and should be '),
-        (fields(SOURCE, lambda f: f["episodes"][0].update(pairs=["x"])), r"the length of pairs is 1 and should be 0"),
+        (fields(SOURCE, lambda f: f["episodes"][0].update(pairs=["x"])), r"the length of pairs is 1, expected 0"),
         (fields(SOURCE, lambda f: f.update(policies=["me"])), r'betterbench\.json: policies\[0\] is "me" and'),
         (fields(SOURCE, lambda f: f["layout"]["vectors"].pop("action")), r"layout\.vectors\.action is absent"),
-        (row(1, dataset_from_index=0), "episode 1: dataset_from_index is 0 and should be 9"),
-        (row(0, dataset_to_index=5), r"file-000\.parquet: episode 0: dataset_to_index is 5 and should be 9"),
-        (row(0, length=8), "length is 8 and should be 9"),
+        (row(1, dataset_from_index=0), "episode 1: dataset_from_index is 0, expected 9"),
+        (row(0, dataset_to_index=5), r"file-000\.parquet: episode 0: dataset_to_index is 5, expected 9"),
+        (row(0, length=8), "length is 8, expected 9"),
         (row(0, tasks=["x"]), r'tasks\[0\] is "x" and should be '),
-        (row(1, data__chunk_index=1), "data/chunk_index is 1 and should be 0"),
-        (row(1, data__file_index=2), "data/file_index is 2 and should be 0"),
+        (row(1, data__chunk_index=1), "data/chunk_index is 1, expected 0"),
+        (row(1, data__file_index=2), "data/file_index is 2, expected 0"),
         (row(1, data__file_index=1), r"data/chunk-000/file-000.parquet: has 18 rows, and 9 belong to episodes"),
         (row(0, stats__action__mean=[0.0] * 7), "stats/action/mean.* is 0.0 and should be"),
         (row(0, better__record="0"), 'better/record is "0" and should be '),
-        (of_video(0, from_timestamp=0.05), "front/from_timestamp is 0.05 and should be 0.0"),
-        (of_video(1, to_timestamp=float("nan")), "front/to_timestamp is NaN and should be 0.9"),
-        (of_video(1, from_timestamp=None), "front/from_timestamp is null and should be 0.45"),
-        (of_video(1, chunk_index=3), "front/chunk_index is 3 and should be 0"),
-        (of_video(1, file_index=0.5), r"front/file_index is .* and should be 0"),
+        (of_video(0, from_timestamp=0.05), "front/from_timestamp is 0.05, expected 0.0"),
+        (of_video(1, to_timestamp=float("nan")), "front/to_timestamp is NaN, expected 0.9"),
+        (of_video(1, from_timestamp=None), "front/from_timestamp is null, expected 0.45"),
+        (of_video(1, chunk_index=3), "front/chunk_index is 3, expected 0"),
+        (of_video(1, file_index=0.5), r"front/file_index is .*, expected 0"),
         (of_video(1, file_index=1, from_timestamp=0.0, to_timestamp=0.45), r"file-001\.mp4: the video cannot be read"),
         (table("meta/tasks.parquet", lambda t: t.take([1, 0])), r"meta/tasks\.parquet: rows\[0\]"),
         (table("meta/tasks.parquet", lambda t: t.replace_schema_metadata({})), "index is null and should be"),
@@ -261,19 +261,19 @@ FIELDS = {
         (lambda out: shutil.copy(out / EPISODES, out / "meta/episodes/x.parquet"), r"x\.parquet: belongs to no"),
         (table(DATA, rotated), r"file-000\.parquet: episode 0: observation\.state\[0\]"),
         (table(DATA, with_strangers), r"file-000\.parquet: has 21 rows, and 18 belong to episodes"),
-        (table(DATA, lambda t: t.slice(0, 12)), "episode 1: has 3 rows and should have 9"),
+        (table(DATA, lambda t: t.slice(0, 12)), "episode 1: has 3 rows, expected 9"),
         (table(DATA, lambda t: t.append_column("x", t["index"])), r'columns: x is "int64" and should be absent'),
         (table(DATA, lambda t: t.replace_schema_metadata({})), "schema: it is null and should be"),
         (actions(plus(0.01)), r"episode 1: action\[8\]\[6\] is "),
-        (column(DATA, "task_index", lambda v: 1 - v), r"episode 0: task_index\[0\] is 1 and should be 0"),
+        (column(DATA, "task_index", lambda v: 1 - v), r"episode 0: task_index\[0\] is 1, expected 0"),
         (column(DATA, "subtask_index", lambda v: 0 * v + 99), r"subtask_index\[0\] is 99 and should be"),
-        (column(DATA, "timestamp", lambda v: 0 * v), r"timestamp\[1\] is 0.0 and should be 0.05"),
-        (column(DATA, "frame_index", lambda v: 0 * v + 7), r"frame_index\[0\] is 7 and should be 0"),
-        (column(DATA, "index", lambda v: v + 1), r"episode 0: index\[0\] is 1 and should be 0"),
+        (column(DATA, "timestamp", lambda v: 0 * v), r"timestamp\[1\] is 0.0, expected 0.05"),
+        (column(DATA, "frame_index", lambda v: 0 * v + 7), r"frame_index\[0\] is 7, expected 0"),
+        (column(DATA, "index", lambda v: v + 1), r"episode 0: index\[0\] is 1, expected 0"),
     ),
     "png": (
         (table(DATA, rotated), "episode 0: observation.images.front.0. is "),
-        (fields(SOURCE, lambda f: f.update(images="video")), "chunk_index is absent and should be 0"),
+        (fields(SOURCE, lambda f: f.update(images="video")), "chunk_index is absent, expected 0"),
         (fields(SOURCE, lambda f: f.update(images="gif")), "has neither videos nor PNG files"),
     ),
     "said": (
@@ -287,19 +287,19 @@ FIELDS = {
     "gr00t": (
         (
             fields("modality.json", lambda f: f["action"]["ee_position"].update(start=3, end=6)),
-            r"meta/modality\.json: action\.ee_position\.end is 6 and should be 3",
+            r"meta/modality\.json: action\.ee_position\.end is 6, expected 3",
         ),
         (fields("modality.json", lambda f: f["video"].popitem()), r"modality\.json: video\..* is absent"),
         (lambda out: (out / "meta/modality.json").unlink(), r"modality\.json: cannot be read"),
-        (fields(INFO, lambda f: f.update(total_videos=77)), "total_videos is 77 and should be 4"),
-        (fields(INFO, lambda f: f.update(total_chunks=2)), "total_chunks is 2 and should be 1"),
+        (fields(INFO, lambda f: f.update(total_videos=77)), "total_videos is 77, expected 4"),
+        (fields(INFO, lambda f: f.update(total_chunks=2)), "total_chunks is 2, expected 1"),
         (lines(LINES, lambda r: r[1]["stats"]["action"]["mean"].reverse()), r"line 2: stats\.action\.mean\[0\] is "),
-        (lines(LINES, lambda r: r.pop()), "lists 1 episodes, and there are more"),
-        (lines(LINES, lambda r: r.append(r[0])), "lists 3 episodes, and there are 2"),
-        (lines("episodes.jsonl", lambda r: r[0].update(length=5)), "line 1: length is 5 and should be 9"),
-        (lines("episodes.jsonl", lambda r: r.reverse()), "line 1: episode_index is 1 and should be 0"),
+        (lines(LINES, lambda r: r.pop()), "lists 1 episodes, but there are more"),
+        (lines(LINES, lambda r: r.append(r[0])), "lists 3 episodes, but there are 2"),
+        (lines("episodes.jsonl", lambda r: r[0].update(length=5)), "line 1: length is 5, expected 9"),
+        (lines("episodes.jsonl", lambda r: r.reverse()), "line 1: episode_index is 1, expected 0"),
         (lines("tasks.jsonl", lambda r: r[0].update(task="x")), r'tasks\.jsonl: \[0\]\.task is "x" and should be'),
-        (fields(STATS, lambda f: f["action"].update(q50=[0.0] * 7)), r"action\.q50 is \[.*\] and should be absent"),
+        (fields(STATS, lambda f: f["action"].update(q50=[0.0] * 7)), r"action\.q50 is \[.*\], expected absent"),
         (
             table("data/chunk-000/episode_000001.parquet", lambda t: pa.concat_tables([t, t])),
             r"episode_000001\.parquet: has 18 rows, and 9 belong to episodes",
@@ -322,28 +322,28 @@ FIELDS = {
         (array("mask/train", lambda v: v[::-1]), r'mask: train\[0\] is "demo_1" and should be "demo_0"'),
         (hdf5(lambda f: f["mask"].create_dataset("valid", data=f["mask/train"][:])), r"mask: valid is .* absent"),
         (hdf5(lambda f: f.pop("mask")), "mask: is damaged"),
-        (json_attribute("data", "env_args", type=1), r"data: env_args\.type is 1 and should be 2"),
+        (json_attribute("data", "env_args", type=1), r"data: env_args\.type is 1, expected 2"),
         (attribute("data", "env_args", "{"), "data: is damaged"),
-        (attribute("data", "total", 5), "data: total is 5 and should be 18"),
-        (attribute("data/demo_1", "num_samples", 5), "data/demo_1: num_samples is 5 and should be 9"),
+        (attribute("data", "total", 5), "data: total is 5, expected 18"),
+        (attribute("data/demo_1", "num_samples", 5), "data/demo_1: num_samples is 5, expected 9"),
         (attribute("data/demo_0", "instruction", "x"), 'demo_0: instruction is "x" and should be '),
-        (attribute("data/demo_0", "mine", np.float32(1)), "demo_0: mine is 1.0 and should be absent"),
-        (json_attribute("data/demo_0", "better", seed=7), r"better\.seed is 7 and should be 0"),
-        (hdf5(lambda f: f["data/demo_0"].attrs.pop("num_samples")), "num_samples is absent and should be 9"),
+        (attribute("data/demo_0", "mine", np.float32(1)), "demo_0: mine is 1.0, expected absent"),
+        (json_attribute("data/demo_0", "better", seed=7), r"better\.seed is 7, expected 0"),
+        (hdf5(lambda f: f["data/demo_0"].attrs.pop("num_samples")), "num_samples is absent, expected 9"),
         (hdf5(lambda f: f.copy("data/demo_0", "data/demo_2")), r'data: demo_2 is "there" and should be absent'),
         (hdf5(lambda f: f.copy("data/demo_0/obs", "data/demo_0/next_obs")), "demo_0: next_obs is "),
         (array("data/demo_0/actions", plus(0.01)), r"demo_0: actions\[8\]\[0\] is "),
         (array("data/demo_0/actions", lambda v: v[:5]), 'actions is "5 x 7 float64" and should be "9 x 7 float64"'),
         (array("data/demo_0/actions", lambda v: v.astype("f4")), 'actions is "9 x 7 float32" and should be'),
-        (array("data/demo_0/dones", lambda v: 0 * v), r"dones\[8\] is 0 and should be 1"),
-        (array("data/demo_0/rewards", lambda v: v + 1), r"rewards\[0\] is 1.0 and should be 0.0"),
+        (array("data/demo_0/dones", lambda v: 0 * v), r"dones\[8\] is 0, expected 1"),
+        (array("data/demo_0/rewards", lambda v: v + 1), r"rewards\[0\] is 1.0, expected 0.0"),
         (array("data/demo_0/subgoal", lambda v: np.full_like(v, b"x")), r'subgoal\[0\] is "x" and'),
         (array("data/demo_0/obs/ee_position", lambda v: v + 1), r"obs/ee_position\[0\]\[0\] is "),
         (array("data/demo_0/obs/front", lambda v: v[:, :9]), 'obs/front is "9 x 9 x 256 x 3 uint8" and should be'),
         (array("data/demo_0/obs/front", lambda v: 255 - v), "its observation.images.front differs at frame 0"),
         (hdf5(lambda f: f.pop("data/demo_0/obs/wrist")), "obs/wrist is absent"),
         (hdf5(lambda f: f.pop("data/demo_1")), "episode 1: is damaged"),
-        (origin(lambda s: s["episodes"][0].update(rows=3)), r"better: episodes\[0\]: rows is 3 and should be 9"),
+        (origin(lambda s: s["episodes"][0].update(rows=3)), r"better: episodes\[0\]: rows is 3, expected 9"),
         (origin(lambda s: s.update(images="video")), r'better: images is "video" and should be "png"'),
     ),
 }  # fmt: skip
@@ -381,7 +381,7 @@ def test_data_sets_of_several_files_are_read_where_their_episodes_lie(demonstrat
 
 
 def test_a_check_needs_the_runs_of_all_records(demonstrations, sets):
-    with pytest.raises(RecordError, match="no run that is named has the record"):
+    with pytest.raises(RecordError, match="none of the given runs has the record"):
         check_export([], sets["v3"])
 
 
@@ -428,7 +428,7 @@ def test_a_picture_is_read_as_png_and_as_nothing_else(demonstrations, sets, tmp_
         data = buffer.getvalue()
     out = copy_of(sets, "png", tmp_path)
     table(DATA, lambda t: one_picture(t, 0, data))(out)
-    with pytest.raises(InvalidInputError, match="is no PNG file") as caught:
+    with pytest.raises(InvalidInputError, match="is not a PNG file") as caught:
         check_export([demonstrations.run], out)
     assert len(str(caught.value).splitlines()) == 1
 
@@ -466,29 +466,38 @@ def with_virtual(file) -> None:
 
 
 STRANGE = {
-    "a second demonstration by a link": (with_link("data/demo_2", "SoftLink", "/data/demo_0"), "demo_2 is a link"),
-    "another's demonstration": (with_link("data/demo_1", "ExternalLink", "x.hdf5", "/data"), "demo_1 is a link"),
-    "a pipe": (with_link("better", "ExternalLink", "pipe", "/x"), "better is a link"),
-    "a pipe among the actions": (with_link("data/demo_0/actions", "ExternalLink", "pipe", "/x"), "actions is a link"),
+    "a second demonstration by a link": (
+        with_link("data/demo_2", "SoftLink", "/data/demo_0"),
+        "demo_2 is a symbolic link",
+    ),
+    "another's demonstration": (
+        with_link("data/demo_1", "ExternalLink", "x.hdf5", "/data"),
+        "demo_1 is a symbolic link",
+    ),
+    "a pipe": (with_link("better", "ExternalLink", "pipe", "/x"), "better is a symbolic link"),
+    "a pipe among the actions": (
+        with_link("data/demo_0/actions", "ExternalLink", "pipe", "/x"),
+        "actions is a symbolic link",
+    ),
     "one array for two": (
         hdf5(lambda f: f["data/demo_1"].__setitem__("next", f["data/demo_0"])),
-        "is a second name of something else",
+        "is a second name of another object",
     ),
-    "a circle": (hdf5(lambda f: f["data"].__setitem__("demo_2", f["data"])), "is a second name of something else"),
+    "a circle": (hdf5(lambda f: f["data"].__setitem__("demo_2", f["data"])), "is a second name of another object"),
     "a file of the user": (
         hdf5(lambda f: f.create_dataset("data/x", (4,), "u1", external=[("secret", 0, 4)])),
-        "data/x lies in another file",
+        "data/x is in another file",
     ),
-    "an array of views": (hdf5(with_virtual), "actions lies in another file"),
+    "an array of views": (hdf5(with_virtual), "actions is in another file"),
     "a terabyte": (
         hdf5(lambda f: f.create_dataset("data/x", (10**12,), "u1", chunks=(1 << 20,), compression="gzip")),
         "data/x claims 1000000000000 bytes",
     ),
     "a type": (hdf5(lambda f: f.__setitem__("kind", np.dtype("f8"))), "kind is neither a group nor an array"),
-    "an attribute of the file": (hdf5(lambda f: f.attrs.__setitem__("total", 9)), "something else than when it was"),
+    "an attribute of the file": (hdf5(lambda f: f.attrs.__setitem__("total", 9)), "changed since it was"),
     "a digest of many": (
         hdf5(lambda f: f.attrs.__setitem__("better_sha256", np.zeros(3))),
-        "something else than when it was",
+        "changed since it was",
     ),
 }
 
@@ -523,7 +532,7 @@ def test_a_file_of_robomimic_is_known_whatever_it_is_called(demonstrations, sets
     assert "holds what the records say: 2 episodes" in capsys.readouterr().out
     (tmp_path / "short.hdf5").write_bytes(sets["hdf5"].read_bytes()[:700])
     assert main([*words, str(tmp_path / "short.hdf5")]) == 2
-    assert "is no data set of better export" in " ".join(capsys.readouterr().err.split())
+    assert "is not a data set of better export" in " ".join(capsys.readouterr().err.split())
 
 
 def column_lost(name):

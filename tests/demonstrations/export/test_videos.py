@@ -67,7 +67,7 @@ def test_a_video_is_read_from_any_picture_on(first):
 def test_odd_sizes_and_empty_videos_are_refused():
     with pytest.raises(InvalidInputError, match="63 x 48 pixels"):
         encoded([np.zeros((48, 63, 3), np.uint8)])
-    with pytest.raises(InvalidInputError, match="no pictures"):
+    with pytest.raises(InvalidInputError, match="no images"):
         encoded([])
 
 

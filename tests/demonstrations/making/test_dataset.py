@@ -57,7 +57,7 @@ def test_what_is_outside_the_regime_is_refused_in_one_line(sources):
     meta = record.metadata
     own = next(c for c in bounds.shown if c.name == meta.condition)
     for other, problem in (
-        (replace(record, metadata=replace(meta, seed=3)), "its seed 3 is one of tests"),
+        (replace(record, metadata=replace(meta, seed=3)), "its seed 3 is a test seed"),
         (replace(record, outcome=replace(record.outcome, success=False)), "it did not succeed"),
         (replace(record, metadata=replace(meta, instruction="Wave.")), "its first state or its instruction is not"),
         (replace(record, metadata=replace(meta, condition="train9")), "its first state or its instruction is not"),
@@ -192,7 +192,7 @@ def test_twins_share_their_history_until_the_instruction_makes_them_differ(tmp_p
     assert document["seconds"] == 75.5
     assert document["bytes"] == sum(f.stat().st_size for f in made.path.rglob("*") if f.is_file())
     verb._tell(made, 3675.5, as_json=False)
-    assert f"{filesize.decimal(document['bytes'])} on disk, 1:01:15 in this sitting" in capsys.readouterr().out
+    assert f"{filesize.decimal(document['bytes'])} on disk, 1:01:15 in this session" in capsys.readouterr().out
 
 
 @pytest.mark.slow

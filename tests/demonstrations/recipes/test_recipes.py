@@ -309,10 +309,10 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
 @pytest.mark.parametrize(
     ("framework", "form", "options", "said"),
     [
-        ("openpi", "better", {"gpus": 3}, "a batch of 128 cannot be divided by 3.*Give 1, 2, 4, 8"),
+        ("openpi", "better", {"gpus": 3}, "a batch of 128 is not divisible by 3.*Give 1, 2, 4, 8"),
         ("openpi", "better", {"gpus": 0}, "--gpus: 0 is out of range"),
         ("openpi", "better", {"data": ()}, "--data: is missing"),
-        ("openpi", "better", {"data": ("a", "b")}, "2 are given, and this trainer reads one"),
+        ("openpi", "better", {"data": ("a", "b")}, "2 are given, but this trainer reads one"),
         ("gr00t", {"proprioception": False}, {}, "GR00T cannot leave the state out"),
         ("being-h", {"proprioception": False}, {}, "Being-H cannot leave the state out"),
         ("being-h", {"frozen": {"being-h": ["language"]}}, {}, "freeze_llm freezes the action expert"),
@@ -368,4 +368,4 @@ def test_the_verb_writes_a_folder_once(tmp_path, capsys, monkeypatch):
     assert subprocess.run(["/bin/bash", "-n", "out/commands.sh"], check=False).returncode == 0
     capsys.readouterr()
     assert main([*words[:5], "other", "--out", "out"]) == 2
-    assert "it holds another" in capsys.readouterr().err.replace("\n", " ")
+    assert "it contains another" in capsys.readouterr().err.replace("\n", " ")

@@ -112,7 +112,9 @@ def test_one_instruction_tells_nothing_about_words(tmp_path, capsys):
     one = table.set_column(1, "__index_level_0__", pa.array(["tidy up"] * len(table)))
     pq.write_table(one, path / "meta" / "tasks.parquet")
     assert main(["shortcuts", str(path)]) == 0
-    assert "has one instruction: whether words are followed" in " ".join(capsys.readouterr().err.split())
+    assert "has only one instruction, so it cannot show whether a policy follows words" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_nothing_is_found_where_nothing_is_planted(tmp_path):
@@ -153,7 +155,7 @@ def test_episodes_that_are_missing_or_stand_there_twice_are_told(tmp_path):
         assert told in reading.paragraph.replace("Left", "left")
     for total in (10**400, -3, "many", True, 2.5):
         (path / "meta" / "info.json").write_text(json.dumps({**info, "total_episodes": total}))
-        assert "is no count of episodes" in read_lerobot(path).reading.paragraph
+        assert "is not a number of episodes" in read_lerobot(path).reading.paragraph
 
 
 def test_instructions_that_cannot_be_read_are_one_clear_line(tmp_path):
@@ -187,7 +189,7 @@ def test_what_cannot_be_read_is_one_clear_line(tmp_path):
     with pytest.raises(RecordError, match=r"file-000\.parquet: it cannot be read"):
         facts_of_lerobot(path)
     file.unlink()
-    with pytest.raises(InvalidInputError, match="it holds no episode"):
+    with pytest.raises(InvalidInputError, match="it contains no episode"):
         facts_of_lerobot(path)
     info = json.loads((path / "meta" / "info.json").read_text())
     del info["features"]["observation.state"]
@@ -221,13 +223,13 @@ def changed(name, change):
             r"\(in observation\.state\)",
         ),
         (changed("task_index", lambda v: [None] * len(v)), r"not finite \(in task_index"),
-        (changed("episode_index", lambda v: [None, *v[1:]]), "episode_index is no finite number in row 0"),
+        (changed("episode_index", lambda v: [None, *v[1:]]), "episode_index is not a finite number in row 0"),
         (changed("action", lambda v: [x[:1] for x in v]), "does not have 4 numbers in each row"),
-        (changed("observation.state", lambda v: [x[0] for x in v]), "800 numbers in 800 rows, and not 4"),
+        (changed("observation.state", lambda v: [x[0] for x in v]), "800 numbers in 800 rows, expected 4"),
         (changed("action", lambda v: [[*v[0], *v[1][:2]], v[1][2:], *v[2:]]), "does not have 4 numbers in each row"),
         (changed("action", lambda v: ["a"] * len(v)), "it cannot be read"),
-        (lambda t: t.slice(0, 0), "it holds no episode"),
-        (lambda t: t.filter(pa.array(np.arange(len(t)) % STEPS == 0)), "it holds no episode"),
+        (lambda t: t.slice(0, 0), "it contains no episode"),
+        (lambda t: t.filter(pa.array(np.arange(len(t)) % STEPS == 0)), "it contains no episode"),
     ],
     lambda _, said: said,
 )

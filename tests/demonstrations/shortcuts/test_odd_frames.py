@@ -80,7 +80,7 @@ def test_without_a_column_for_the_order_it_is_that_of_the_file(tmp_path):
     change_rows(path, interleaved)
     mixed = read_lerobot(path)
     assert facts_by_name(mixed) == facts_by_name(plain)
-    assert "by episode_index alone: no column tells the order of the frames" in mixed.reading.paragraph
+    assert "by episode_index alone: no column has the order of the frames" in mixed.reading.paragraph
 
 
 def test_an_episode_in_two_files_is_one_if_its_frames_differ(tmp_path):
@@ -101,7 +101,7 @@ def test_an_episode_in_two_files_is_one_if_its_frames_differ(tmp_path):
 def test_a_frame_that_stands_there_twice_is_refused(tmp_path):
     path = make(tmp_path / "set", "plain", "clean", count=12)
     change_rows(path, lambda t: pa.concat_tables([t, t.slice(3, 1)]), files_of(path)[:1])
-    with pytest.raises(RecordError, match=r"episode 0 stands in the data twice \(frame_index 3\)\. .*remove the rows"):
+    with pytest.raises(RecordError, match=r"episode 0 occurs twice in the data \(frame_index 3\)\. .*remove the rows"):
         read_lerobot(path)
 
 
@@ -138,7 +138,7 @@ def test_the_advice_about_places_lists_numbers_of_that_arm(tmp_path):
     names = ["left_x", "right_wrist", "left_y", "right_x", "left_z", "a", "left_gripper", "right_gripper"]
     info_of(path, features=info["features"] | {"observation.state": state | {"names": names}})
     said = refusal(path, Choices(grippers=("action:right_gripper",)))
-    assert "no names tell where the right arm is" in said
+    assert "no names show the position of the right arm" in said
     assert "observation.state has observation.state:right_wrist, observation.state:right_x" in said
     assert "left" not in said
     assert "--place 'COLUMN[0,1,2]', with its own column and numbers, x first, counted from 0" in said
@@ -205,8 +205,8 @@ def test_an_arm_is_idle_beside_a_gripper_in_meters_too(tmp_path):
 @each("value, reason", [
     (float("nan"), "a number that is not finite"),
     (float("inf"), "a number that is not finite"),
-    (-3e38, "a number beyond 1,000,000 on either side of 0"),
-    (1.1e6, "a number beyond 1,000,000 on either side of 0"),
+    (-3e38, "a number with an absolute value above 1,000,000"),
+    (1.1e6, "a number with an absolute value above 1,000,000"),
 ], lambda value, _: value)  # fmt: skip
 @each("name", ["action", "observation.state"])
 def test_an_episode_with_a_number_that_cannot_be_used_is_left_out(tmp_path_factory, name, value, reason):
@@ -265,12 +265,12 @@ def test_a_number_with_too_many_digits_is_one_line_without_advice_about_python(t
     tasks, info = path / "meta" / "tasks.jsonl", path / "meta" / "info.json"
     kept = tasks.read_text()
     tasks.write_text(f'{{"task_index": {"9" * 5000}, "task": "a"}}')
-    with pytest.raises(RecordError, match=r"a whole number of more than 4,300 digits"):
+    with pytest.raises(RecordError, match=r"an integer of more than 4,300 digits"):
         read_lerobot(path)
     tasks.write_text(kept)
     info.write_text(info.read_text().replace('"total_episodes": 12', f'"total_episodes": {"9" * 5000}'))
     said = refusal(path)
-    assert said.endswith("it holds a whole number of more than 4,300 digits. Correct this number.")
+    assert said.endswith("it contains an integer of more than 4,300 digits. Correct this number.")
 
 
 @each("text", ["action[" + "9" * 5000 + "]", "action[4]"])
@@ -286,6 +286,6 @@ def test_one_episode_is_no_plural(tmp_path):
     change_rows(path, lambda t: t.slice(0, 1), files_of(path)[:1])
     paragraph = read_lerobot(path).reading.paragraph
     assert paragraph.startswith("Read: 1 of 2 episodes.")
-    assert "Left out: 1 episode of less than two frames." in paragraph
+    assert "Left out: 1 episode of fewer than two frames." in paragraph
     info_of(path, total_episodes=1)
-    assert "meta/info.json says 1 episode, and the files hold 2." in read_lerobot(path).reading.paragraph
+    assert "meta/info.json says 1 episode, but the files have 2." in read_lerobot(path).reading.paragraph

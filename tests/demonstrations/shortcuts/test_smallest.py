@@ -69,11 +69,11 @@ def test_eight_demonstrations_cannot_show_an_order_and_say_so():
     assert rule.least_share is None, "2 of 2^8 exchanges are as clear as a rule without an exception, in 4 tests"
     assert (
         rule.sentence
-        == "order of two things: with 8 demonstrations, not even a rule without an exception would be found"
+        == "order of two objects: with 8 demonstrations, not even a rule without an exception would be found"
     )
     assert audit.groups[0].of("order")[0].verdict == "none", "although it is always the same"
     text = "\n".join(audit_lines(audit))
-    assert f"| order of two things | 8 demonstrations | {share_text(None)} |" in text
+    assert f"| order of two objects | 8 demonstrations | {share_text(None)} |" in text
     form = json.loads(json.dumps(audit.to_json()))
     stored = next(r for r in form["groups"][0]["smallest"] if r["question"] == "order")
     assert (stored["least_share"], stored["n"], form["power"]) == (None, 8, POWER)
@@ -100,7 +100,7 @@ def test_the_command_says_what_it_could_not_have_shown(tmp_path, capsys):
     """On a stranger's set: in the terminal, in shortcuts.md and in the JSON document."""
     path = make(tmp_path / "set", "plain", "clean", count=16)
     assert main(["shortcuts", str(path), "--out", str(tmp_path / "audit")]) == 0
-    assert "smallest rule that so many demonstrations would have shown" in capsys.readouterr().out
+    assert "smallest rule that the demonstrations could show" in capsys.readouterr().out
     assert "smallest rule that would be found |" in (tmp_path / "audit" / "shortcuts.md").read_text()
     stored = json.loads((tmp_path / "audit" / "shortcuts.json").read_text())
     assert all(rule["sentence"] and "least_share" in rule for group in stored["groups"] for rule in group["smallest"])

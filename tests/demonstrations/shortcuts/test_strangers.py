@@ -42,7 +42,7 @@ def shortcuts(form):
 def test_planted_shortcuts_are_found_and_no_others(tmp_path, capsys, name):
     layout = LAYOUTS[name]
     for planted in PLANTED:
-        path = make(tmp_path / planted / "set", name, planted)
+        path = make(tmp_path / planted / "set", name, planted, count=96)
         if layout.refused:
             with pytest.raises(BetterError, match=layout.refused):
                 read_lerobot(path)
@@ -204,7 +204,10 @@ def info_of(path, **changes):
         (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 numbers of action have the name of a gripper"),
         (["left_gripper", "gripper", "x", "y", "z", "a", "b", "c"], "grippers with and without an arm"),
         (["x", "x", "y", "gripper", "a", "b", "c", "d"], "2 numbers are called x"),
-        (["left_x", "left_y", "right_x", "right_y", "gripper", "a", "b", "c"], "no names tell where the gripper is"),
+        (
+            ["left_x", "left_y", "right_x", "right_y", "gripper", "a", "b", "c"],
+            "no names show the position of the gripper",
+        ),
         (["j1", "j2", "j3", "j4", "j5", "j6", "waist_yaw", "thumb"], "no number has the name of a gripper"),
         ([f"motor_{i}" for i in range(8)], "no number has the name of a gripper; action was looked at first"),
     ],
@@ -224,8 +227,8 @@ def test_names_that_do_not_tell_are_refused(tmp_path, names, said):
             lambda t: pa.array([[("a", 1.0)]] * t.num_rows, pa.map_(pa.string(), pa.float64())),
             "it holds map<string, double",
         ),
-        (lambda t: pa.array([{"a": 1.0}] * t.num_rows), "struct<a: double> and no numbers"),
-        (lambda t: pa.array([[[1.0]] * 4] * t.num_rows), "it holds list<.*> and no numbers"),
+        (lambda t: pa.array([{"a": 1.0}] * t.num_rows), "struct<a: double> instead of numbers"),
+        (lambda t: pa.array([[[1.0]] * 4] * t.num_rows), "it holds list<.*> instead of numbers"),
         (lambda t: pa.array([None] * t.num_rows, pa.list_(pa.float32())), "does not have 4 numbers in each row"),
     ],
     lambda _, said: said,
@@ -255,7 +258,7 @@ def test_a_file_that_holds_more_than_is_read_is_one_clear_line(tmp_path):
     pq.write_table(
         pa.table({"episode_index": column, "task_index": column}), path / "data" / "chunk-000" / "file-000.parquet"
     )
-    with pytest.raises(RecordError, match="it says that it has 25000000 rows, and at most 20000000 are read"):
+    with pytest.raises(RecordError, match="it declares 25000000 rows; at most 20000000 are read"):
         read_lerobot(path)
 
 
@@ -264,9 +267,9 @@ def test_a_file_that_holds_more_than_is_read_is_one_clear_line(tmp_path):
     [
         ('{"task_index": 0, "task": "a"} nonsense', "cannot be read"),
         ('{"task_index": 0, "task": ' + "[" * 100_000, "nested too deep"),
-        ('[{"task_index": 0, "task": "a"}, 3]', "something else than objects"),
-        ('{"task_index": 0, "task": "a"}\n{"task_index": 0, "task": "b"}', "stands there twice with different texts"),
-        ('{"task_index": 0, "category": "a"}', "no column is called task, and category may hold them"),
+        ('[{"task_index": 0, "task": "a"}, 3]', "values other than objects"),
+        ('{"task_index": 0, "task": "a"}\n{"task_index": 0, "task": "b"}', "occurs twice with different texts"),
+        ('{"task_index": 0, "category": "a"}', "there is no column task; candidates are category"),
     ],
     lambda _, said: said,
 )

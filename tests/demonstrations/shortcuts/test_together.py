@@ -191,7 +191,7 @@ def test_instructions_that_are_given_once_are_not_compared_and_that_is_said():
     ]
     (group,) = audit_dataset("set", facts).groups
     reasons = {q.question: q.untested for q in group.asked}
-    assert reasons["words_first_place_whole"] == "every instruction is given once"
+    assert reasons["words_first_place_whole"] == "every instruction occurs once"
     assert group.of("words_first_place_whole") == ()
 
 

@@ -62,7 +62,7 @@ class Plugged:
             if wanted(asked):
                 return asked
             time.sleep(0.005)
-        raise AssertionError("nothing came")
+        raise AssertionError("it did not answer")
 
 
 @pytest.fixture

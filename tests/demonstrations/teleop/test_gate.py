@@ -90,7 +90,7 @@ def test_without_the_token_nothing_is_answered_but_one_line(page):
     wrong = ["", "x", known[:-1], known + "x", known.swapcase(), "%2e%2e", "?token=" + known, f"x/{known}", "~" * 9]
     for path in wrong:
         status, text, _ = asked(page, "/" + path)
-        assert (status, text.count("\n"), "better teleop has printed" in text) == (403, 1, True), path
+        assert (status, text.count("\n"), "printed by better teleop" in text) == (403, 1, True), path
         with pytest.raises(InvalidStatus, match="403"):
             connect(f"ws://127.0.0.1:{page.port}/{path}", subprotocols=[VERSION])
 
@@ -124,7 +124,7 @@ def test_hosts_of_all_interfaces():
 
 def test_a_viser_that_the_gate_does_not_stand_before_is_not_used(monkeypatch):
     monkeypatch.setattr(gate.Gate, "before_servers", lambda _: contextlib.nullcontext())
-    with pytest.raises(MissingDependencyError, match="anybody could drive"):
+    with pytest.raises(MissingDependencyError, match="access could not be controlled"):
         Page(Controls(), host="127.0.0.1", port=0, cameras=())
 
 

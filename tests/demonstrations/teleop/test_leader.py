@@ -107,7 +107,7 @@ def until(controls, wanted):
         if wanted(asked):
             return asked
         time.sleep(0.005)
-    raise AssertionError("nothing came")
+    raise AssertionError("it did not answer")
 
 
 def test_the_tool_follows_from_where_it_is_and_takes_hold_anew():

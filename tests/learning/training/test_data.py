@@ -83,9 +83,7 @@ def test_a_start_knows_all_that_the_data_show_and_may_know_more(records, tmp_pat
     assert np.array_equal(begun.words[0], whole.words[0][: begun.words.shape[1]])
     train(recipe, begun, tmp_path / "begun")
     unfit = dataclasses.replace(data["wide"][0], start=str(tmp_path / "narrow learner"))
-    with pytest.raises(
-        InvalidInputError, match="narrow learner: it has no number for the word 'fetch', which the data"
-    ):
+    with pytest.raises(InvalidInputError, match="narrow learner: its vocabulary lacks the word 'fetch' of the data"):
         read_training_set(unfit)
 
 
@@ -142,7 +140,7 @@ def test_scales_have_floors(run_of):
 
 def test_a_dataset_of_another_action_space_is_one_line(run_of):
     run = run_of(action_space="ee_pose")
-    with pytest.raises(InvalidInputError, match="its actions are in 'ee_pose'") as caught:
+    with pytest.raises(InvalidInputError, match="its action space is 'ee_pose'") as caught:
         read_training_set(tiny(data=[str(run.path)]))
     assert "\n" not in str(caught.value)
 

@@ -92,12 +92,12 @@ def test_resumed_is_undisturbed(read, tmp_path, monkeypatch, workers):
 
     with monkeypatch.context() as patched:
         patched.setattr(durable.DurableFile, "finish", finish)
-        with pytest.raises(StorageError, match="make room"):
+        with pytest.raises(StorageError, match="free disk space"):
             read(frames=tmp_path / "parts")
     assert len(files_of(tmp_path / "parts")) == 1
     told = []
     read(frames=tmp_path / "parts", workers=workers, on_drawn=lambda done, of: told.append((done, of)))
-    assert told == [(2, 2)]
+    assert told == [(1, 2), (2, 2)]
     assert files_of(tmp_path / "parts") == files_of(tmp_path / "whole")
 
 
@@ -115,7 +115,7 @@ def test_processes_that_train_together_wait_for_who_draws_and_others_are_refused
             (frames / name).write_bytes(data)  # as the process that held the lock would
         kept = (frames / name).stat().st_mtime_ns
     assert waiting.result().sha256 == read(frames=frames).sha256
-    assert told == [(1, 2), (2, 2)]
+    assert told == [(0, 2), (1, 2), (2, 2)]
     assert (frames / name).stat().st_mtime_ns == kept
     assert files_of(frames) == files_of(tmp_path / "elsewhere")
 

@@ -170,7 +170,7 @@ def test_a_full_disk_keeps_what_was_saved(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(durable.DurableFile, "finish", finish)
-        with pytest.raises(StorageError, match="make room"):
+        with pytest.raises(StorageError, match="free disk space"):
             train(recipe, data, tmp_path / "out")
     assert (tmp_path / "out" / STATE_NAME).exists()
     train(recipe, data, tmp_path / "out")
@@ -197,7 +197,7 @@ def test_weights_that_are_not_finite_are_refused(tmp_path):
 
 def test_another_start_does_not_go_on_in_the_folder(tmp_path):
     data, recipe = made_up(), tiny(start=str(tmp_path / "first"))
-    with pytest.raises(InvalidInputError, match="holds no checkpoint"):
+    with pytest.raises(InvalidInputError, match="contains no checkpoint"):
         train(recipe, data, tmp_path / "second")
     train(tiny(), data, tmp_path / "first")
     train(recipe, data, tmp_path / "second")
@@ -265,7 +265,7 @@ def test_a_table_is_what_was_written_with_the_state(tmp_path, name):
     table = tmp_path / "out" / name
     head, first, *rest = table.read_text().splitlines()
     table.write_text("\n".join([head, first.replace(".", ".1", 1), *rest]) + "\n")
-    with pytest.raises(InvalidInputError, match="its tables are not those that were written"):
+    with pytest.raises(InvalidInputError, match="its tables do not match the saved state"):
         train(tiny(), made_up(), tmp_path / "out")
 
 
@@ -331,7 +331,7 @@ def test_two_processes_train_as_one_and_resume(tmp_path):
     both, alone = (weights(tmp_path / name) for name in ("whole", "alone"))
     way = max(float((start[name] - alone[name]).abs().max()) for name in alone)
     assert max(float((both[name] - alone[name]).abs().max()) for name in alone) < 0.05 * way
-    with pytest.raises(RunConflictError, match=r"processes is 2 there and 1 here. Go on with as many processes,"):
+    with pytest.raises(RunConflictError, match=r"processes is 2 there and 1 here. Continue with as many processes,"):
         train(tiny(**changes), made_up(), tmp_path / "whole")
 
 
@@ -539,7 +539,7 @@ def test_frozen_eyes_stay_as_they_began(tmp_path):
 def test_a_start_of_another_family_is_one_line(tmp_path):
     train(tiny(), made_up(), tmp_path / "first")
     recipe = tiny(**PIXELS, start=str(tmp_path / "first"))
-    with pytest.raises(InvalidInputError, match="another network") as caught:
+    with pytest.raises(InvalidInputError, match="do not fit its recipe") as caught:
         train(recipe, pictured(tmp_path / "frames"), tmp_path / "second")
     assert "\n" not in str(caught.value)
 

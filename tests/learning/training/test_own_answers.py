@@ -152,7 +152,7 @@ def test_it_is_shown_what_its_training_shows_with_the_same_question(tmp_path, mo
 
 def test_only_failed_trials_are_asked_about_if_that_is_wanted(learner, run, diagnosis):
     passed = replace(diagnosis, trials=tuple(t for t in diagnosis.trials if t.success))
-    with pytest.raises(InvalidInputError, match="no trial is left"):
+    with pytest.raises(InvalidInputError, match="no trials are left"):
         ask_about_run(
             learner, run, passed, open_photos=lambda: ViewRenderer(run, size=SIZE, quality="fast"), failures_only=True
         )
@@ -163,9 +163,7 @@ def test_another_learner_than_that_which_played_is_refused(run, diagnosis, tmp_p
         return ask_about_run(other, run, diagnosis, open_photos=lambda: ViewRenderer(run, size=SIZE, quality="fast"))
 
     stranger = Learner.load(_written(tmp_path / "a", seed=7))
-    with pytest.raises(
-        InvalidInputError, match=r"was played by other weights.*Name the checkpoint that played the run"
-    ):
+    with pytest.raises(InvalidInputError, match=r"is a run of other weights.*Name the checkpoint of the run"):
         ask(stranger)
     with pytest.raises(InvalidInputError, match=r"trained without questions.*co_training"):
         ask(Learner.load(_written(tmp_path / "b", answers=())))

@@ -122,7 +122,9 @@ def test_weights_are_used_with_the_code_that_they_were_trained_with(load, tmp_pa
     load(DEEP.replace("amax(1)", "amin(1)"))
     with pytest.raises(InvalidInputError, match=r"was defined by sha256 .*task_files"):
         read_checkpoint(result.checkpoint)
-    with pytest.raises(BetterError, match=r"another training: .*learner.*Go on with the learner.s file as it was"):
+    with pytest.raises(
+        BetterError, match=r"another training: .*learner.*Continue with the original file of the learner"
+    ):
         train(tiny(**DEEP_RECIPE), made_up(), tmp_path / "out")
     load("")
     with pytest.raises(InvalidInputError, match=r"Unknown family 'deep_sets'.*--task-file"):
@@ -219,7 +221,7 @@ WRONG = {
         "DeepSets(LearnerNetwork): pass\n\n@learner('deep_sets', sees='objects')\nclass Again(",
         "twice",
     ),
-    "late": (LAST, "        self.late = torch.nn.Linear(16, 16)\n" + LAST, "late.bias was not there after build"),
+    "late": (LAST, "        self.late = torch.nn.Linear(16, 16)\n" + LAST, "late.bias was created after build"),
     "tied": (
         "self.keep_scale(",
         "self.tied = self.word\n        self.keep_scale(",
@@ -230,7 +232,7 @@ WRONG = {
     "loss": (
         LAST,
         LAST + "\n    def loss(self, shown, actions, counted):\n        return 1.0\n",
-        "its loss is no number",
+        "its loss is not a scalar",
     ),
     "in loss": (
         LAST,
@@ -244,7 +246,7 @@ WRONG = {
     ),
     "sparse": ("nn.Embedding(words, width)", "nn.Embedding(words, width, sparse=True)", "of word.weight is sparse"),
     "lazy": ("self.last = ", "self.lazy = torch.nn.LazyLinear(3)\n        self.last = ", "lazy.weight is not known"),
-    "extra": (LAST, LAST + "\n    def get_extra_state(self):\n        return {}\n", "is no tensor"),
+    "extra": (LAST, LAST + "\n    def get_extra_state(self):\n        return {}\n", "not a tensor"),
     "scale": ('"position", 3', '"position", 4', r"no scale 'position' of 4 numbers .*\(\"position\", 3\)"),
     "name of scale": ('"position", 3', '"tools", 3', "no scale 'tools' of 3"),
     "in build": ("self.word = ", "self.word = 1 / 0 or ", r"mine.py, line \d+: ZeroDivisionError"),

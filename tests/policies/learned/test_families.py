@@ -93,7 +93,7 @@ def test_two_files_cannot_have_the_same_family(load):
 
 
 def test_a_name_of_our_own_is_not_taken_from_python_either():
-    with pytest.raises(InvalidInputError, match="has a family of this name"):
+    with pytest.raises(InvalidInputError, match="is the name of a built-in family"):
         learner("pixels", sees="pixels")(object)
 
 

@@ -25,12 +25,12 @@ def clean(monkeypatch):
 @pytest.mark.parametrize(
     ("variables", "said"),
     [
-        ({"MUJOCO_GL": "foo"}, "MUJOCO_GL: 'foo' is no OpenGL back end (known: egl, osmesa, glfw). Unset it, or"),
-        ({"MUJOCO_GL": "off"}, "MUJOCO_GL: 'off' turns drawing off. Unset it, or set it to egl."),
-        ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL: 'glfw' draws in a window, and no display is named by DISPLAY."),
+        ({"MUJOCO_GL": "foo"}, "MUJOCO_GL: 'foo' is not an OpenGL back end (known: egl, osmesa, glfw). Unset it, or"),
+        ({"MUJOCO_GL": "off"}, "MUJOCO_GL: 'off' disables rendering. Unset it, or set it to egl."),
+        ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL: 'glfw' needs a window, but DISPLAY names no display."),
         ({"PYOPENGL_PLATFORM": "osmesa"}, "images are drawn with 'egl', the back end found here. Unset it"),
-        ({"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"}, "drawn with 'egl', as MUJOCO_GL says. Unset it"),
-        ({"MUJOCO_GL": "osmesa"}, "that library cannot be loaded. Unset it, which takes 'egl', or run: apt-get"),
+        ({"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"}, "rendered with 'egl', from MUJOCO_GL. Unset it"),
+        ({"MUJOCO_GL": "osmesa"}, "that library cannot be loaded. Unset it, to use 'egl', or run: apt-get"),
     ],
 )  # fmt: skip
 def test_the_variable_is_named_with_its_cure(clean, variables, said):

@@ -91,8 +91,8 @@ def test_another_back_end_has_no_devices(four, monkeypatch, backend):
         ("7", 1, "_ID: it is 7, and this machine has one EGL device, number 0. Unset it, or set it to 0."),
         ("-1", 3, "it is -1, and EGL has the devices 0 to 2 here. Unset it, or set it to a number from 0 to 2."),
         ("", 1, "MUJOCO_EGL_DEVICE_ID: it is empty; this machine has one EGL device"),
-        ("GPU-5ebe9f43", 2, "'GPU-5ebe9f43' is no number of an EGL device; EGL has the devices 0 to 1 here."),
-        ("0,1", 2, "'0,1' is no number of an EGL device"),
+        ("GPU-5ebe9f43", 2, "'GPU-5ebe9f43' is not the number of an EGL device; EGL has the devices 0 to 1 here."),
+        ("0,1", 2, "'0,1' is not the number of an EGL device"),
     ],
 )  # fmt: skip
 def test_a_wrong_device_is_named_with_what_to_set(four, monkeypatch, chosen, count, said):

@@ -74,7 +74,7 @@ def test_a_missing_file_is_named_and_drawn_by_the_command_that_is_told(recorded,
     assert f"1 file missing or wrong: fast_food/train1/1/{NAME} is missing." in told
     assert check("--trial", "fast_food/train1/0")[0] == 0
     assert f"fast_food/train1/1/{NAME} is missing" in check("--trial", "fast_food/train1/1")[1]
-    _, _, command = told.partition("This draws what is missing or wrong: ")
+    _, _, command = told.partition("To render them again: ")
     verb, *words = shlex.split(command)
     assert (Path(verb).name, main(words), check()[0]) == ("better", 0, 0)
 
@@ -96,7 +96,7 @@ def test_a_file_of_other_views_modalities_or_presets_is_named_and_drawn_again(
     for wanted, said in (
         (Wanted((ViewSpec("front", 48, 32),), ("boxes",)), "shows another view (front:48x32)"),
         (Wanted((VIEW,), ("depth",)), "holds depth instead of boxes"),
-        (Wanted((VIEW,), ("boxes",), "fast"), "was drawn by the preset fast instead of standard"),
+        (Wanted((VIEW,), ("boxes",), "fast"), "was rendered with the preset fast instead of standard"),
     ):
         materialize_run(recorded.run, wrong, wanted, trials=[TrialId("fast_food", "train1", 0)])
         shutil.copy(place(wrong, 0).with_name(f"{wanted.views[0].name}.parquet"), place(folder, 0))
@@ -119,7 +119,7 @@ def test_a_file_that_was_damaged_behind_its_header_is_named_and_drawn_again(
     assert (done.files, done.kept) == (1, 1)
     assert place(folder, 0).read_bytes() == right
     assert f"{place(folder, 0)} is damaged (" in caplog.text
-    assert "It is drawn again" in caplog.text
+    assert "It is rendered again" in caplog.text
 
 
 def test_files_that_the_run_does_not_ask_for_are_named(folder, check):
@@ -129,7 +129,7 @@ def test_files_that_the_run_does_not_ask_for_are_named(folder, check):
     assert status == EXIT_BAD_INPUT
     assert f"fast_food/train1/7/{NAME} is of fast_food/train1/1 by reaching, which is no recorded trial" in told
     assert f"Move {place(folder, 1).with_name('notes.parquet')}; {place(folder, 7)} away." in told
-    assert "This draws" not in told
+    assert "To render" not in told
     assert check("--trial", "fast_food/train1/0")[0] == 0
 
 
@@ -145,7 +145,7 @@ def test_a_folder_of_another_run_is_no_folder_of_this_one(recorded, folder, chec
         )
     status, told = check(run=other.path)
     assert status == EXIT_BAD_INPUT
-    assert "holds no file of a record of" in told
+    assert "contains no file of a record of" in told
     assert "the first is of fast_food/train1/0 by reaching. Name the run that the files were drawn of" in told
     assert "Delete" not in told
 
@@ -154,7 +154,7 @@ def test_a_check_with_other_options_than_the_folder_has_is_refused(check):
     for words in (["--camera", "wrist:49x32"], ["--camera", VIEW.text, "--modality", "depth"]):
         status, told = check(*words)
         assert status == EXIT_BAD_INPUT
-        assert "holds other modalities" in told
+        assert "holds another set of modalities" in told
     assert "fast_food/train1/77 is not recorded" in check("--trial", "fast_food/train1/77")[1]
 
 
@@ -197,5 +197,5 @@ def test_settings_bind_a_folder_as_soon_as_it_holds_a_file(folder, tmp_path):
     part.parent.mkdir(parents=True)
     part.write_bytes(b"half")
     for begun in (out, folder):
-        with pytest.raises(RunConflictError, match="holds other modalities"):
+        with pytest.raises(RunConflictError, match="holds another set of modalities"):
             ModalityFolder(begun, Wanted((VIEW,), ("depth",)))

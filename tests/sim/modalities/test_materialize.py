@@ -140,7 +140,7 @@ def test_it_resumes_to_the_same_bytes_and_keeps_what_is_there(recorded, made, tm
     shutil.copytree(made, again)
     place(again, VIEWS[0]).unlink()
     place(again, VIEWS[1], seed=1).write_bytes(b"PAR1 torn")
-    (place(again, VIEWS[0]).parent / f".{VIEWS[0].name}.parquet.x.part").write_bytes(b"half")
+    (place(again, VIEWS[0]).parent / f".{VIEWS[0].name}.parquet.abcd1234.part").write_bytes(b"half")
     done = materialize_run(recorded.run, again, Wanted((*VIEWS, PLACED)))
     assert (done.files, done.kept) == (2, 4)
     assert hashes(again) == hashes(made)

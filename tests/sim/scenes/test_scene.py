@@ -299,7 +299,7 @@ def test_an_instruction_without_its_object_stops_the_run():
     """O1 has one burger and a block: both burgers cannot be packed."""
     condition = condition_of("fast_food", "O1").with_(instruction=condition_of("fast_food", "T2").instruction)
     s = build_scene(condition)
-    with pytest.raises(PremiseError, match="names 'burger', but the scene holds 1 of 2"):
+    with pytest.raises(PremiseError, match="names 'burger', but the scene has 1 of 2"):
         s.reset()
     s.reset(check_premise=False)
 

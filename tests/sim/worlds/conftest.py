@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import start_code
 
 
 @pytest.fixture(scope="module")

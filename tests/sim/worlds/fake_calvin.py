@@ -25,7 +25,7 @@ import numpy as np
 from fake_faults import fail, fault_due
 
 import betterbench
-from betterbench.sim.worlds.calvin_simulator import CalvinSimulator
+from betterbench.sim.worlds.calvin.simulator import CalvinSimulator
 from betterbench.sim.worlds.simulator_loop import answer_requests
 
 ROBOT, TABLE = 0, 5

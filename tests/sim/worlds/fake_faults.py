@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from betterbench.sim.worlds import simulator_loop
+from betterbench.jobs import frames
 
 
 def fault_due(here):
@@ -64,7 +64,7 @@ SENT = {f.__name__.replace("_", " "): f for f in (twice, slowly, half, half_and_
 
 def answer_with(way):
     """Let the next answer be sent in some way."""
-    plain = simulator_loop.send_frame
+    plain = frames.send_frame
 
     class Kept:
         def __init__(self):
@@ -74,11 +74,11 @@ def answer_with(way):
             self.frame += frame
 
     def send(link, document, arrays, **named):
-        simulator_loop.send_frame, kept = plain, Kept()
+        frames.send_frame, kept = plain, Kept()
         plain(kept, document, arrays, **named)
         way(link, kept.frame)
 
-    simulator_loop.send_frame = send
+    frames.send_frame = send
 
 
 def fail(kind):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ import pytest
 import betterbench
 from betterbench.cli.main import VERBS
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError
-from betterbench.evaluation.planning import world_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import EpisodeStart, observation_spec
 from betterbench.interface.actions import ACTION_SPACES, EE_DELTA
 from betterbench.policies.address import CAMERA, CONSTANT
@@ -20,6 +21,7 @@ from betterbench.policies.clients.remote import AdaptedPolicy, check_start
 from betterbench.policies.conventions.handshake import Declaration
 from betterbench.policies.conventions.presets import PRESETS, adapter_of, presets_in
 from betterbench.policies.kinds import KINDS, read_address
+from betterbench.sim.worlds import all_worlds, world_named
 
 SOURCES = Path(betterbench.__path__[0])
 ADVISING = ("policies", "sim/worlds", "evaluation/planning", "evaluation/trials", "evaluation/preflight")
@@ -36,21 +38,13 @@ def _accept(*_, **__):
     raise AcceptedError
 
 
-def in_libero(policy):
-    world_plan.make_world_plan(policy, suite="libero_object", command=["none"])
-
-
-def in_calvin(policy):
-    world_plan.make_chain_plan(policy, suite="calvin", command=["none"])
-
-
-WORLDS = pytest.mark.parametrize("planned", [in_libero, in_calvin])
+WORLDS = pytest.mark.parametrize("world", [world.name for world in all_worlds() if world.dialect])
 
 
 @pytest.fixture(autouse=True)
 def _worlds_that_only_accept(monkeypatch):
-    monkeypatch.setattr(world_plan, "_described", _accept)
-    monkeypatch.setattr(world_plan, "describe_chains", _accept)
+    for world in all_worlds():
+        monkeypatch.setattr(type(world), "plan", _accept)
 
 
 def addresses_advised(address: str, message: str) -> list[str]:
@@ -66,10 +60,10 @@ def addresses_advised(address: str, message: str) -> list[str]:
     return ["&".join((f"{name}?preset={preset}", *rest)) for preset in presets]
 
 
-def refusal(planned, policy: str) -> str:
+def refusal(world: str, policy: str) -> str:
     """Return why a policy is refused, or an empty text if it is not."""
     try:
-        planned(policy)
+        make_world_plan(policy, suite=next(iter(world_named(world).facts.suites)))
     except AcceptedError:
         return ""
     except InvalidInputError as error:
@@ -79,16 +73,16 @@ def refusal(planned, policy: str) -> str:
 
 @WORLDS
 @EACH_PRESET
-def test_every_preset_is_taken_by_a_world_or_the_message_leads_to_one_that_is(planned, preset):
+def test_every_preset_is_taken_by_a_world_or_the_message_leads_to_one_that_is(world, preset):
     for scheme in SERVERS:
-        follow(planned, f"{scheme}://127.0.0.1:9?preset={preset}&horizon=3")
+        follow(world, f"{scheme}://127.0.0.1:9?preset={preset}&horizon=3")
 
 
-def follow(planned, address):
+def follow(world, address):
     left, seen = [address], set()
     while left:
         address = left.pop()
-        message = refusal(planned, address)
+        message = refusal(world, address)
         if not message:
             continue
         seen.add(address)
@@ -112,18 +106,18 @@ def follow(planned, address):
     ],
 )
 def test_a_preset_that_translates_is_refused_with_its_layout(preset, layout):
-    message = refusal(in_libero, f"openpi://127.0.0.1:9?preset={preset}")
-    assert f"the preset {preset} translates" in message
+    message = refusal("libero", f"openpi://127.0.0.1:9?preset={preset}")
+    assert f"the preset {preset} converts our scenes" in message
     assert message.endswith(f"Give preset={layout}.")
-    assert refusal(in_libero, f"openpi://127.0.0.1:9?preset={layout}") == ""
+    assert refusal("libero", f"openpi://127.0.0.1:9?preset={layout}") == ""
 
 
 def test_a_world_is_not_played_in_another_space():
-    message = refusal(in_libero, "openpi://127.0.0.1:9?preset=openpi_droid")
-    assert "openpi_droid answers in joint_delta, which LIBERO does not play. Give preset=NAME (" in message
-    assert refusal(in_libero, "http://127.0.0.1:9/act?preset=x_vla") == ""
-    assert refusal(in_libero, "gr00t://127.0.0.1:9") == ""
-    assert refusal(in_libero, "lerobot:some/checkpoint") == ""
+    message = refusal("libero", "openpi://127.0.0.1:9?preset=openpi_droid")
+    assert "openpi_droid answers in joint_delta, which LIBERO does not support. Give preset=NAME (" in message
+    assert refusal("libero", "http://127.0.0.1:9/act?preset=x_vla") == ""
+    assert refusal("libero", "gr00t://127.0.0.1:9") == ""
+    assert refusal("libero", "lerobot:some/checkpoint") == ""
 
 
 @pytest.mark.parametrize("preset", presets_in(""))
@@ -188,24 +182,31 @@ def texts_of(file: Path) -> list[str]:
     return found
 
 
-FILES = [file for name in ADVISING for file in sorted((SOURCES / name).rglob("*.py"))]
-TEXTS = [(file.name, text) for file in FILES for text in texts_of(file) if " " in text]
-FLAGS = {
-    name.replace("_", "-")
-    for file in (SOURCES / "cli").rglob("*.py")
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-    for name in (
-        [node.target.id] if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-        else [node.arg] if isinstance(node, ast.arg)
-        else []
-    )
-}  # fmt: skip
+@functools.cache
+def texts() -> list[tuple[str, str]]:
+    """Return the texts of several words of the packages that advise, with the names of their files."""
+    files = [file for name in ADVISING for file in sorted((SOURCES / name).rglob("*.py"))]
+    return [(file.name, text) for file in files for text in texts_of(file) if " " in text]
+
+
+@functools.cache
+def flags() -> set[str]:
+    """Return the names of all fields and arguments of the command line, as flags."""
+    nodes = [
+        node
+        for file in (SOURCES / "cli").rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+    ]
+    fields = [n.target.id for n in nodes if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)]
+    return {name.replace("_", "-") for name in (*fields, *(n.arg for n in nodes if isinstance(n, ast.arg)))}
+
+
 NOT_OURS = {"upgrade", "key", "device", "ahead", "size", "ee_offset", "python", "init", "recursive"}
 """Of pip, uv and git, and where a message repeats what it was given."""
 
 
 def advised_in_words(pattern: str) -> set[tuple[str, str]]:
-    return {(name, word) for name, text in TEXTS for word in re.findall(pattern, text)}
+    return {(name, word) for name, text in texts() for word in re.findall(pattern, text)}
 
 
 def test_every_option_that_is_advised_exists():
@@ -219,12 +220,12 @@ def test_every_option_that_is_advised_exists():
 def test_every_flag_that_is_advised_exists():
     found = advised_in_words(r"(?<![\w-])--([a-z][a-z-]*)")
     assert {("remote.py", "allow-changed-policy"), ("handshake.py", "action-space")} <= found
-    assert {(f, w) for f, w in found if w not in FLAGS | NOT_OURS} == set()
+    assert {(f, w) for f, w in found if w not in flags() | NOT_OURS} == set()
 
 
 def test_every_verb_that_is_advised_exists():
     found = advised_in_words(r"(?:[Rr]un|[Gg]ive|as|with|:) `?better ([a-z][a-z-]*)")
-    assert {("registry.py", "worlds"), ("lerobot.py", "serve"), ("adapter.py", "doctor")} <= found
+    assert {("installation.py", "worlds"), ("lerobot.py", "serve"), ("adapter.py", "doctor")} <= found
     assert {(f, w) for f, w in found if w not in VERBS} == set()
 
 
@@ -234,5 +235,5 @@ def test_every_preset_that_is_advised_in_words_exists():
 
 
 def test_the_space_of_libero_is_the_one_that_its_presets_are_compared_with():
-    assert refusal(in_libero, "openpi://127.0.0.1:9?preset=openpi_libero") == ""
+    assert refusal("libero", "openpi://127.0.0.1:9?preset=openpi_libero") == ""
     assert PRESETS["openpi_libero"].answer.space == EE_DELTA.name

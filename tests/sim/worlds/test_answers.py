@@ -1,4 +1,4 @@
-"""Answers of policy servers in foreign worlds: what is played is what the field's own client would play."""
+"""Answers of policy servers in other worlds: what is played is what the field's own client would play."""
 
 from types import SimpleNamespace
 
@@ -17,7 +17,7 @@ from betterbench.policies.conventions.libero import BASES_M
 from betterbench.policies.conventions.presets import PRESETS, adapter_of
 from betterbench.policies.kinds import kind_of, read_address
 from betterbench.sim.worlds.calvin import ChainScene
-from betterbench.sim.worlds.calvin_simulator import CalvinSimulator
+from betterbench.sim.worlds.calvin.simulator import CalvinSimulator
 
 BORDERS = (-1.0, -1e-3, 0.0, 0.2, 0.5, np.nextafter(0.5, 1.0), 0.79, 0.8, 0.81, 1.0)
 """Numbers for the gripper, with each at which a client of the field decides."""
@@ -124,7 +124,7 @@ def test_calvin_is_given_what_the_client_of_the_field_gives_it(name, monkeypatch
     np.testing.assert_array_equal(played[:, -1], given[:, -1])
 
 
-def test_every_preset_of_a_foreign_world_is_compared_with_a_client():
+def test_every_preset_of_another_world_is_compared_with_a_client():
     translating = {name for name in PRESETS if name.endswith(tuple(f"_{suite}" for suite in BASES_M))}
     ours = {"native", "openpi_droid", "gr00t_new_embodiment", "gr00t_oxe_widowx", "gr00t_oxe_droid"}
     assert PRESETS.keys() - CALVIN_PRESETS.keys() - translating - ours == clients_answers.LIBERO.keys()
@@ -194,7 +194,7 @@ def test_units_and_polarity_of_an_adapter_are_turned_into_calvins():
     row = np.array([0.02, 0.0, -0.01, 0.05, 0.0, 0.1, 1.0])
     adapter = Adapter("mine", (), (), PRESETS["native"].instruction, rule)
     np.testing.assert_allclose(adapter.actions({"a": row}, seen())[0], [1.0, 0.0, -0.5, 1.0, 0.0, 2.0, -1.0])
-    with pytest.raises(InvalidInputError, match=r"calvin_relative adds angles, and axis_angle has none"):
+    with pytest.raises(InvalidInputError, match=r"calvin_relative adds angles, but axis_angle has none"):
         AnswerRule("calvin_relative", parts, rotation="axis_angle")
 
 
@@ -217,11 +217,15 @@ def test_an_address_says_that_answers_are_calvins():
             "calvin",
             r"openpi_droid answers in joint_delta, .* Give preset=NAME \(starvla_calvin",
         ),
-        ("being-h://host?preset=being_h_libero", "calvin", r"answers in ee_delta, which CALVIN does not play"),
+        ("being-h://host?preset=being_h_libero", "calvin", r"answers in ee_delta, which CALVIN does not support"),
         ("starvla://host?preset=starvla_calvin", "", r"answers in calvin_relative, .* --suite calvin"),
-        ("starvla://host?preset=starvla_calvin", "libero", r"answers in calvin_relative, which LIBERO does not play"),
+        (
+            "starvla://host?preset=starvla_calvin",
+            "libero",
+            r"answers in calvin_relative, which LIBERO does not support",
+        ),
         ("vla-eval://host?preset=vla_eval_absolute", "", r"answers in libero_absolute, .* --suite libero_object"),
-        ("openpi://host?preset=openpi_droid", "libero", r"which LIBERO does not play"),
+        ("openpi://host?preset=openpi_droid", "libero", r"which LIBERO does not support"),
     ],
 )
 def test_a_preset_of_another_world_is_refused_with_one_that_exists(address, world, text):

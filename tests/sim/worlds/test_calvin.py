@@ -18,12 +18,12 @@ from betterbench.errors import (
 )
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import make_plan
-from betterbench.evaluation.planning.world_plan import make_chain_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
 from betterbench.records import RunFolder
-from betterbench.sim.worlds import WorldProcesses, calvin_command, process
-from betterbench.sim.worlds.calvin import checkout_root, from_euler
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds import WorldProcesses, process
+from betterbench.sim.worlds.calvin import calvin_command, checkout_root, from_euler
+from betterbench.sim.worlds.installation import start_code
 from betterbench.tasks.worlds.calvin import calvin_chains, resampled_start_of, start_of, subtasks
 from betterbench.tasks.worlds.calvin.resampling import APART_M, TRAINING_RANGE
 from betterbench.tasks.worlds.calvin.starts import BLOCKS
@@ -86,7 +86,7 @@ def plan_of(command, tmp_path_factory):
         file.write_text(f"CANNOT = {set(cannot) or 'set()'}\n{POLICY}")
         options = {"trials": 3, **options}
         options.setdefault("command", command)
-        return make_chain_plan(options.pop("policy", f"python:{file}:Reads"), suite=suite, **options)
+        return make_world_plan(options.pop("policy", f"python:{file}:Reads"), suite=suite, **options)
 
     return plan
 
@@ -117,7 +117,7 @@ def test_a_chain_is_one_trial_whose_instruction_changes(undisturbed):
 
 
 def test_a_chain_ends_with_the_first_subtask_that_takes_too_long(plan_of, tmp_path, monkeypatch):
-    monkeypatch.setattr("betterbench.sim.worlds.calvin.STEPS_PER_SUBTASK", 7)
+    monkeypatch.setattr("betterbench.sim.worlds.calvin.world.STEPS_PER_SUBTASK", 7)
     third = calvin_chains()[0].subtasks[2].instruction
     record = next(evaluate(plan_of([third], trials=1), tmp_path / "run", workers=1, envs=1).records())
     assert not record.outcome.success
@@ -191,7 +191,7 @@ def test_actions_are_applied_as_they_are_and_counted(plan_of, tmp_path):
     file.write_text(FAR)
     plan = plan_of(policy=f"python:{file}:Far", trials=1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("betterbench.sim.worlds.calvin.STEPS_PER_SUBTASK", 10)
+        patch.setattr("betterbench.sim.worlds.calvin.world.STEPS_PER_SUBTASK", 10)
         record = next(evaluate(plan, tmp_path / "run", workers=1, envs=1).records())
     assert record.action[1:, 0].tolist() == [-1.8] * 10
     assert record.outcome.clipped_actions == 10
@@ -283,7 +283,7 @@ def test_a_scene_that_is_elsewhere_stops_the_run(plan_of, tmp_path, monkeypatch)
     monkeypatch.setenv("FAKE_SHIFT", "0.04")
     with pytest.raises(PremiseError, match=r"chain 0: the red block is 40 mm from its place.*--calvin-config"):
         evaluate(plan_of(trials=1), tmp_path / "refused")
-    run = evaluate(plan_of(trials=1, refuse_broken=False), tmp_path / "run")
+    run = evaluate(plan_of(trials=1, broken_premises="run"), tmp_path / "run")
     assert "red block is 40 mm" in next(run.records()).metadata.engine["scene_broken_premises"]
 
 
@@ -400,7 +400,7 @@ def test_euler_angles_are_bullet_s():
 
 @pytest.mark.slow
 def test_a_thousand_chains_run_to_the_numbers_that_are_known(plan_of, tmp_path, monkeypatch):
-    monkeypatch.setattr("betterbench.sim.worlds.calvin.STEPS_PER_SUBTASK", 6)
+    monkeypatch.setattr("betterbench.sim.worlds.calvin.world.STEPS_PER_SUBTASK", 6)
     cannot = {"open_drawer", "lift_red_block_table", "stack_block"}
     sentences = [s.instruction for s in subtasks() if s.name in cannot]
     run = evaluate(plan_of(sentences, trials=None), tmp_path / "run", workers=1, envs=1)

@@ -10,11 +10,11 @@ import subprocess
 import numpy as np
 import pytest
 
-from betterbench.evaluation.planning.world_plan import make_chain_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface.actions import CALVIN_RELATIVE
 from betterbench.sim.worlds import WorldProcesses, world_named
+from betterbench.sim.worlds.installation import start_code
 from betterbench.sim.worlds.process import WorldError
-from betterbench.sim.worlds.registry import start_code
 from betterbench.tasks.worlds.calvin import calvin_chains, start_of
 
 CAMERA = "calvin_env.envs.play_table_env.Camera"
@@ -138,7 +138,7 @@ class PlayTableSimEnv:
 
 def _python() -> str:
     named = os.environ.get("BETTER_CALVIN_PYTHON")
-    world = world_named("calvin")
+    world = world_named("calvin").installation
     if named is None and not world.is_installed:
         pytest.skip("`better worlds install calvin` or BETTER_CALVIN_PYTHON")
     return named or str(world.folder / "bin" / "python")
@@ -159,7 +159,7 @@ def command(tmp_path_factory):
 
 
 def _command(checkout):
-    return (_python(), "-c", start_code("betterbench.sim.worlds.calvin_simulator"), str(checkout), "", "")
+    return (_python(), "-c", start_code("betterbench.sim.worlds.calvin.simulator"), str(checkout), "", "")
 
 
 def _checkout(checkout):
@@ -178,11 +178,11 @@ def _checkout(checkout):
 
 
 def _plan(checkout):
-    return make_chain_plan("python:none.py:None", suite="calvin", command=_command(checkout))
+    return make_world_plan("python:none.py:None", suite="calvin", command=_command(checkout))
 
 
 def _scene(command, processes, number):
-    plan = make_chain_plan("python:none.py:None", suite="calvin", command=command, trials=2)
+    plan = make_world_plan("python:none.py:None", suite="calvin", command=command, trials=2)
     return plan.world.open_scene(
         processes, task="calvin", condition="base", seed=number, action_space=CALVIN_RELATIVE, images=True
     )

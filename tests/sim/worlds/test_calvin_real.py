@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from betterbench.evaluation.planning.world_plan import make_chain_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface.actions import CALVIN_RELATIVE
-from betterbench.sim.worlds import WorldProcesses, calvin_command, world_named
-from betterbench.sim.worlds.calvin import checkout_root
+from betterbench.sim.worlds import WorldProcesses, world_named
+from betterbench.sim.worlds.calvin import calvin_command, checkout_root
 from betterbench.tasks.worlds.calvin import calvin_chains, start_of
 
 STEPS = 60
@@ -56,10 +56,10 @@ def _actions(number):
 @pytest.mark.slow
 @pytest.mark.parametrize("egl", [False, True])
 def test_every_chain_is_bit_for_bit_what_a_fresh_calvin_env_does(tmp_path, egl):
-    named, world = os.environ.get("BETTER_CALVIN_ENV"), world_named("calvin")
+    named, world = os.environ.get("BETTER_CALVIN_ENV"), world_named("calvin").installation
     if named is None or not world.is_installed:
         pytest.skip("`better worlds install calvin` and BETTER_CALVIN_ENV")
-    plan = make_chain_plan("python:none.py:None", suite="calvin", command=calvin_command(Path(named), None, egl=egl))
+    plan = make_world_plan("python:none.py:None", suite="calvin", command=calvin_command(Path(named), None, egl=egl))
     processes = WorldProcesses(plan.world.command)
     for number in (7, 8, 7):
         start = start_of(calvin_chains()[number].start)

@@ -13,7 +13,7 @@ from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.sim.graphics import devices
 from betterbench.sim.graphics.devices import EglDevice
 from betterbench.sim.worlds.environment import python_environment, simulator_environment
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import start_code
 
 CARD = "GPU-5ebe9f43-ac33-420d-1628-8a0dd6a1ffc6"
 SLURM = [
@@ -115,7 +115,7 @@ def test_the_log_file_of_another_user_is_not_opened(tmp_path):
         (tmp_path / name).write_text(text.replace("{log!r}", repr(str(log))))
     plain = subprocess.run([sys.executable, "-c", "import robosuite"], cwd=tmp_path, check=False, capture_output=True)
     assert b"robosuite.log" in plain.stderr
-    begin = start_code("betterbench.sim.worlds.libero_simulator").replace(
+    begin = start_code("betterbench.sim.worlds.libero.simulator").replace(
         "import main\nmain()", "import set_robosuite_macros"
     )
     code = f"{begin}set_robosuite_macros()\nimport robosuite\nassert robosuite.macros.FILE_LOGGING_LEVEL is None"

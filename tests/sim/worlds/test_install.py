@@ -25,9 +25,10 @@ if (folder / "fails").exists():
     sys.exit("no matching distribution")
 """
 
-INSTALL = (
-    "from betterbench.sim.worlds import world_named\nprint(world_named('calvin').install(waits=lambda: print('waits')))"
-)
+INSTALL = """
+from betterbench.sim.worlds import world_named
+print(world_named('calvin').installation.install(waits=lambda: print('waits')))
+"""
 
 
 @pytest.fixture
@@ -64,7 +65,7 @@ def test_of_two_installations_at_once_the_second_waits_and_finds_it_made(folder)
     second = _started()
     assert second.stdout.readline() == "waits\n"
     (folder / "go on").touch()
-    where = f"{world_named('calvin').folder}\n"
+    where = f"{world_named('calvin').installation.folder}\n"
     assert first.communicate()[0] == where
     assert second.communicate()[0] == where
     assert _steps(folder) == ["venv", "pip"]
@@ -79,7 +80,7 @@ def test_a_step_that_outlives_its_installation_is_waited_for(folder):
     assert second.stdout.readline() == "waits\n"
     assert _steps(folder) == ["venv"]
     (folder / "go on").touch()
-    assert second.communicate()[0] == f"{world_named('calvin').folder}\n"
+    assert second.communicate()[0] == f"{world_named('calvin').installation.folder}\n"
     assert _steps(folder) == ["venv", "venv", "pip"]
 
 
@@ -87,7 +88,7 @@ def test_an_installation_that_fails_is_no_environment(folder):
     (folder / "go on").touch()
     (folder / "fails").touch()
     with pytest.raises(MissingDependencyError, match="uv says no matching distribution"):
-        world_named("calvin").install()
-    assert not world_named("calvin").is_installed
+        world_named("calvin").installation.install()
+    assert not world_named("calvin").installation.is_installed
     (folder / "fails").unlink()
-    assert (world_named("calvin").install() / "complete").exists()
+    assert (world_named("calvin").installation.install() / "complete").exists()

@@ -13,14 +13,14 @@ from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.conventions.in_libero import in_libero
 from betterbench.policies.conventions.presets import PRESETS
-from betterbench.sim.worlds import ForeignScene, WorldProcess, WorldProcesses, world_command, world_named
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds import ProcessScene, WorldProcess, WorldProcesses, world_named
+from betterbench.sim.worlds.installation import start_code
 from betterbench.sim.worlds.scene import quat2axisangle
 from betterbench.tasks.worlds.libero_plus import read_variant
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not world_named("libero").is_installed, reason="better worlds install libero"),
+    pytest.mark.skipif(not world_named("libero").is_ready, reason="better worlds install libero"),
 ]
 
 STEPS = 3
@@ -52,12 +52,12 @@ np.savez(
 
 
 def test_a_request_has_the_bytes_that_the_clients_of_the_field_build(tmp_path):
-    world = world_named("libero")
+    world = world_named("libero").installation
     python = world.folder / "bin" / "python"
     subprocess.run([str(python), "-c", CLIENT, str(tmp_path / "seen.npz")], check=True, capture_output=True)
     plan = make_world_plan("noop", suite="libero_spatial", tasks=["5"], trials=1, seed=1)
     processes = WorldProcesses(world.command())
-    scene = ForeignScene(
+    scene = ProcessScene(
         plan.world, processes, task="libero_spatial-05", condition="base", seed=1, action_space=EE_DELTA, images=True
     )
     state = scene.reset()
@@ -102,7 +102,7 @@ env.sim.data.set_joint_qpos(joint, qpos)
 env.sim.forward()
 assert not env.env._eval_predicate(relation)
 """
-    python = world_named("libero").folder / "bin" / "python"
+    python = world_named("libero").installation.folder / "bin" / "python"
     subprocess.run([str(python), "-c", code], check=True, capture_output=True)
 
 
@@ -141,8 +141,8 @@ for _ in range(60):
 
 @pytest.mark.parametrize(("suite", "task"), [("libero_object", 0), ("libero_goal", 8), ("libero_10", 3)])
 def test_what_is_read_by_numbers_is_what_libero_and_mujoco_say(suite, task):
-    world = world_named("libero")
-    code = start_code("betterbench.sim.worlds.libero_simulator").replace(
+    world = world_named("libero").installation
+    code = start_code("betterbench.sim.worlds.libero.simulator").replace(
         "import main\nmain()", "import LiberoSimulator"
     )
     command = [str(world.folder / "bin" / "python"), "-c", code + READ, suite, str(task)]
@@ -164,7 +164,7 @@ def test_libero_draws_under_the_variables_of_slurm(monkeypatch, given):
     request = {"suite": "libero_object", "task": 0, "state": 0, "seed": 7, "settle": 1, "images": True, "size": 32}
     for name, value in given.items():
         monkeypatch.setenv(name, value)
-    with WorldProcess(world_named("libero").command()) as process:
+    with WorldProcess(world_named("libero").start_command()) as process:
         assert process.start(request)[1]["image_front"].std() > 5.0
 
 
@@ -184,10 +184,10 @@ np.savez(sys.argv[4], qpos=env.sim.data.qpos, rest=env.robots[0].controller.init
 """
 
 
-@pytest.mark.skipif(not world_named("libero_plus").is_installed, reason="better worlds install libero_plus")
+@pytest.mark.skipif(not world_named("libero_plus").is_ready, reason="better worlds install libero_plus")
 def test_variants_of_libero_plus_change_what_their_axis_says(tmp_path):
-    world = world_named("libero_plus")
-    code = start_code("betterbench.sim.worlds.libero_plus_simulator")
+    world = world_named("libero_plus").installation
+    code = start_code("betterbench.sim.worlds.libero_plus.simulator")
     code = code.replace("import main\nmain()", "import LiberoPlusSimulator") + SCENE
     task = "pick_up_the_alphabet_soup_and_place_it_in_the_basket"
     endings = {
@@ -224,9 +224,9 @@ def test_variants_of_libero_plus_change_what_their_axis_says(tmp_path):
     assert smooth < 0.7 * sharp
 
 
-@pytest.mark.skipif(not world_named("libero_plus").is_installed, reason="better worlds install libero_plus")
+@pytest.mark.skipif(not world_named("libero_plus").is_ready, reason="better worlds install libero_plus")
 def test_most_variants_of_libero_plus_run_with_the_assets_of_libero():
-    with WorldProcess(world_command("libero_plus")) as process:
+    with WorldProcess(world_named("libero_plus").start_command()) as process:
         said = process.suite("libero_plus_object")
     assert len(said["tasks"]) == 2518
     ready = Counter(read_variant(task["name"]).axis for task in said["tasks"] if not task["needs"])

@@ -15,16 +15,16 @@ from betterbench.comparison.across import gaps_of, read_suite_runs
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.planning.plus_plan import VariantChoice, make_plus_plan
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.report.outcomes import variation_rows
 from betterbench.report.pages.page import write_report
 from betterbench.report.pages.trust import trust_of
-from betterbench.sim.worlds import ForeignWorld, plus_command, world_named
-from betterbench.sim.worlds.libero_plus_noise import Noise
-from betterbench.sim.worlds.libero_plus_scene import ASSETS_VARIABLE
-from betterbench.sim.worlds.libero_plus_simulator import initial_states_in, seen_from
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds import world_named
+from betterbench.sim.worlds.installation import Installation, start_code
+from betterbench.sim.worlds.libero_plus import plus_command
+from betterbench.sim.worlds.libero_plus.noise import Noise
+from betterbench.sim.worlds.libero_plus.simulator import initial_states_in, seen_from
+from betterbench.sim.worlds.libero_plus.world import ASSETS_VARIABLE
 from betterbench.statistics import PairedTable, exchange_p, mcnemar_p
 from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES, suite_named
 from betterbench.tasks.worlds.libero_plus import AXES, TITLES, CameraView, axis_of, change_in_words, read_variant
@@ -41,10 +41,7 @@ def command():
 @pytest.fixture
 def plan_of(command):
     def plan(policy="noop", suite="libero_plus_object", steps=190, **options):
-        chosen = {name: options.pop(name) for name in ("axes", "variants", "sentences") if name in options}
-        make = make_plus_plan if suite in PLUS_SUITES else make_world_plan
-        options |= {"choice": VariantChoice(**chosen)} if suite in PLUS_SUITES else {}
-        made = make(policy, suite=suite, command=command, **{"tasks": ["0", "1"], **options})
+        made = make_world_plan(policy, suite=suite, command=command, **{"tasks": ["0", "1"], **options})
         protocol = replace(made.world.protocol, steps={"libero_object": steps})
         return replace(made, world=replace(made.world, protocol=protocol))
 
@@ -125,7 +122,7 @@ def test_a_plan_runs_each_variant_once_and_says_what_wants_the_assets(plan_of):
 
 
 def test_axes_variants_states_and_published_sentences_are_choices(plan_of):
-    plan = plan_of(axes=["camera", "layout"], variants=2, trials=3, seed=4, sentences="published")
+    plan = plan_of(axes=["camera", "layout"], variants=2, trials=3, seed=4, libero_plus_sentences="published")
     assert [(t.condition, t.seed) for t in plan.trials if t.task == "libero_object-00"] == [
         ("layout_level1_sample1", 0),
         *((f"camera_{around}_0_100_0_0", state) for around in (2, 20) for state in (4, 5, 6)),
@@ -141,7 +138,7 @@ def test_axes_variants_states_and_published_sentences_are_choices(plan_of):
         ({"axes": ["lights"]}, UnknownNameError, "light"),
         ({"variants": 0}, InvalidInputError, "--variants"),
         ({"trials": 51}, InvalidInputError, "--trials"),
-        ({"sentences": "dirty"}, UnknownNameError, "published"),
+        ({"libero_plus_sentences": "dirty"}, UnknownNameError, "published"),
         ({"tasks": ["10"]}, UnknownNameError, "libero_object-00"),
         ({"policy": "zoo:halt"}, InvalidInputError, "knows it"),
         ({"observation": "droid"}, UnknownNameError, "state_only"),
@@ -274,29 +271,29 @@ def test_initial_states_are_read_without_unpickling(tmp_path):
         # What torch writes names NumPy's old module.
         assert np.array_equal(initial_states_in(_archive(tmp_path / "states", states)), states)
     for other in (np.zeros(3, np.float32), {"a": 1}, np.zeros((3, 4)).T, [1.0], Path("x"), np.zeros(3, object)):
-        with pytest.raises(ValueError, match="holds no array of float64"):
+        with pytest.raises(ValueError, match="contains no array of float64"):
             initial_states_in(_archive(tmp_path / "states", other))
 
 
 def test_a_folder_that_does_not_hold_the_assets_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(ForeignWorld, "is_installed", property(lambda _: True))
+    monkeypatch.setattr(Installation, "is_installed", property(lambda _: True))
     with pytest.raises(InvalidInputError, match=r"--libero-plus-assets.*scenes, textures, new_objects"):
         plus_command(tmp_path)
     for name in ("scenes", "textures", "new_objects"):
         (tmp_path / name).mkdir()
     assert plus_command(tmp_path)[-1] == str(tmp_path)
-    assert plus_command()[-1] == str(world_named("libero_plus").folder)
+    assert plus_command()[-1] == str(world_named("libero_plus").installation.folder)
     monkeypatch.setenv(ASSETS_VARIABLE, str(tmp_path))
     assert plus_command()[-1] == str(tmp_path)
-    assert plus_command()[0].startswith(str(world_named("libero").folder))
+    assert plus_command()[0].startswith(str(world_named("libero").installation.folder))
 
 
 def test_its_files_are_installed_beside_the_world_that_runs_them(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     ran = []
-    monkeypatch.setattr(ForeignWorld, "_run", lambda self, command, _: ran.append((self.name, command)))
+    monkeypatch.setattr(Installation, "_run", lambda self, command, _: ran.append((self.name, command)))
     monkeypatch.setattr("shutil.which", lambda _: "uv")
-    plus, libero = world_named("libero_plus"), world_named("libero")
+    plus, libero = (world_named(name).installation for name in ("libero_plus", "libero"))
     with pytest.raises(MissingDependencyError, match="better worlds install libero_plus"):
         plus.command()
     monkeypatch.setattr("shutil.rmtree", lambda *_, **__: None)  # nothing but the stand-ins of what uv makes
@@ -311,13 +308,18 @@ def test_its_files_are_installed_beside_the_world_that_runs_them(tmp_path, monke
 
 @pytest.mark.parametrize(
     ("suite", "option"),
-    [("libero_object", {"axes": ("camera",)}), ("libero_object", {"variants": 3}), ("calvin", {"variants": 3})],
+    [
+        ("better60", {"variants": 3}),
+        ("libero_object", {"axes": ("camera",)}),
+        ("libero_object", {"variants": 3}),
+        ("calvin", {"variants": 3}),
+    ],
 )
 def test_its_options_are_refused_for_other_suites(suite, option):
-    from betterbench.cli.verbs.evaluate import TrialOptions, WorldOptions, _world_plan
+    from betterbench.cli.verbs.evaluate import TrialOptions, WorldOptions, evaluate_command
 
     with pytest.raises(InvalidInputError, match=r"it is for LIBERO-Plus.*libero_plus_object"):
-        _world_plan("noop", None, TrialOptions(suite=suite), WorldOptions(**option))
+        evaluate_command(policy="noop", chosen=TrialOptions(suite=suite), world=WorldOptions(**option))
 
 
 def test_better_list_suites_shows_them(capsys):

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from betterbench.sim.worlds.libero_relations import Relations, Touching
+from betterbench.sim.worlds.libero.relations import Relations, Touching
 
 XML = """
 <mujoco><option cone="{cone}"/><worldbody>

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from betterbench.errors import BetterError, PremiseError, one_line
-from betterbench.evaluation.planning import world_plan
-from betterbench.evaluation.planning.world_plan import make_chain_plan, make_world_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
 from betterbench.sim.worlds import WorldProcesses
+from betterbench.sim.worlds.installation import start_code
 from betterbench.sim.worlds.premises import check_premises
 from betterbench.sim.worlds.process import WorldError, WorldProcess
-from betterbench.sim.worlds.registry import start_code
 
 MOST = int(os.environ.get("BETTERBENCH_MUTATIONS", "120"))
 """Mutations of each kind of answer; all of them with a large number."""
@@ -168,7 +167,7 @@ def test_answers_of_calvin(monkeypatch, do):
     folder = str(Path(__file__).parent)
     code = f"import sys; sys.path.append({folder!r})\n{start_code('fake_calvin')}"
     command = (sys.executable, "-c", code, folder, "", "")
-    plan = make_chain_plan("noop", suite="calvin", command=command, trials=1, refuse_broken=False)
+    plan = make_world_plan("noop", suite="calvin", command=command, trials=1, broken_premises="run")
     processes = _Same(command)
     with processes.process:
         scene = plan.world.open_scene(
@@ -205,7 +204,7 @@ def test_descriptions_of_libero(fake_command, monkeypatch, suite):
         def suite(self, _name):
             return said[0]
 
-    monkeypatch.setattr(world_plan, "WorldProcess", Described)
+    monkeypatch.setattr("betterbench.sim.worlds.libero.world.WorldProcess", Described)
     count = 0
     said = [answer[0]]
     for said[0], _ in drawn(answer, 2):

@@ -7,7 +7,8 @@ import pytest
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import sealed_lines
-from betterbench.sim.worlds import ForeignWorld, WorldError, WorldProcess
+from betterbench.sim.worlds import WorldError, WorldProcess
+from betterbench.sim.worlds.installation import Installation
 from betterbench.sim.worlds.premises import PremiseEntry, check_premises, entries_bytes, read_entries
 
 
@@ -37,7 +38,7 @@ def test_what_is_known_for_this_engine_is_not_run_again(fake_command, monkeypatc
 def test_the_command_goes_on_where_it_was_interrupted(fake_command, tmp_path, monkeypatch, capsys):
     from betterbench.cli.verbs.premise import premise_command
 
-    monkeypatch.setattr(ForeignWorld, "command", lambda _: fake_command)
+    monkeypatch.setattr(Installation, "command", lambda _: fake_command)
     out = tmp_path / "premises.jsonl"
     for _ in range(2):
         with pytest.raises(WorldError):

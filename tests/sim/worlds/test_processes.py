@@ -34,7 +34,7 @@ def test_a_process_for_one_trial_alone_is_ended_and_the_next_one_is_there(fake_c
     assert second.pid == ready
     assert second.suite("libero_object")["tasks"]
     third = processes._next.pid
-    second.kill()
+    second.close(0.0)
     processes.close()
     assert not _lives(third)
 
@@ -49,7 +49,7 @@ def test_a_process_that_died_before_its_trial_costs_nothing(fake_command):
     assert second.pid != dead.pid
     assert second.suite("libero_object")["tasks"]
     for process in (first, second):
-        process.kill()
+        process.close(0.0)
     processes.close()
 
 
@@ -62,7 +62,7 @@ def test_a_process_that_cannot_be_started_ahead_is_reported_by_the_trial_that_ne
     with pytest.raises(WorldError, match="cannot be started"):
         processes.take(None)
     for process in (first, second, third):
-        process.kill()
+        process.close(0.0)
     processes.close()
 
 

@@ -12,7 +12,7 @@ from tests.sim.worlds.clients import CALVIN_CLIENTS, differences
 from betterbench.episodes import Observer
 from betterbench.errors import HandshakeError, InvalidInputError, UnknownNameError
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.planning.world_plan import make_chain_plan, make_world_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import CALVIN_RELATIVE, PLAYED_IN
 from betterbench.policies.clients.http_act import HttpActClient, HttpAnswer, HttpServer
@@ -20,7 +20,7 @@ from betterbench.policies.conventions.presets import PRESETS
 from betterbench.policies.kinds import read_address
 from betterbench.policies.protocols.json_wire import decode_body
 from betterbench.sim.worlds import WorldProcesses, process
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import start_code
 from betterbench.tasks.worlds.calvin import calvin_chains, start_of
 
 POLICY = """
@@ -62,7 +62,7 @@ SHORT = 5
 @pytest.fixture
 def given(monkeypatch):
     """The actions that the simulator's process is given."""
-    monkeypatch.setattr("betterbench.sim.worlds.calvin.STEPS_PER_SUBTASK", SHORT)
+    monkeypatch.setattr("betterbench.sim.worlds.calvin.world.STEPS_PER_SUBTASK", SHORT)
     found = []
     step = process.WorldProcess.step
 
@@ -76,7 +76,7 @@ def given(monkeypatch):
 
 @pytest.mark.parametrize("name", CALVIN_CLIENTS)
 def test_an_observation_of_calvin_is_what_the_clients_of_the_field_make_of_it(calvin_command, name):
-    settings = make_chain_plan("noop", suite="calvin", trials=1, command=calvin_command).world
+    settings = make_world_plan("noop", suite="calvin", trials=1, command=calvin_command).world
     processes = WorldProcesses(settings.command)
     scene = settings.open_scene(
         processes, task="calvin", condition="base", seed=0, action_space=CALVIN_RELATIVE, images=True
@@ -130,7 +130,7 @@ def test_libero_opens_the_gripper_when_starvla_says_so(fake_command, tmp_path, g
 @pytest.mark.parametrize(("said", "opens"), [(1.0, 1.0), (0.0, 0.0), (-1.0, -1.0)])
 def test_calvin_opens_the_gripper_when_starvla_says_so(calvin_command, tmp_path, given, said, opens):
     with opened(said) as server:
-        plan = make_chain_plan(f"starvla://127.0.0.1:{server.port}", suite="calvin", trials=1, command=calvin_command)
+        plan = make_world_plan(f"starvla://127.0.0.1:{server.port}", suite="calvin", trials=1, command=calvin_command)
         run = evaluate(plan, tmp_path / "run", workers=1, envs=1)
         example = server.requests[0]["payload"]["examples"][0]
         assert [image[b"shape"] if isinstance(image, dict) else list(image.shape) for image in example["image"]] == [
@@ -147,7 +147,7 @@ def test_calvin_opens_the_gripper_when_starvla_says_so(calvin_command, tmp_path,
 def test_a_python_policy_answers_absolute_actions_and_sees_depth(calvin_command, tmp_path, given, space, size):
     file = tmp_path / "mine.py"
     file.write_text(POLICY.format(space=space, size=size))
-    plan = make_chain_plan(
+    plan = make_world_plan(
         f"python:{file}:Depth",
         suite="calvin",
         trials=1,
@@ -163,10 +163,10 @@ def test_a_python_policy_answers_absolute_actions_and_sees_depth(calvin_command,
 
 def test_an_action_space_that_a_world_does_not_play_is_refused(fake_command, calvin_command):
     with pytest.raises(UnknownNameError, match="calvin_relative"):
-        make_chain_plan("noop", suite="calvin", command=calvin_command, action_space="ee_delta")
+        make_world_plan("noop", suite="calvin", command=calvin_command, action_space="ee_delta")
     with pytest.raises(UnknownNameError, match="libero_absolute"):
         make_world_plan("noop", suite="libero_object", command=fake_command, action_space="joint_delta")
-    with pytest.raises(InvalidInputError, match=r"openpi_droid answers in joint_delta, which LIBERO does not play"):
+    with pytest.raises(InvalidInputError, match=r"openpi_droid answers in joint_delta, which LIBERO does not support"):
         make_world_plan("openpi://host?preset=openpi_droid", suite="libero_object", command=fake_command)
     assert PLAYED_IN["calvin"][0] == "calvin_relative"
 
@@ -177,7 +177,7 @@ def test_an_adapter_with_depth_is_refused_before_a_run_that_draws_none(calvin_co
     file.write_text(json.dumps(form), encoding="utf-8")
     with opened(1.0) as server:
         policy = f"starvla://127.0.0.1:{server.port}?adapter={file}"
-        plan = make_chain_plan(policy, suite="calvin", trials=1, command=calvin_command)
+        plan = make_world_plan(policy, suite="calvin", trials=1, command=calvin_command)
         with pytest.raises(HandshakeError, match=r"depth: adapter deep .* --observation calvin_depth"):
             evaluate(plan, tmp_path / "run", workers=1, envs=1)
     assert not (tmp_path / "run" / "run.json").exists()

@@ -1,4 +1,4 @@
-"""The diagnosis in a foreign world: policies with known faults get their labels, from the records alone."""
+"""The diagnosis in LIBERO: policies with known faults get their labels, from the records alone."""
 
 import html
 import re
@@ -12,17 +12,16 @@ from tests.resealing import rewrite
 
 from betterbench.api.report import ReportListener, build_report
 from betterbench.calibration.truth import true_label
-from betterbench.diagnosis import diagnose_run, favorite_thing, foreign
-from betterbench.diagnosis.foreign import untold_by
+from betterbench.diagnosis import diagnose_run, favorite_thing, libero
 from betterbench.diagnosis.instruction_effect import SAME_THING
+from betterbench.diagnosis.libero import untold_by
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.report.headline import headline_of
 from betterbench.report.pages.page import write_report
 from betterbench.report.pages.trust import trust_of
-from betterbench.sim.worlds import ForeignWorld
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import Installation, start_code
 from betterbench.tasks.labels import all_labels
 from betterbench.tasks.worlds.libero_training import trained_in, word_of_sentence
 
@@ -90,8 +89,11 @@ def test_a_thing_that_is_gone_for_whatever_is_asked(run_of, monkeypatch):
     found = diagnose_run(run)
     assert {t.label for t in found.trials} == {"visual_layout_bias"}
     assert {t.evidence.rule for t in found.trials} == {SAME_THING}
-    assert "It goes for the ball wherever one stands, whatever the instruction says: in 3 of 3" in found.findings[0]
-    assert "one kind of thing wherever that stands" in headline_of(found).conclusion
+    assert (
+        "It goes for the ball in every scene that has one, regardless of the instruction: in 3 of 3"
+        in found.findings[0]
+    )
+    assert "one kind of object in every scene" in headline_of(found).conclusion
 
 
 @pytest.mark.parametrize(
@@ -126,7 +128,7 @@ def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path, monkeypatch)
     for ours in ("power matrix", "Pretenders", "fills a cell", "certificate"):
         assert ours not in page
     command = base_plan.world.command
-    monkeypatch.setattr(ForeignWorld, "command", lambda _: command)
+    monkeypatch.setattr(Installation, "command", lambda _: command)
     shown = build_report([swap], tmp_path / "pair", twins=[base.path], latex=False, films=2).page.read_text()
     assert "not measured" not in shown
     assert shown.count("data:image/jpeg") >= 6
@@ -178,13 +180,13 @@ def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run
     # Why those are never given: there is something to do in every task, and no order is part of it.
     assert never == {"order_violation", "correct_freeze", "correct_refusal"}
     record = next(iter(run_of("noop", trials=1, tasks=["0"]).records()))
-    condition = foreign._condition(record.metadata, foreign._goals(record.metadata))
+    condition = libero._condition(record.metadata, libero._goals(record.metadata))
     assert (condition.expected, condition.instruction.ordered) == ("succeed", False)
 
 
 def test_what_is_not_diagnosed_is_said(run_of):
     found = diagnose_run(run_of("noop", trials=1, tasks=["0"]))
-    assert any("harm to other things is not judged" in note for note in found.notes)
+    assert any("harm to other objects is not judged" in note for note in found.notes)
     assert [t.label for t in found.trials] == ["early_halt"]
 
 

@@ -14,9 +14,9 @@ from tests.sim.worlds.test_calvin import POLICY
 
 import betterbench
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.planning.world_plan import make_chain_plan, make_world_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.records import RunFolder
-from betterbench.sim.worlds.registry import start_code
+from betterbench.sim.worlds.installation import start_code
 from betterbench.tasks.worlds.calvin import calvin_chains, start_of
 from betterbench.tasks.worlds.libero import PROTOCOLS
 
@@ -39,7 +39,7 @@ def plan_of(world, policy):
     code = f"import sys; sys.path.append({folder!r})\n{{}}"
     if world == "calvin":
         command = (sys.executable, "-c", code.format(start_code("fake_calvin")), folder, "", "")
-        return make_chain_plan(f"python:{policy}:Reads", suite="calvin", command=command, trials=TRIALS)
+        return make_world_plan(f"python:{policy}:Reads", suite="calvin", command=command, trials=TRIALS)
     command = (sys.executable, "-c", code.format(start_code("fake_world")))
     plan = make_world_plan("noop", suite="libero_object_swap", command=command, tasks=["3"], trials=TRIALS)
     return replace(plan, world=replace(plan.world, protocol=replace(PROTOCOLS["openpi"], steps={"libero_object": 12})))

@@ -1,4 +1,4 @@
-"""Runs in a foreign world: the journal, the records and what a failing simulator costs, with a stand-in of a world."""
+"""Runs in a world with a simulator of its own, a stand-in: journal, records, and what a failing simulator costs."""
 
 import math
 import time
@@ -16,7 +16,7 @@ from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.conventions.in_libero import in_libero
 from betterbench.policies.conventions.presets import PRESETS
-from betterbench.sim.worlds import ForeignScene, WorldProcesses, process
+from betterbench.sim.worlds import ProcessScene, WorldProcesses, process
 from betterbench.sim.worlds.scene import quat2axisangle
 from betterbench.tasks.worlds.libero import PROTOCOLS, SUITES
 
@@ -177,7 +177,7 @@ def test_an_image_of_another_type_is_no_image(plan_of, tmp_path, monkeypatch):
 def test_a_scene_that_does_not_show_its_premise_stops_the_run(plan_of, tmp_path):
     with pytest.raises(PremiseError, match=r"on\(cube_1, tray_1\) does not hold"):
         evaluate(plan_of(seed=40, trials=1), tmp_path / "refused")
-    run = evaluate(plan_of(seed=40, trials=1, refuse_broken=False), tmp_path / "run")
+    run = evaluate(plan_of(seed=40, trials=1, broken_premises="run"), tmp_path / "run")
     assert next(run.records()).metadata.engine["scene_broken_premises"] == "on(cube_1, tray_1)"
 
 
@@ -219,7 +219,7 @@ def test_every_protocol_has_steps_for_every_suite():
 def test_an_observation_is_what_the_clients_of_the_field_make_of_it(plan_of, fake_command, preset):
     settings = plan_of().world
     processes = WorldProcesses(fake_command)
-    scene = ForeignScene(
+    scene = ProcessScene(
         settings, processes, task="libero_object-03", condition="base", seed=1, action_space=EE_DELTA, images=True
     )
     seen = Observer(observation_spec("default")).observe(scene, scene.reset())

@@ -190,7 +190,7 @@ def test_draw_out_opens_one_drawer_and_touches_nothing_else(drawers):
 
 
 def test_only_drawers_are_drawn_out(drawers):
-    with pytest.raises(InvalidInputError, match="it is no drawer") as caught:
+    with pytest.raises(InvalidInputError, match="it is not a drawer") as caught:
         apply(drawers, [draw_out(thing("stapler", OFFICE.training[2]), distance_m=0.1)])
     assert "\n" not in str(caught.value)
     with pytest.raises(UnknownNameError, match="Did you mean 'upper'"):
@@ -222,9 +222,9 @@ BAD = {
     "move to a taken slot": (
         move(thing("fries"), at("first")),
         InvalidInputError,
-        "burger_1 already stands there",
+        "it already contains burger_1",
     ),
-    "add to a taken slot": (add(CUBE, at("first")), InvalidInputError, "burger_1 already stands there"),
+    "add to a taken slot": (add(CUBE, at("first")), InvalidInputError, "it already contains burger_1"),
     "move unknown": (move(thing("salad"), at("first")), UnknownNameError, "salad"),
     "remove unknown": (remove(thing("salad")), UnknownNameError, "salad"),
     "replace unknown": (replace(thing("frise"), CUBE), UnknownNameError, "Did you mean 'fries'"),

@@ -1,4 +1,4 @@
-"""Instruments for maintainers of the diagnosis, beside the wheel of betterbench.
+"""Tools for maintainers of the diagnosis, in a separate distribution.
 
 - ``independent``: faulty policies with a controller and habits of their own, written without knowledge of the
   diagnosis; ``family`` measures the diagnosis on them (`better calibrate --family NAME`).

@@ -1,4 +1,4 @@
-"""The diagnosis measured on the independent family: plans of the trials in which its habits show."""
+"""Calibration on the independent family: plans of trials in which each habit shows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench_calibration.independent import FAMILY_PARTS, INDEPENDENT, Indep
 
 
 def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Plan, ...]:
-    """Return one plan per policy of a part of the independent family: each habit in each manner.
+    """Return one plan per policy of a part of the independent family: each habit in each motion style.
 
     Args:
         part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.
@@ -43,7 +43,7 @@ def calibrate_independent(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
-    """Run a part of the independent family, diagnose it from its records, and compare the labels with the true ones.
+    """Run a part of the independent family, diagnose its records, and compare the labels with the true ones.
 
     Raises what :func:`independent_plans` and :func:`~betterbench.calibration.run.calibrate` raise.
     """
@@ -52,7 +52,6 @@ def calibrate_independent(
 
 
 def _chosen(policy: IndependentPolicy, trials: int, seed: int) -> tuple[Trial, ...]:
-    """Return the trials of one policy."""
     shown = shown_in(policy.habit.name)
     faulty = _spread([s for s in shown if s.faulty], policy, seed)
     if policy.habit.paired:
@@ -65,7 +64,7 @@ def _chosen(policy: IndependentPolicy, trials: int, seed: int) -> tuple[Trial, .
 
 
 def _spread(shown: Sequence[Shown], policy: IndependentPolicy, seed: int) -> list[Shown]:
-    """Return conditions in an order of chance in which the tasks take turns."""
+    """Return conditions in random order, alternating between tasks."""
     order = stream("independent", seed, policy.address).permutation(len(shown))
     by_task: dict[str, list[Shown]] = {}
     for i in order.tolist():

@@ -1,4 +1,4 @@
-"""What LeRobot imports by itself, from version 0.6 on, so that its commands know ``--env.type=betterbench``."""
+"""Plugin that LeRobot (version 0.6 or later) imports automatically, so that ``--env.type=betterbench`` works."""
 
 from betterbench.episodes.envhub.config import BetterbenchEnv
 

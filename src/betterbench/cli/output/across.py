@@ -16,7 +16,7 @@ from betterbench.tasks.worlds.calvin import ChainSummary
 
 
 def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
-    """Print the table of the paper, what its rows say about each other, and the gaps of every world."""
+    """Print the table of the paper, the comparisons of its rows, and the illusion gaps of every world."""
     libero = [row for row in table.rows if row.suites]
     if libero:
         rows = [[shown, *(_rate(row.suites.get(name)) for row in libero)] for name, shown in LIBERO_COLUMNS.items()]
@@ -41,7 +41,7 @@ def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
     if gaps:
         OUT.print()
         columns = ["policy", "world", "change", "before, %", "after, %", "gap, points", "p", "pairs"]
-        print_table(columns, [_gap_row(gap) for gap in gaps], title="illusion gaps: what a changed scene costs")
+        print_table(columns, [_gap_row(gap) for gap in gaps], title="illusion gaps: loss of success in a changed scene")
     if table.notes:
         OUT.print()
     for note in table.notes:
@@ -182,4 +182,4 @@ def _plain_gaps(gaps: Sequence[WorldGap]) -> Table:
         for g in gaps
     )  # fmt: skip
     columns = ("policy", "world", "suite", "change", "base", "changed", "pairs", "gap", "low", "high", "p_value")
-    return Table("illusion_gaps", "What a changed scene costs.", columns, rows)
+    return Table("illusion_gaps", "Loss of success in a changed scene.", columns, rows)

@@ -15,11 +15,11 @@ from betterbench.report.pages.calibration_page import KINDS, calibration_summary
 from betterbench.report.pages.power_page import power_sentences, power_tables
 
 WRONG_SHOWN = 12
-"""Wrong labels that the terminal lists; the page has them all."""
+"""Maximum of wrong labels that the terminal lists; the page lists all."""
 
 
 def print_calibration(found: Calibration) -> None:
-    """Print how well each label is found and the first wrong labels."""
+    """Print the accuracy of each label and the first wrong labels."""
     rows = [
         [
             label_name(s.label),
@@ -63,7 +63,7 @@ def _trial(key: str) -> tuple[str, str, int]:
 
 
 def print_power(found: PowerMatrix) -> None:
-    """Print what every pretender reaches over the suite, and what the matrix says about the suite."""
+    """Print the success of every pretender over the suite, and a summary of the power matrix."""
     table = power_tables(found)[0]
     rows = [[cell.replace("`", "") for cell in row] for row in table.rows]
     print_table(list(table.columns), rows, title="power matrix: success, %")

@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, print_table
 
 
 def print_certificate(certificate: Certificate) -> None:
-    """Print the conditions on which a clause fails, and the figures of the whole."""
+    """Print the conditions on which a clause fails, and the totals of the certificate."""
     groups = summaries(certificate.trials)
     short = [s for s in groups if s.passed < s.n]
     if short:

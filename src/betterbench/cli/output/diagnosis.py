@@ -14,11 +14,11 @@ from betterbench.statistics import percent
 from betterbench.tasks import Kind, Label
 
 SHOWN_CHANGES = 20
-"""Largest number of trials and of metrics whose change is printed; ``--json`` lists all."""
+"""Maximum number of trials and of metrics whose change is printed; ``--json`` lists all."""
 
 
 def diagnosed(run: RunFolder, *, twins_in: RunFolder | None = None) -> RunDiagnosis:
-    """Diagnose a run while a bar shows how far that is."""
+    """Diagnose a run with a progress bar."""
     with passing_bar(f"diagnosing {run.path.name}") as told:
         return diagnose_run(run, twins_in=twins_in, on_progress=told)
 
@@ -48,7 +48,7 @@ def print_diagnosis(result: RunDiagnosis) -> None:
 
 
 def _verdict(result: RunDiagnosis, name: str) -> list[str]:
-    """Return the cell of the verdict, empty on a training condition; none for a run of which everything is run."""
+    """Return the cell of the verdict: empty on a training condition; no cell unless the run is sequential."""
     if result.until_decided is None:
         return []
     answer = result.until_decided.answer(name)
@@ -69,7 +69,7 @@ def print_changes(changes: DiagnosisChanges) -> None:
         OUT.print(f"… and {len(grave) - SHOWN_CHANGES} more trials; --json lists all", markup=False)
     if slight:
         by_rule = len(changes.of_sort("rule"))
-        text = f"{len(slight)} trials keep their label on different evidence ({by_rule} by a different rule)"
+        text = f"{len(slight)} trials keep their label with different evidence ({by_rule} by a different rule)"
         OUT.print(f"{text}; --json lists them", markup=False)
     others = changes.of_sort("record", "new", "gone")
     if others:

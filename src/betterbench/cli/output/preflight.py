@@ -9,7 +9,7 @@ from betterbench.evaluation.preflight.view import numbers_text
 
 
 def print_conventions(conventions: tuple[Convention, ...]) -> None:
-    """Print what both sides declare; called before they are compared."""
+    """Print the conventions that both sides declare; called before they are compared."""
     rows = [
         [c.name, "differs" if c.differs else "same" if c.ours and c.theirs else "", c.ours or "–", c.theirs or "–"]
         for c in conventions
@@ -18,7 +18,7 @@ def print_conventions(conventions: tuple[Convention, ...]) -> None:
 
 
 def print_preflight(found: PreflightCheck, *, json: bool) -> None:
-    """Print what the policy was shown, what it answered and how long that took."""
+    """Print the observation shown to the policy, its answer, and its response times."""
     if json:
         print_json(found.to_json())
         return
@@ -44,7 +44,7 @@ def print_preflight(found: PreflightCheck, *, json: bool) -> None:
 
 
 def _print_proof(proof: ReplayProof) -> None:
-    """Print what the replayed demonstration says about each axis."""
+    """Print the result of the replayed demonstration for each axis."""
     rows = [
         [
             axis.name,
@@ -58,8 +58,8 @@ def _print_proof(proof: ReplayProof) -> None:
     OUT.print()
     print_table(["axis", "demonstration moves", "factor", "agreement", "paths apart by"], rows)
     OUT.print(
-        f"Replayed {proof.steps} steps of a demonstration in {proof.requests} requests. The gripper is told the same "
-        f"in {100 * proof.gripper:.0f} % of the steps. Executed, the answers end "
+        f"Replayed {proof.steps} steps of a demonstration in {proof.requests} requests. The gripper command is the "
+        f"same in {100 * proof.gripper:.0f} % of the steps. Executed, the answers end "
         f"{_length(proof.executed_off_m, 'm')} from where the demonstration ended. "
         f"Verdict: {proof.verdict.rstrip('.')}.",
         markup=False,

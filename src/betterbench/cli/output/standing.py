@@ -1,4 +1,4 @@
-"""A policy among the pretenders, as text."""
+"""Comparison of a policy with the pretenders, as text."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from betterbench.report.pages.pretenders import scope_columns, score_rows
 from betterbench.tasks import Axis
 
 SHOWN_LINES = 8
-"""Reference lines that the terminal lists; ``--json`` and the report have them all."""
+"""Maximum of reference lines that the terminal lists; ``--json`` and the report list all."""
 
 
 def print_standing(policy: str, standing: Standing) -> None:
-    """Print what the pretenders would score, and the one whose outcomes are most like the policy's."""
+    """Print the success that the pretenders would reach, and the pretender most similar to the policy."""
     print_standings([policy], [standing])
 
 
 def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> None:
-    """Print the policies above the best reference lines of the first; all have to be on the same trials."""
+    """Print the policies above the best reference lines of the first; all must have run the same trials."""
     first = standings[0]
     columns = scope_columns(standings)
     OUT.print()
@@ -44,5 +44,5 @@ def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> N
 
 
 def _short(scope: str) -> str:
-    """Return the heading of a column: of an axis its letter, so that the table fits a terminal."""
+    """Return the heading of a column: for an axis its letter, so that the table fits a terminal."""
     return "overall" if scope == "overall" else Axis(scope.removeprefix("axis:")).letter

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def print_set(made: QuestionSet) -> None:
-    """Print how many questions of each type a set has, and what of them can be answered without the images."""
+    """Print the number of questions of each type in a set, and the accuracy that is possible without the images."""
     images = len({q.image for q in made.questions})
     title = f"{len(made.questions)} questions about {images} images, for {made.purpose}"
     rows = [
@@ -35,8 +35,8 @@ def print_set(made: QuestionSet) -> None:
     print_table(columns, rows, title=title)
     over = [b.name for b in made.baselines if b.excess_points > TARGET_POINTS]
     if over:
-        text = f"The words alone give away more than {TARGET_POINTS:g} points of: {', '.join(over)}."
-        OUT.print(f"{text} More trials, variations and cameras balance it better.", markup=False)
+        text = f"Without the images, guesses exceed chance by more than {TARGET_POINTS:g} points on: {', '.join(over)}."
+        OUT.print(f"{text} More trials, variations and cameras balance the set better.", markup=False)
 
 
 def print_scores(scores: Sequence[Score]) -> None:
@@ -57,7 +57,7 @@ def print_scores(scores: Sequence[Score]) -> None:
 
 
 def print_knowledge(known: Knowledge) -> None:
-    """Print what a model knows of what a policy did, by label."""
+    """Print how often a model's answers agree with the behavior of a policy, by label."""
     columns = ["label", "trials", "knows", "without image", *(s.value.replace("_", " ") for s in KnowledgeStanding)]
     rows = [
         [
@@ -74,14 +74,14 @@ def print_knowledge(known: Knowledge) -> None:
     if not known.is_complete:
         missing = known.asked - known.answered
         OUT.print(
-            f"{missing} of {known.asked} questions about this run have no answer. Trials that they decide count as not "
-            "asked.",
+            f"{missing} of {known.asked} questions about this run have no answer. Trials that depend on them count "
+            "as not asked.",
             markup=False,
         )
 
 
 def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
-    """Print what a learner answered about its own trials, by condition."""
+    """Print the answers of a learner about its own trials, by condition."""
     columns = ["condition", "right cell", "nearest to the object", "95 % interval", "trials with all nearest"]
     rows = [
         [

@@ -25,13 +25,13 @@ def amplify_command(
     films: bool = True,
     json: bool = False,
 ) -> None:
-    """Carry the demonstrations of a run over to new starts, so many per training condition, in another run's folder.
+    """Adapt the demonstrations of a run to new starts: a number per training condition, in the folder of another run.
 
-    Each skill of a source moves as it did there, in the frame of the object or target that it is about, and so does the
-    way to it, varied in height, side and tempo by seed; where that is not free, a planner finds another. An attempt
-    that fails is made again with another source. An accepted one succeeds, goes on to hold, and lies inside the
-    certified training distribution. How far the demonstrations are apart is printed beside their sources. The same
-    command resumes, also after Ctrl-C, and a larger --demos goes on.
+    Each skill of a source keeps its motion in the frame of the object or target that it manipulates. The transit to it
+    is kept too, with height, side and tempo varied by seed; where it would collide, a planner finds another path. A
+    failed attempt is repeated with another source. A demonstration is accepted if it succeeds, stays successful while
+    held, and lies inside the certified training distribution. The variety of the demonstrations is printed beside that
+    of their sources. The same command resumes, also after Ctrl-C, and a larger --demos adds demonstrations.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
 
@@ -41,9 +41,10 @@ def amplify_command(
         tasks: Tasks to amplify; all that the sources demonstrate if none is named.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000000 if not given.
-        attempts: Most attempts at one start, each with another source in the lead.
-        select: How the source of each subgoal is chosen: any, by where its object stood, or by where its motion begins.
-        noise: Standard deviation of the noise on executed actions, in action units; the label has none.
+        attempts: Maximum attempts at one start, each with a different leading source.
+        select: How the source of each subgoal is chosen: any, by the position of its object, or by the start of its
+            motion.
+        noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
         workers: Worker processes; one per processor if not given.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print what became of the attempts as one JSON document.

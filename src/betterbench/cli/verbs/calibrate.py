@@ -40,12 +40,13 @@ def calibrate_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Run the faulty policies and compare the label of each trial with the true one: a confusion matrix.
+    """Run the faulty policies and compare the label of each trial with the true one in a confusion matrix.
 
-    Each policy follows one faulty rule in a share of its trials and records its own first wrong decision. The policies
-    of the independent family have another controller and other habits, written by people who had not read the
-    diagnosis. With --power, the faulty rules at full strength, blind probes and replayed demonstrations show instead
-    what each variation can tell apart: the power matrix. Ctrl-C keeps what is done; the same command resumes.
+    Each policy follows one faulty rule in a share of its trials and records its first wrong decision as ground truth.
+    The policies of the independent family have another controller and other faulty behaviors, written by people who had
+    not read the diagnosis. With --power, faulty rules at full strength, blind probes and replayed demonstrations
+    measure what each variation can distinguish: the power matrix. Ctrl-C keeps finished trials; the same command
+    resumes.
 
     Example: better calibrate --tasks fast_food --trials 2 --out runs/calibration
 
@@ -53,16 +54,16 @@ def calibrate_command(
         out: Folder of the calibration; runs/calibration, runs/FAMILY or runs/power if not given.
         tasks: Tasks to run; the whole suite if none is named.
         policies: Faulty policies to run; all if none is named.
-        strengths: Shares of the trials in which a faulty rule is followed; smaller shares also get more action noise.
+        strengths: Shares of the trials in which a faulty rule is followed; smaller shares come with more action noise.
         trials: Trials per variation of each faulty policy at each strength, 1 if not given; trials of each policy of
             the independent family, 4 if not given.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
-        family: Faulty policies, or a part of the independent family: the one that was used to develop the diagnosis,
-            or one of those that were used once; development, held_out, second, and so on.
-        films: Film strips of wrong labels on the page, at most; 0 renders nothing.
-        power: Measure the power matrix instead. It takes its own numbers of trials, and tasks, out and workers alone.
-        write_package: Also write the file that ships with the package; for its maintainers.
+        family: Set of policies: the faulty policies, or a part of the independent family: development, which was used
+            to develop the diagnosis, or held_out, second and so on, which were used once.
+        films: Maximum number of film strips of wrong labels on the page; 0 renders nothing.
+        power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
+        write_package: Also write the file that is shipped with the package; for maintainers.
         overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
         json: Print the result as one JSON document at the end.
     """
@@ -105,7 +106,7 @@ def calibrate_command(
 
 
 def _family(part: str) -> ModuleType:
-    """Return the module that measures the diagnosis on the independent family, which is not part of the wheel."""
+    """Return the module that measures the diagnosis on the independent family, which the wheel does not contain."""
     return calibration_module("family", f"--family {part} needs betterbench-calibration, which is not installed")
 
 
@@ -133,13 +134,13 @@ def _check_options(
     if family != "faulty" and (tasks or policies or strengths != STRENGTHS):
         raise InvalidInputError(
             "--family",
-            "the independent family has its own tasks and habits, at full strength",
+            "the independent family has fixed tasks and faulty behaviors at full strength",
             "Leave out --tasks, --policies and --strengths, or --family",
         )
 
 
 def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bool, as_json: bool) -> None:
-    """Measure the power matrix, write it and its page, and print what it says."""
+    """Measure the power matrix, write it and its page, and print a summary."""
     from betterbench.calibration import measure_power, power_trials
     from betterbench.cli.output.calibration import print_power
 
@@ -155,13 +156,13 @@ def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bo
 
 @contextmanager
 def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
-    """Yield what moves a progress bar."""
+    """Yield a callback that moves a progress bar."""
     with progress_bar(title, 0) as (bar, task):
         yield lambda p: bar.update(task, completed=p.done, total=p.planned, note=p.policy)
 
 
 def _store_power(found: PowerMatrix, out: Path, *, write_package: bool) -> Path:
-    """Write a power matrix, also into the package if wanted, and its page, whose path is returned."""
+    """Write a power matrix, also into the package if requested, and return the path of its page."""
     from betterbench.diagnosis.measures.power_matrix import PACKAGED_MATRIX
     from betterbench.jobs import write_durably
     from betterbench.report.pages.power_page import write_power_page
@@ -176,7 +177,7 @@ def _store_power(found: PowerMatrix, out: Path, *, write_package: bool) -> Path:
 
 
 def _store(found: Calibration, out: Path, family: str, *, films: int, write_package: bool) -> Path:
-    """Write a calibration, also into the package if wanted, and its page, whose path is returned."""
+    """Write a calibration, also into the package if requested, and return the path of its page."""
     from betterbench.cli.output.calibration import film_strips
     from betterbench.diagnosis.measures.confusion import packaged_file
     from betterbench.diagnosis.measures.power_matrix import packaged_power_matrix

@@ -1,4 +1,4 @@
-"""``better certify``: show, trial by trial, that a failure can only come from the policy."""
+"""``better certify``: proof, trial by trial, that a failure can only come from the policy."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from betterbench.certification.certificate import Certificate
-    from betterbench.certification.runner import CertificationProgress
+    from betterbench.certification.certificate import Certificate, TrialCertificate
+    from betterbench.certification.demonstrations import Demonstration
+    from betterbench.jobs import JobProgress
 
 
 def certify_command(
@@ -31,12 +32,13 @@ def certify_command(
 ) -> None:
     """Certify trials: solvable, inside the training distribution, at rest, within reach, and with a true premise.
 
-    The trials are those that better eval plans for the same tasks, trials and seed. Ctrl-C keeps what is done; the
-    same command resumes. The exit status is 0 even where a clause fails: such trials are listed, and better eval
-    refuses them.
+    The trials are those that better eval plans for the same tasks, trials and seed. Ctrl-C keeps finished trials; the
+    same command resumes. The exit status is 0 even if a clause fails: such trials are listed, and better eval refuses
+    them.
 
-    With --demonstrations nothing is certified: so many demonstrations of the expert per task are measured, because the
-    certificate and pre-placed objects depend on where they let go of things. Do it once for a task file of your own.
+    With --demonstrations nothing is certified. Instead, the given number of expert demonstrations per task is measured:
+    the certificate and pre-placed objects depend on where the expert releases objects. Do this once for your own task
+    file.
 
     Example: better certify --tasks fast_food --trials 3 --out runs/certificate
 
@@ -47,9 +49,9 @@ def certify_command(
         trials: Trials per variation; the training conditions get at least as many.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
-        demonstrations: Measure so many demonstrations per task, 120 say, instead of certifying.
+        demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
         looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
-        write_package: Also write the compact certificate, or the demonstrations, that ship with the suite; for its
+        write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers.
         overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
         json: Print the certificate as one JSON document at the end.
@@ -62,7 +64,7 @@ def certify_command(
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.tasks import TrialId, suite_tasks
 
-    of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
+    of_suite = suite_tasks(suite)  # also with --tasks, so that a mistyped suite is reported
     if write_package and demonstrations is None and (looks != "seen" or (tasks and set(tasks) != set(of_suite))):
         problem = "it replaces the certificate of the whole suite with the seen looks"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --looks")
@@ -78,7 +80,7 @@ def certify_command(
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     with folder, progress_bar("certify", len(planned)) as (bar, task):
 
-        def told(progress: CertificationProgress) -> None:
+        def told(progress: JobProgress[TrialCertificate]) -> None:
             last = progress.last
             name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
             bar.update(task, completed=progress.done, note=name)
@@ -96,19 +98,19 @@ def certify_command(
 
 def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, write_package: bool) -> None:
     """Measure demonstrations and write the files that hold them."""
-    from betterbench.certification.demonstrations import Demonstration
     from betterbench.certification.measuring import destination, measure, write_demonstrations
     from betterbench.tasks import get_task
 
     packaged = [name for name in tasks if destination(get_task(name).id) is None]
     if packaged and not write_package:
-        problem = f"those of {packaged[0]} ship with the suite"
+        problem = f"the demonstrations of {packaged[0]} are shipped with the suite"
         raise InvalidInputError("--demonstrations", problem, "Name tasks of a --task-file, or add --write-package")
     with progress_bar("measure", number * len(tasks)) as (bar, task):
 
-        def told(done: int, planned: int, last: Demonstration | None) -> None:
+        def told(progress: JobProgress[Demonstration]) -> None:
+            last = progress.last
             name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
-            bar.update(task, total=planned, completed=done, note=name)
+            bar.update(task, total=progress.planned, completed=progress.done, note=name)
             if last is not None and last.problem:
                 say(f"{name}: {last.problem}; the demonstration does not count")
 
@@ -120,7 +122,7 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, wr
 
 
 def _store(certificate: Certificate, out: Path, *, write_package: bool) -> Path:
-    """Write the page of a certificate, whose path is returned, and its compact form into the package if wanted."""
+    """Write a certificate and its page, and its compact form into the package if requested; return the page's path."""
     from betterbench.certification.coverage import PACKAGED
     from betterbench.certification.runner import write_coverage
     from betterbench.report.pages.certificate_page import write_certificate_page

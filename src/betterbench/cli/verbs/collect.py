@@ -20,11 +20,11 @@ def collect_command(
     films: bool = True,
     json: bool = False,
 ) -> None:
-    """Collect demonstrations of the expert, so many per training condition, in the folder of a run.
+    """Collect demonstrations of the expert, a number per training condition, in the folder of a run.
 
-    Each demonstration has a manner that is drawn by its seed: speed, side and height of the approach, pauses, detours
-    and grasps that miss and are corrected. The starts cover the training distribution evenly, and their seeds are never
-    those of tests. Ctrl-C keeps what is done; the same command resumes, and with a larger --demos it goes on.
+    The seed draws the motion style of each demonstration: speed, side and height of the approach, pauses, detours, and
+    grasps that miss and are corrected. The starts cover the training distribution evenly, and their seeds are never
+    those of tests. Ctrl-C keeps finished demonstrations; the same command resumes, and a larger --demos adds more.
 
     Example: better collect --tasks fast_food --demos 10 --out runs/demonstrations
 
@@ -34,7 +34,7 @@ def collect_command(
         suite: Suite to take the tasks from.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000 if not given.
-        attempts: Most attempts at one start, each in another manner.
+        attempts: Maximum attempts at one start, each in another motion style.
         workers: Worker processes; one per processor if not given.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print what became of the attempts as one JSON document.

@@ -1,4 +1,4 @@
-"""``better compare``: comparison of several policies, overall and in parts, with the limits of their trials."""
+"""``better compare``: comparison of several policies, overall and by group, with the power of the trials."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ def compare_command(
 ) -> None:
     """Compare policies, two by two, on the trials that their runs share.
 
-    Runs of several suites, and runs in CALVIN, are put side by side instead: the table of LIBERO's four suites and
-    CALVIN's chains, its rows against each other on the same initial states, and what each policy loses when its scene
-    changes. Runs of the same name are one policy.
+    Runs of several suites and runs in CALVIN are shown in one table instead: LIBERO's four suites and CALVIN's chains,
+    the policies compared on the same initial states, and the loss of each policy when the scene changes. Runs of the
+    same name count as one policy.
 
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
         runs: Folders of the runs, or files of better export; two or more.
         name: Name of a run in the tables, once per run and in their order; that of its policy if not given. Across
-            suites, runs of one policy have one name.
+            suites, runs of one policy share one name.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
-        sequential: Also print tests that stay valid however often you look at runs that are still going.
-        allow_mixed: Compare runs of different versions or engines all the same.
-        fail_if_worse: Exit with status 1 if the first run is told apart from another one over all variations and is the
-            worse of the two; for continuous integration.
+        sequential: Also print tests that stay valid however often you look at unfinished runs.
+        allow_mixed: Compare runs of different versions or engines anyway.
+        fail_if_worse: Exit with status 1 if the first run is significantly worse than another one over all variations;
+            for continuous integration.
         out: Across suites, a folder to write the tables to, as CSV and LaTeX.
         overwrite: Write to a folder that better compare did not make, and replace files of the same names there.
         json: Print one JSON document instead of sentences and tables.
@@ -87,7 +87,7 @@ def _across(
     overwrite: bool,
     json: bool,
 ) -> None:
-    """Put runs of several suites side by side."""
+    """Compare runs of several suites in one table."""
     from betterbench.cli.output.across import print_across, write_across
     from betterbench.comparison.across import gaps_of, read_suite_runs, world_table
     from betterbench.jobs.outputs import OutputFolder

@@ -36,13 +36,13 @@ def dataset_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make a training set: the demonstrations of a regime and nothing outside it, proven record by record.
+    """Make a training set: only demonstrations of a regime, checked record by record.
 
-    The expert gives the sources, and the set is carried over from them to starts that cover the regime evenly. The
-    folder then holds the demonstrations as a run, which better export, materialize and vqa read; their card, split and
-    normalization statistics; the shortcut audit; and the prediction which variations a learner of this set fails. Every
-    set can be made again by one command, which is printed. Ctrl-C keeps what is done; the same command resumes, and
-    with a larger --demos it goes on.
+    The expert gives the sources, and the set is amplified from them to starts that cover the regime evenly. The folder
+    then contains the demonstrations as a run, which better export, materialize and vqa read. It also contains a dataset
+    card, the split, normalization statistics, the shortcut audit, and a prediction of the variations that a learner of
+    this set fails. Each set can be reproduced with one command, which is printed. Ctrl-C keeps finished demonstrations;
+    the same command resumes, and a larger --demos adds more.
 
     Example: better dataset --demos 50 --out sets/training
 
@@ -50,20 +50,21 @@ def dataset_command(
         out: Folder of the set.
         tasks: Tasks to demonstrate; all of the suite if none is named.
         suite: Suite to take the tasks from.
-        regime: training (with the confounds), balanced (as many without them, and no test), diverse-confounded (as many
-            conditions as balanced, each word tied to its place), or covered (the tests).
-        demos: Demonstrations per training condition; another regime shares as many out over its conditions.
-        sources: How many of them, likewise, the expert gives for the others to be carried over from; 0, or pairs: all.
+        regime: training (with the confounds), balanced (as many demonstrations without them, and no test),
+            diverse-confounded (as many conditions as balanced, but each word tied to its slot), or covered (the tests).
+        demos: Demonstrations per training condition; another regime divides the same total over its conditions.
+        sources: Expert demonstrations per training condition from which the others are amplified; 0, or pairs, for all.
         seed: First seed, 1000000 or above.
-        noise: Standard deviation of the noise on executed actions, in action units; the label has none.
+        noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
         validation: Share of the seeds whose demonstrations are for validation.
-        pairs: Twins: the expert begins alike in all conditions with the same scene, until what was said differs.
-        expect: Hash of the set, as another machine printed it; any other one is an error.
+        pairs: Twins: in all conditions of the same scene, the expert starts alike until the instruction makes a
+            difference.
+        expect: Hash of the set, as printed on another machine; any other hash is an error.
         sign: Private SSH key with which prediction.json is signed.
         workers: Worker processes; one per processor if not given.
         pictures: Draw the starts of each task.
-        overwrite: Replace files of the set that somebody has changed.
-        json: Print what was made as one JSON document.
+        overwrite: Replace files of the set that were changed by hand.
+        json: Print the result as one JSON document.
     """
     from betterbench.demonstrations.sets.recipe import SetRecipe
     from betterbench.tasks import suite_tasks
@@ -85,7 +86,7 @@ def dataset_command(
 
 def _require_hash(text: str | None) -> None:
     if text is not None and not re.fullmatch("[0-9a-f]{64}", text):
-        raise InvalidInputError("--expect", f"{text!r} is no hash of a set", "Give the 64 digits that were printed")
+        raise InvalidInputError("--expect", f"{text!r} is not a hash of a set", "Give the 64 digits that were printed")
 
 
 def _sign(made: MadeDataset, key: Path) -> None:
@@ -107,7 +108,7 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, 
 
         def told(stage: str, done: int, planned: int, note: str) -> None:
             nonlocal shown_stage
-            if stage != shown_stage:  # whose pace says nothing about this one
+            if stage != shown_stage:  # its pace does not predict this stage
                 shown_stage = stage
                 bar.reset(shown)
             bar.update(shown, description=stage, total=planned, completed=done, note=note)
@@ -137,7 +138,7 @@ def _tell(made: MadeDataset, seconds: float, *, as_json: bool) -> None:
         ]
         print_table(("task", "demonstrations", "shortcuts"), rows)
     tell_variety(made.variety, made.sources)
-    missing = f", {made.missing} fewer than asked for" if made.missing else ""
+    missing = f", {made.missing} fewer than requested" if made.missing else ""
     pairs = f", {len(made.pairs)} pairs of twins" if made.pairs else ""
     OUT.print(
         f"{made.demonstrations} demonstrations{missing}, {made.steps} steps{pairs}\n{took(seconds, size)}", markup=False

@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, say
 POLICIES = ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")
 
 TASKS = ("morning_coffee", "fast_food")
-"""The two tasks of the paper's detailed tables; between them they show every fault of the three policies."""
+"""The two tasks of the paper's detailed tables; together they show every fault of the three policies."""
 
 
 def demo_command(
@@ -20,7 +20,7 @@ def demo_command(
     films: int = 24,
     overwrite: bool = False,
 ) -> None:
-    """Evaluate the expert and three policies with a known fault on two tasks, and report on them side by side.
+    """Evaluate the expert and three policies with a known fault on two tasks, and report on them in one page.
 
     Example: better demo --out runs/demo
 

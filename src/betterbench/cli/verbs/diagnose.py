@@ -31,11 +31,11 @@ def diagnose_command(
 ) -> None:
     """Diagnose every trial of a run from its records alone.
 
-    The result is stored as RUN/diagnosis.json. If the run holds an earlier one, the differences are printed. A run
-    that is still going can be diagnosed too: trials that it has not reached are not counted, and nothing is stored.
+    The result is stored as RUN/diagnosis.json. If the run contains an earlier diagnosis, the differences are printed.
+    An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
-    With --answers, a model's answers about the decisive moments of the trials stand beside its deeds: what it knows and
-    does, knows and does not, does not know. better report shows them too.
+    With --answers, a model's answers about the decisive moments are compared with what the policy did: whether it knows
+    and acts accordingly, knows and does not, or does not know. better report shows the comparison too.
 
     Example: better diagnose runs/expert
 
@@ -43,9 +43,9 @@ def diagnose_command(
         run: Folder of the run.
         twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials from the same initial
             states are the counterfactual twins. Nothing is stored then.
-        keep: Leave the stored diagnosis and the stored knowledge as they are.
+        keep: Do not change the stored diagnosis and the stored answers.
         answers: File of answers to the set of better vqa --run.
-        questions: Folder of that set; the folder of the answers if not given.
+        questions: Folder of the set that was answered; the folder of the answers if not given.
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.diagnosis import diagnosed
@@ -63,11 +63,11 @@ def diagnose_command(
         else find_changes(before, stored.StoredDiagnosis.of(result))
     )
     if result.pending:
-        say(f"The run is still going: {len(result.trials)} of {result.planned} trials are done. Nothing is stored.")
+        say(f"The run is unfinished: {len(result.trials)} of {result.planned} trials are done. Nothing is stored.")
     elif not keep and twins is None:
         _store(folder, result)
     known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
-    standing = None if folder.is_foreign else standing_of(result)  # the power matrix holds our own scenes alone
+    standing = standing_of(result) if folder.world.measured else None
     if json:
         print_json(_document(result, standing, changes, known))
         return
@@ -77,7 +77,7 @@ def diagnose_command(
 def _document(
     result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
 ) -> dict[str, Any]:
-    """Return what --json prints."""
+    """Return the document that --json prints."""
     from betterbench.report.headline import headline_of
 
     document = {
@@ -90,7 +90,7 @@ def _document(
 
 
 def _store(folder: RunFolder, result: RunDiagnosis) -> None:
-    """Keep the diagnosis in the folder of the run, or say why it cannot be kept."""
+    """Store the diagnosis in the folder of the run, or report why that failed."""
     from betterbench.diagnosis import stored
 
     with _said_if_not_kept("not stored", stored.stored_path(folder)):
@@ -99,11 +99,11 @@ def _store(folder: RunFolder, result: RunDiagnosis) -> None:
 
 @contextmanager
 def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
-    """Say why a result cannot be kept in the run, and go on: it is printed all the same.
+    """Report why a result could not be stored in the run, and continue: it is printed anyway.
 
     Args:
-        consequence: The message's beginning.
-        path: The file that is written.
+        consequence: Beginning of the message.
+        path: File to write.
     """
     try:
         yield
@@ -116,7 +116,7 @@ def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
 def _print(
     result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
 ) -> None:
-    """Print the tables, and last the verdict in one line."""
+    """Print the tables, followed by the verdict in one line."""
     from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
     from betterbench.cli.output.standing import print_standing
     from betterbench.cli.output.vqa import print_knowledge
@@ -139,7 +139,7 @@ def _print(
 def _knowledge(
     folder: RunFolder, result: RunDiagnosis, answers: Path, questions: Path | None, *, keep: bool
 ) -> Knowledge:
-    """Return what the model that answered knows of the run, and store it for the report."""
+    """Compare the answers of a model with the run, and store the comparison for the report."""
     from betterbench.vqa.asking import read_answers
     from betterbench.vqa.dataset import SET_NAME, read_set
     from betterbench.vqa.knowing import knowledge_of, knowledge_path, store_knowledge

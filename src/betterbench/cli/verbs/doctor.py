@@ -1,4 +1,4 @@
-"""``better doctor``: checks of this installation, with cures; and the preflight check of a policy."""
+"""``better doctor``: checks of this installation with remedies, and the preflight check of a policy."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ def doctor_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Try everything that a run needs, and print the cure for what fails. The exit status is 2 if something fails.
+    """Check everything that a run needs, and print the remedy of each failure. The exit status is 2 if a check fails.
 
-    With --policy: compare conventions, ask the policy for answers to one observation, measure how long they take, and
-    draw exactly what the policy is shown and what its answer would do. Then replay a demonstration of the trial through
-    the policy: where its answers lead proves the conventions, with a factor per axis.
+    With --policy: compare conventions, ask the policy for answers to one observation, measure their latency, and draw
+    the observation and the motion that the answer would cause. Then replay a demonstration of the trial through the
+    policy: where its answers lead confirms the conventions, with a factor per axis.
 
     Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 
     Args:
-        policy: Address of a policy to try instead (see better list policies).
+        policy: Address of a policy to check (see better list policies).
         task: Task whose start the policy is shown.
         condition: Condition of that task; its first training condition if not given.
         seed: Seed of the trial.
@@ -81,7 +81,7 @@ def _require_proof(found: PreflightCheck) -> None:
 
 
 def _check_machine(*, json: bool) -> None:
-    """Print what works on this machine; BetterError if something does not."""
+    """Print what works on this machine; raise BetterError if a check fails."""
     from betterbench.cli.checks import run_checks
 
     checks = run_checks()
@@ -95,4 +95,4 @@ def _check_machine(*, json: bool) -> None:
             OUT.print(f"\n{names}: {cure}", markup=False, soft_wrap=not OUT.is_terminal)
     if broken:
         names = ", ".join(check.name for check in broken)
-        raise BetterError(f"These checks fail on this machine: {names}. Each cure is printed above.")
+        raise BetterError(f"These checks fail on this machine: {names}. The remedies are printed above.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
@@ -21,12 +20,13 @@ if TYPE_CHECKING:
     from betterbench.evaluation import Plan, Progress
     from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.records import JournalEntry, RunFolder
+    from betterbench.sim.worlds import World
 
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
-"""Time from the first steps to the first estimate, and between the first two lines of a log before any step [s]."""
+"""Time from the first steps to the first estimate, and between the first two log lines without any step [s]."""
 
 LOG_EVERY_S = 60.0
-"""Interval of the lines that report the progress of a run where there is no terminal to draw a bar on [s]."""
+"""Interval of the progress lines where there is no terminal to draw a bar on [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,18 +34,18 @@ class TrialOptions:
     """Trials and conventions of a run.
 
     Attributes:
-        suite: Suite to take the tasks from (see better list suites); those of LIBERO and CALVIN are run there.
+        suite: Suite to take the tasks from (see better list suites); suites of LIBERO and CALVIN run in those worlds.
         tasks: Tasks to run; all of the suite if none is named.
         variations: Variations to run; all if none is named.
-        trials: Trials per variation, 20 if not given; in LIBERO initial states per task, those of the protocol; in
+        trials: Trials per variation, 20 if not given; in LIBERO initial states per task, as the protocol says; in
             CALVIN chains, 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
-        action_space: Action space of the policy; ee_delta if not given, and in a foreign world what its address says.
+        action_space: Action space of the policy; ee_delta if not given, and in another world what its address says.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
-        until_decided: Give a variation no more trials once it is shown that its success drops against training, or that
-            it does not drop by half; --trials is then the most that it gets.
+        until_decided: Stop a variation as soon as it is shown that its success drops against training, or that it does
+            not drop by half; --trials is then the maximum.
     """
 
     suite: str = "better60"
@@ -60,39 +60,36 @@ class TrialOptions:
     until_decided: bool = False
 
 
-_PLUS_OPTIONS = ("axes", "variants", "libero_plus_assets", "libero_plus_sentences")
-_FOR_CALVIN = ("it is for CALVIN", "Leave out {option}")
-
 USUAL_TRIALS = 20
-"""Trials per variation unless asked for otherwise."""
+"""Trials per variation by default."""
 
 MANY_TRIALS = 200
 """Number of trials above which a smaller command is suggested first."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""Task and trials of the smaller command that is suggested: the task with the shortest trials, if it is planned."""
+"""Task and trials of the smaller command that is suggested: the task with the shortest trials, if planned."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorldOptions:
-    """Options of a run in the suites of a foreign world.
+    """Options that only some worlds have.
 
     Attributes:
-        protocol: In LIBERO, whose protocol.
-        broken_premises: What happens where a scene does not show what its sentence presupposes: refuse stops the run,
-            run goes on and notes it in the record.
+        protocol: Name of the evaluation protocol in LIBERO.
+        broken_premises: What happens if a scene contradicts the premise of its instruction: refuse stops the run, run
+            continues and notes it in the record.
         axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); all if none
             is named.
-        variants: In LIBERO-Plus, at most so many variants of each task on each axis, evenly spread; all if not given.
-        libero_plus_assets: In LIBERO-Plus, the unzipped folder assets of its authors, for new objects, light and
+        variants: In LIBERO-Plus, maximum variants of each task on each axis, evenly spread; all if not given.
+        libero_plus_assets: In LIBERO-Plus, the unzipped assets folder of its authors, for new objects, lights and
             textures; BETTERBENCH_LIBERO_PLUS_ASSETS if not given.
-        libero_plus_sentences: In LIBERO-Plus, clean for the sentence of the task, published for one that ends with the
-            name of the variant, as in the published numbers.
+        libero_plus_sentences: In LIBERO-Plus, clean for the instruction of the task, published for the instruction with
+            the name of the variant at its end, as used for the published numbers.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
-        calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it the checkout's own
-            configuration of scene D is composed.
-        calvin_renderer: In CALVIN, what draws the images: egl as CALVIN does, PyBullet's tiny renderer, whose pixels
-            differ, or auto for EGL where it starts.
+        calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it, the configuration of
+            scene D in the checkout is composed.
+        calvin_renderer: In CALVIN, the renderer of the images: egl as in CALVIN, tiny for PyBullet's renderer with
+            other pixels, or auto for EGL where it starts.
     """
 
     protocol: Literal["openpi", "gr00t", "lerobot"] = "openpi"
@@ -108,12 +105,12 @@ class WorldOptions:
 
 @dataclass(frozen=True, slots=True)
 class RayOptions:
-    """Placing of a run on a Ray cluster, with --engine ray.
+    """Placement of a run on a Ray cluster, with --engine ray.
 
     Attributes:
         ray_address: Address of the Ray cluster; RAY_ADDRESS, or a cluster of this machine alone, if not given.
-        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or with act_batch); 1 if not given.
-        replica_gpus: Graphics cards of each copy, or the part of one; 1 if the cluster has them, if not given.
+        replicas: On Ray, copies of a policy that runs inside the run (lerobot:, or one with act_batch); 1 if not given.
+        replica_gpus: GPUs of each copy, or a fraction of one; 1 if the cluster has them, if not given.
     """
 
     ray_address: str | None = None
@@ -121,7 +118,7 @@ class RayOptions:
     replica_gpus: float | None = None
 
     def cluster(self) -> Cluster:
-        """Return where the run is placed."""
+        """Return the cluster on which the run is placed."""
         from betterbench.evaluation.ray_engine.cluster import Cluster
 
         return Cluster(self.ray_address, 1 if self.replicas is None else self.replicas, self.replica_gpus)
@@ -149,38 +146,43 @@ def evaluate_command(
 ) -> None:
     """Evaluate a policy. The same command resumes an unfinished run.
 
-    Every variation runs with the same seeds, and the training conditions with as many trials in all, of which the first
+    Every variation runs with the same seeds. The training conditions together get as many trials, and the first of them
     are the counterfactual twins. Trials that no certificate covers are refused (see better certify).
 
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
-        policy: Address of the policy (see better list policies); with --from, one other than that of the run.
+        policy: Address of the policy (see better list policies); with --from, a policy other than that of the run.
         out: Folder of the run; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
-        world: Settings of a foreign world.
+        world: Options of other worlds than ours.
         workers: Worker processes; one per processor if not given.
-        envs: Environments of each worker, which hide the policy's latency; a warm-up chooses if not given.
+        envs: Environments of each worker, to hide the policy's latency; chosen by a warm-up if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Where a run on a Ray cluster is placed.
         policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         uncertified: Also run trials that no certificate covers.
-        allow_other_versions: With --from, repeat the run although versions differ that results depend on.
-        trust: With --from or --run-file, let what the file names run code, or send the key that its address names.
-        allow_changed_policy: Resume although the policy declares something else than when the run began.
-        explain_power: Say at length which drops the trials can show, and which not.
+        allow_other_versions: With --from, repeat the run although relevant versions differ.
+        trust: With --from or --run-file, allow the file to run code or to send a key that it names.
+        allow_changed_policy: Resume although the policy's declarations have changed since the run began.
+        explain_power: Print in detail which drops the trials can show.
         json: Print one JSON document at the end.
     """
+    from betterbench.sim.worlds import world_of_suite
+
     if engine == "local":
         _refuse_changed(
             ray, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}"
         )
-    if is_foreign(chosen.suite):
+    chosen_world = world_of_suite(chosen.suite)
+    _refuse_other_options(world, chosen_world)
+    if not chosen_world.facts.measured:
         plan = _world_plan(policy, from_run, chosen, world)
+        for line in plan.world.announcement(plan.trials, chosen.suite):
+            say(line)
     else:
-        _refuse_changed(world, "it is for a foreign world", "Leave out {option}, or give --suite calvin")
         plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
         if not uncertified:
             _require_certified(plan, certificate)
@@ -204,9 +206,9 @@ def evaluate_command(
 
 
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
-    """Say how many trials there are and what they can show, and for a large plan a smaller command to begin with.
+    """Print the number of trials, the drops that they can show, and for a large plan a smaller command to begin with.
 
-    ``certified`` are the options about certificates; None where the plan is that of another run.
+    ``certified`` are the options about certificates; None if the plan is that of another run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -222,7 +224,7 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return the command that runs a small part of a plan first, after its trials; empty if the plan is that small."""
+    """Return a command that first runs a small part of a plan, after its number of trials; empty for a small plan."""
     from betterbench.evaluation.planning.plan import make_plan
     from betterbench.tasks.user_files import options_for
 
@@ -266,137 +268,54 @@ def _plan(
     return make_plan(policy, **{**options, "tasks": chosen.tasks or of_suite})
 
 
-def is_foreign(suite: str) -> bool:
-    """Return whether a suite is run in a foreign world."""
-    from betterbench.tasks.worlds.calvin import CHAIN_SUITES
-    from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
-
-    return any(suite in known for known in (SUITES, PLUS_SUITES, CHAIN_SUITES))
-
-
 def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of a foreign world, after saying how it is run."""
-    from betterbench.tasks.worlds.calvin import CHAIN_SUITES
-    from betterbench.tasks.worlds.libero import PLUS_SUITES
+    """Return the plan of a suite of another world than ours."""
+    from betterbench.evaluation.planning.world_plan import make_world_plan
 
     if from_run is not None:
-        raise InvalidInputError("--from", "a run in a foreign world is not repeated", "Give its --suite and --policy")
+        raise InvalidInputError("--from", f"runs of {chosen.suite} are not repeated", "Give its --suite and --policy")
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address")
     _refuse_changed(
         replace(chosen, suite="better60", tasks=(), trials=None, seed=0, action_space=None, observation="default"),
-        f"{chosen.suite} has no such choice",
+        f"{chosen.suite} has no such option",
         "Leave out {option}",
     )
-    if chosen.suite in PLUS_SUITES:
-        return _plus_plan(policy, chosen, world)
-    plus = WorldOptions(**{name: getattr(world, name) for name in _PLUS_OPTIONS})
-    _refuse_changed(plus, "it is for LIBERO-Plus", "Leave out {option}, or give --suite libero_plus_object")
-    return (_chain_plan if chosen.suite in CHAIN_SUITES else _libero_plan)(policy, chosen, world)
-
-
-def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of CALVIN, after saying how it is run."""
-    from betterbench.evaluation.planning.world_plan import make_chain_plan
-    from betterbench.sim.worlds import calvin_command
-    from betterbench.statistics.wording import plural
-    from betterbench.tasks.worlds.calvin import STEPS_PER_SUBTASK
-
-    _refuse_changed(
-        replace(world, broken_premises="refuse", calvin_env=None, calvin_config=None, calvin_renderer="auto"),
-        "it is for LIBERO",
-        "Leave out {option}",
-    )
-    if chosen.tasks:
-        raise InvalidInputError("--tasks", "CALVIN has chains and no tasks", "Give --seed and --trials")
-    plan = make_chain_plan(
+    return make_world_plan(
         policy,
         suite=chosen.suite,
-        command=calvin_command(
-            world.calvin_env,
-            world.calvin_config,
-            egl=None if world.calvin_renderer == "auto" else world.calvin_renderer == "egl",
-        ),
-        trials=chosen.trials,
-        seed=chosen.seed,
-        action_space=chosen.action_space,
-        observation=chosen.observation,
-        refuse_broken=world.broken_premises != "run",
-    )
-    made_of = "" if plan.world is None else "; ".join(f"{k}: {v}" for k, v in plan.world.versions.items())
-    say(
-        f"{plural(len(plan.trials), 'chain')} of {chosen.suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
-        f"instructions. {made_of}."
-    )
-    return plan
-
-
-def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of LIBERO, after saying how it is run."""
-    from betterbench.evaluation.planning.world_plan import make_world_plan
-    from betterbench.statistics.wording import plural
-    from betterbench.tasks.worlds.libero import OURS, protocol_named, suite_named
-
-    _refuse_changed(replace(world, protocol="openpi", broken_premises="refuse"), *_FOR_CALVIN)
-    plan = make_world_plan(
-        policy,
-        suite=chosen.suite,
-        protocol=world.protocol,
         tasks=chosen.tasks,
         trials=chosen.trials,
         seed=chosen.seed,
         action_space=chosen.action_space,
         observation=chosen.observation,
-        refuse_broken=world.broken_premises != "run",
+        **_changed(world),
     )
-    by = protocol_named(world.protocol)
-    steps = by.steps[suite_named(chosen.suite).base]
-    say(
-        f"{plural(len(plan.trials), 'trial')} of {chosen.suite}, protocol {by.name}: "
-        f"{by.settling_steps} settling steps, then at "
-        f"most {steps} steps; seed {by.seed}. Against openpi: {by.differences or 'the same'}. Against all: {OURS}."
-    )
-    return plan
 
 
-def _plus_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of LIBERO-Plus, after saying how it is run and what is left out."""
-    from betterbench.evaluation.planning.plus_plan import VariantChoice, make_plus_plan
-    from betterbench.sim.worlds import PlusSettings, plus_command
-    from betterbench.statistics.wording import plural
-    from betterbench.tasks.worlds.libero import protocol_named, suite_named
-
-    known = {name: getattr(world, name) for name in ("protocol", "broken_premises", *_PLUS_OPTIONS)}
-    _refuse_changed(replace(world, **{name: getattr(WorldOptions(), name) for name in known}), *_FOR_CALVIN)
-    plan = make_plus_plan(
-        policy,
-        suite=chosen.suite,
-        choice=VariantChoice(world.axes, world.variants, world.libero_plus_sentences),
-        protocol=world.protocol,
-        tasks=chosen.tasks,
-        trials=chosen.trials,
-        seed=chosen.seed,
-        action_space=chosen.action_space,
-        observation=chosen.observation,
-        refuse_broken=world.broken_premises != "run",
-        command=plus_command(world.libero_plus_assets),
-    )
-    by = protocol_named(world.protocol)
-    steps = by.steps[suite_named(chosen.suite).base]
-    counts = Counter(trial.axis for trial in plan.trials)
-    say(
-        f"{plural(len(plan.trials), 'trial')} of {chosen.suite} "
-        f"({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
-        f"{by.settling_steps} settling steps, then at most {steps} steps; seed {by.seed}; "
-        f"{world.libero_plus_sentences} sentences."
-    )
-    if isinstance(plan.world, PlusSettings) and plan.world.left_out:
-        missing = ", ".join(f"{axis} {n}" for axis, n in plan.world.left_out.items())
-        say(f"Not run, because they want the authors' assets: {missing}. Download them and give --libero-plus-assets.")
-    return plan
+def _changed(world: WorldOptions) -> dict[str, Any]:
+    """Return the options that are not at their defaults, by name."""
+    return {f.name: getattr(world, f.name) for f in fields(world) if getattr(world, f.name) != f.default}
 
 
-def _refuse_changed(given: TrialOptions | RayOptions | WorldOptions, problem: str, cure: str) -> None:
+def _refuse_other_options(given: WorldOptions, world: World) -> None:
+    """Refuse the first option that the world of the run does not have, and name a world that has it."""
+    from betterbench.sim.worlds import all_worlds
+    from betterbench.statistics.wording import listed
+
+    def has(world: World, option: str) -> bool:
+        return world.options is not None and option in {f.name for f in fields(world.options)}
+
+    name = next((name for name in _changed(given) if not has(world, name)), None)
+    if name is None:
+        return
+    option = f"--{name.replace('_', '-')}"
+    others = [other for other in all_worlds() if has(other, name)]
+    titles, suite = listed([other.facts.title for other in others]), next(iter(others[0].facts.suites))
+    raise InvalidInputError(option, f"it is for {titles}", f"Leave out {option}, or give --suite {suite}")
+
+
+def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -> None:
     """Refuse the first option that is not at its default."""
     for field in fields(given):
         if getattr(given, field.name) != field.default:
@@ -405,7 +324,7 @@ def _refuse_changed(given: TrialOptions | RayOptions | WorldOptions, problem: st
 
 
 def _require_certified(plan: Plan, certificate: Path | None) -> None:
-    """Check that a certificate covers every trial of a plan, and say what it does not prove."""
+    """Check that a certificate covers every trial of a plan, and print the limits of the certificate."""
     from betterbench.certification.refusal import require_certified
 
     remark = require_certified(plan, certificate)
@@ -414,14 +333,19 @@ def _require_certified(plan: Plan, certificate: Path | None) -> None:
 
 
 def default_folder(policy: str) -> str:
-    """Return the name of the folder that the runs of a policy go to unless another one is named."""
+    """Return the default folder of the runs of a policy."""
     return default_name(policy, otherwise="policy")
 
 
 def prepare_robot(name: str) -> None:
     """Decimate the meshes of a robot into the cache, with a bar; later runs find them there and show nothing."""
-    from betterbench.sim.robots import build_robot_spec
+    from betterbench.sim.worlds import OWN_WORLD
 
+    _prepare(OWN_WORLD, name)
+
+
+def _prepare(world: World, robot: str) -> None:
+    """Prepare this machine for the runs of a world, with a bar if that takes long."""
     with ExitStack() as stack:
         shown: list[Callable[..., None]] = []
 
@@ -431,11 +355,11 @@ def prepare_robot(name: str) -> None:
                 shown.append(lambda **changes: bar.update(task, **changes))
             shown[0](description=what, completed=done, total=planned)
 
-        build_robot_spec(name, progress=on_progress)
+        world.prepare(robot, on_progress)
 
 
 def _say_what_is_done(plan: Plan, out: Path) -> None:
-    """Say at once how much of a run that is resumed is done; faults of the folder are said when it is opened."""
+    """Print at once how much of a resumed run is done; faults of the folder are reported when it is opened."""
     from betterbench.records import RunFolder
 
     if not (out / "journal.jsonl").is_file():
@@ -451,10 +375,10 @@ def _say_what_is_done(plan: Plan, out: Path) -> None:
 
 
 class _RunLine:
-    """The line that shows how far a run is, after each trial and between two of them."""
+    """Progress line of a run, updated after each trial and during trials."""
 
     def __init__(self, plan: Plan, out: Path, label: str | None, draw: Callable[[int, str], None]) -> None:
-        from betterbench.cli.outlook import Outlook, step_limits
+        from betterbench.cli.outlook import Outlook
         from betterbench.cli.tally import RunTally
         from betterbench.records import RunFolder
 
@@ -462,13 +386,13 @@ class _RunLine:
         self.elapsed_s = 0.0
         self._draw = draw
         self._folder, self._start = RunFolder(out, {}, {}), "" if label is None else f"{label}: "
-        self._tally, self._outlook = RunTally(), Outlook(step_limits(plan))
+        self._tally, self._outlook = RunTally(), Outlook(plan.world.step_limits(plan.trials))
         self._progress: Progress | None = None
         self._began_s = time.monotonic()
         self._next_line_s, self._estimated = 0.0, False
 
     def progress(self, progress: Progress) -> None:
-        """Show the run after a trial has ended, or as it begins."""
+        """Show the progress when the run begins or a trial has ended."""
         if progress.last is None:
             self._tally.resume(self._folder)
             done = {e.key for e in self._folder.entries() if e.status == "done"} if progress.done else set()
@@ -483,7 +407,7 @@ class _RunLine:
         self._show(progress)
 
     def step(self, steps: int) -> None:
-        """Show the run after its workers have reported steps."""
+        """Show the progress after workers have reported steps."""
         self._outlook.see(steps)
         if self._progress is None:
             return
@@ -506,7 +430,7 @@ class _RunLine:
 def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
     """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
 
-    The bar is called by the policy, or by the ``label``.
+    The bar is named after the policy, or has the ``label``.
 
     The options are those of :func:`betterbench.evaluation.evaluate`, with one worker per processor if not given.
     """
@@ -519,8 +443,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
     kind = kind_of(plan.policy)
     needs = kind.needs_of(plan.policy)
     shown_as = kind.name if needs.server else plan.policy
-    if plan.world is None:
-        prepare_robot(plan.robot)
+    _prepare(plan.world, plan.robot)
     with progress_bar(label or shown_as, len(plan.trials), estimate=False) as (bar, task):
         shown = _RunLine(plan, out, label, lambda done, note: bar.update(task, completed=done, note=note))
         on_progress, on_steps = shown.progress, shown.step
@@ -532,12 +455,12 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
     times = run_times(run.entries())
     if times is not None:
         chosen = options.get("envs") is None
-        say(f"time: {times_text(times, foreign=plan.world is not None, chosen=chosen)}")
+        say(f"time: {times_text(times, drawn_here=not plan.world.drawn_by, chosen=chosen)}")
     return run
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
-    """Print how many trials succeeded and how many broke down, and the verdicts of a run until decided."""
+    """Print how many trials succeeded and how many broke down, and the verdicts of a run with ``until_decided``."""
     from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
@@ -567,24 +490,24 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
-    if plan.policy == "expert" and plan.world is None:
+    if plan.policy == "expert" and plan.world.facts.measured:
         _print_expert(run)
     following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
-    if plan.world is None:
+    if plan.world.facts.reading != "chains":  # which get no labels
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     require_a_trial(run)
 
 
 def _print_expert(run: RunFolder) -> None:
-    """Print what stopped the expert in the first trial that it did not solve, and how to look at it."""
+    """Print what stopped the expert in its first failed trial, and how to look at it."""
     from betterbench.tasks.user_files import options_for
 
     failed = [e for e in run.entries() if e.status == "done" and not run.outcome(e).success]
     if not failed:
         return
     first = next((e for e in failed if e.ground_truth.get("mishap")), failed[0])
-    why = first.ground_truth.get("mishap") or "it met no obstacle; look at what moves or falls"
+    why = first.ground_truth.get("mishap") or "no obstacle was found; look for objects that move or fall"
     text = f"{first.task}/{first.condition} seed {first.seed}: {why} (docs/adding-a-task.md, If the expert fails)"
     OUT.print(f"expert      {text}", markup=False, soft_wrap=not OUT.is_terminal)
     record = shell_word(run.record_path(first.task, first.condition, first.seed))
@@ -593,7 +516,7 @@ def _print_expert(run: RunFolder) -> None:
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
-    """Return what a run until decided has decided, from its records; None for a run of all trials."""
+    """Return the verdicts of a run with ``until_decided`` from its records; None for a run of all trials."""
     from betterbench.diagnosis.until_decided import decided_of
 
     if plan.until_decided is None:

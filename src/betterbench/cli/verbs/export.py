@@ -1,4 +1,4 @@
-"""``better export``: a run for others: one file of outcomes, an experiment tracker, or a data set to train on."""
+"""``better export``: the outcomes of a run as one file, tracker metrics, or a data set to train on."""
 
 from __future__ import annotations
 
@@ -37,42 +37,42 @@ def export_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Write the outcomes of a run for others, or demonstrations of runs as a data set to train policies on.
+    """Export the outcomes of a run, or demonstrations of runs as a data set to train policies on.
 
-    A submission holds the outcome of every planned trial, all versions, and the hash of every record; better compare
-    reads it. A data set (lerobot, lerobot-v2.1, robomimic) holds what a policy of the preset is shown and has to answer
-    in the successful trials of training conditions: a policy trained on it is evaluated with the same preset. Ctrl-C
-    keeps finished episodes; the same command resumes.
+    A submission contains the outcome of every planned trial, all versions, and the hash of every record; better compare
+    reads it. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of the successful
+    trials of training conditions, in the layout of a preset. A policy trained on it is evaluated with the same preset.
+    Ctrl-C keeps finished episodes; the same command resumes.
 
     Example: better export runs/demos --to lerobot --preset lerobot --out sets/demos
 
     Args:
-        runs: Folder of the run; of several runs for a data set.
-        to: submission; tensorboard or wandb (extras of these names; what wandb sends and where is up to its own
-            settings, such as WANDB_MODE=offline); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with
-            modality.json for GR00T and Being-H) or robomimic (HDF5, extra robomimic).
-        out: File of the submission, NAME.json if not given; folder of the tracker, RUN/TRACKER; folder of the data set,
-            or its file for robomimic.
-        name: What the policy is called; the name that it declared if not given.
+        runs: Folder of the run; several folders for a data set.
+        to: submission; tensorboard or wandb (extras of these names; the settings of wandb, such as WANDB_MODE=offline,
+            decide what it sends); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with modality.json for GR00T and
+            Being-H) or robomimic (HDF5, extra robomimic).
+        out: File of the submission, NAME.json if not given; folder of the tracker, RUN/TRACKER if not given; folder of
+            the data set, or its file for robomimic.
+        name: Name of the policy; the name that it declared if not given.
         project: Project of the tracker wandb.
-        check: Submission, or data set, to compare with the records of the runs instead; nothing is written.
+        check: Submission or data set to compare with the records of the runs; nothing is written.
         preset: Layout of the data set, as in a policy's address (?preset=NAME); lerobot if not given, for lerobot-v2.1
             gr00t_new_embodiment and for robomimic native.
         tasks: Tasks of the data set; all of the runs if none is named.
-        variations: Also export successful trials of test variations, which then no longer test a policy.
-        images: How images are stored: video (H.264) or png (without loss, six times larger). robomimic's have no loss.
+        variations: Also export successful trials of test variations. They can then no longer test a policy.
+        images: Image format: video (H.264) or png (lossless, six times larger). robomimic images are always lossless.
         observation: Observation preset of the evaluation; the first one with the cameras of the layout if not given.
         quality: Render preset of the images; that of the run if not given.
         validation: Share of the seeds whose episodes are for validation; they come last.
         language: Also write the language columns, which LeRobot 0.6 and newer read and older ones refuse.
-        vqa: Set of better vqa about the same run, whose questions stand in these columns.
-        workers: Episodes that are drawn at once; one per processor if not given.
+        vqa: Set of better vqa about the same run; its questions are written to these columns.
+        workers: Episodes that are rendered in parallel; one per processor if not given.
         overwrite: Replace a file that better export did not write, or another data set of better export.
         json: Print one JSON document about what was written or checked.
     """
     if not runs:
-        named = "Give the folder of the run, that which --out named when it was made"
-        compared = f"Give the folders of the runs with whose records {check} is to be compared"
+        named = "Give the folder of the run, the --out of better eval or better collect"
+        compared = f"Give the folders of the runs to compare {check} with"
         raise InvalidInputError("runs", "no run is named", named if check is None else compared)
     if check is not None and _is_dataset(check):
         _check_dataset(runs, check, as_json=json)
@@ -99,27 +99,27 @@ def export_command(
 
 
 def _refuse(given: Mapping[str, object], to: str) -> None:
-    """Raise InvalidInputError about an option of data sets that was given."""
+    """Raise InvalidInputError if an option of data sets was given."""
     for option, value in given.items():
         if value:
             cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
-            raise InvalidInputError(option, f"belongs to data sets, and {to} is none", cure)
+            raise InvalidInputError(option, f"belongs to data sets, but {to} is not a data set", cure)
 
 
 def _is_dataset(path: Path) -> bool:
-    """Return whether a data set is meant, and no submission."""
+    """Return whether a path is a data set instead of a submission."""
     from betterbench.demonstrations.export.robomimic import is_hdf5
 
     return path.is_dir() or path.suffix in (".hdf5", ".h5") or is_hdf5(path)
 
 
 _PRESETS = {"lerobot": "lerobot", "lerobot-v2.1": "gr00t_new_embodiment", "robomimic": "native"}
-"""The layout of each format, if no other is asked for."""
+"""Default layout of each format."""
 
 
 @dataclass(frozen=True, slots=True)
 class _DatasetOptions:
-    """Options of a data set: its frames, and the number of workers that make them."""
+    """Options of a data set: its frames, and the number of workers that render them."""
 
     preset: str
     tasks: tuple[str, ...]
@@ -165,7 +165,7 @@ def _export_dataset(
     if left_out:
         say(f"left out: {', '.join(left_out)}")
     if options.variations:
-        say("with test variations: a policy that is trained on these episodes is not tested by the same variations")
+        say("with test variations: these variations do not test a policy that is trained on these episodes")
     document = asdict(done) | {"path": str(done.path), "seconds": round(seconds, 3)}
     sentence = (
         f"{done.episodes} episodes, {done.frames} frames\n{took(seconds, done.bytes)}\n"
@@ -185,7 +185,7 @@ def _check_dataset(runs: tuple[Path, ...], path: Path, *, as_json: bool) -> None
             on_progress=lambda count, planned: bar.update(task, completed=count, total=planned),
         )
     sentence = (
-        f"{path}: holds what the records say: {found.episodes} episodes, {found.frames} frames, "
+        f"{path}: agrees with the records: {found.episodes} episodes, {found.frames} frames, "
         f"{found.pictures} pictures drawn again (largest mean error {found.worst_error:.2f} of 255 levels)"
     )
     _tell(asdict(found), sentence, as_json=as_json)
@@ -202,7 +202,7 @@ def _export_outcomes(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Write a submission, compare one with the run, or hand the run's metrics to a tracker."""
+    """Write a submission, compare one with the run, or write the metrics of the run for a tracker."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.trackers import write_metrics
     from betterbench.comparison import read_submission, require_same, submission_of
@@ -221,17 +221,17 @@ def _export_outcomes(
             require_same(folder, submission, on_progress=told)
         _tell(
             {"identical": True, "sha256": submission.sha256},
-            f"{check}: identical with what the run proves",
+            f"{check}: agrees with the records of the run",
             as_json=as_json,
         )
         return
     if to != "submission":
         place = out or folder.inside(to)
-        with FileLock(place):  # beside it, for a tracker reads what is in the folder
+        with FileLock(place):  # beside the folder, because a tracker reads every file in it
             write_metrics(diagnosed(folder), to, place, name=name, project=project, overwrite=overwrite)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
-    if out is not None:  # before the records are read
+    if out is not None:  # fail before the records are read
         require_replaceable(out, "export", overwrite=overwrite, is_ours=is_submission)
     with passing_bar(f"diagnosing {folder.path.name}") as told:
         submission = submission_of(folder, name=name, on_progress=told)

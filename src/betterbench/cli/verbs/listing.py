@@ -51,7 +51,7 @@ def list_command(
     if what == "variations":
         OUT.print("support: whether every pose that it needs was seen in training", markup=False)
     elif what == "policies":
-        OUT.print("\nzoo: faulty on purpose, with one fault that the diagnosis has to find", markup=False)
+        OUT.print("\nzoo: faulty policies, each with one known fault that the diagnosis has to find", markup=False)
 
 
 def _table(what: What) -> tuple[list[str], list[list[str]]]:
@@ -89,14 +89,11 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
 
 
 def _suites() -> list[list[str]]:
-    """Return our suite and those of the foreign worlds, and whether each can be run here."""
-    from betterbench.sim.worlds import WORLDS
-    from betterbench.tasks import suite_tasks
-    from betterbench.tasks.worlds.calvin import CHAIN_SUITES
-    from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
+    """Return the suites of all worlds, and whether each can be run here."""
+    from betterbench.sim.worlds import all_worlds
 
-    listed = [["better60", "betterbench", "yes", str(len(suite_tasks("better60"))), "tasks with six variations each"]]
-    for world, suites in (("libero", SUITES), ("libero_plus", PLUS_SUITES), ("calvin", CHAIN_SUITES)):
-        installed = "yes" if WORLDS[world].is_installed else "no"
-        listed += [[suite.name, world, installed, str(suite.tasks), suite.summary] for suite in suites.values()]
-    return listed
+    return [
+        [suite.name, world.name, "yes" if world.is_ready else "no", str(suite.tasks), suite.summary]
+        for world in all_worlds()
+        for suite in world.facts.suites.values()
+    ]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 MOST_LISTED = 3
-"""Files that the error of a check names; --json names all."""
+"""Maximum of files that the error of a check names; --json names all."""
 
 
 def materialize_command(
@@ -37,26 +37,26 @@ def materialize_command(
 ) -> None:
     """Write colors, depth, masks, boxes and optical flow of every recorded state as seekable files.
 
-    Nothing but the records and scenes of the run is read. Intact files are kept, so the same command resumes; missing
-    and damaged ones are drawn. Interruptions and the number of workers do not change a byte.
+    Only the records and scenes of the run are read. Intact files are kept, so the same command resumes; missing and
+    damaged files are rendered again. The files are byte-identical whatever the interruptions and the number of workers.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
     Args:
         run: Folder of a run.
-        camera: View to draw: NAME, NAME:SIZE, NAME:WIDTHxHEIGHT, or a camera of your own as
+        camera: Camera to render: NAME, NAME:SIZE, NAME:WIDTHxHEIGHT, or a new camera as
             NAME=X,Y,Z/X,Y,Z/FOVY:WIDTHxHEIGHT (position and target in meters, degrees); may be given several times. The
             views of the run's policy if none is given.
-        modality: What to write of rgb, depth, instances, semantics, boxes and flow; may be given several times. All if
+        modality: Modality to write: rgb, depth, instances, semantics, boxes or flow; may be given several times. All if
             none is given.
-        trial: Trial to draw, TASK/CONDITION/SEED; may be given several times. All that are recorded if none is given.
+        trial: Trial to render, TASK/CONDITION/SEED; may be given several times. All recorded trials if none is given.
         quality: Render preset of the colors; the one that the policy saw if not given.
         out: Folder to write; RUN/modalities if not given.
-        workers: Processes that draw; files are compressed beside each.
+        workers: Processes that render and compress files.
         follow: Wait for trials that the run is still recording, until it ends.
-        check: Read all files and compare their checksums instead; each recorded trial, or each --trial, has to have
-            its own. Nothing is written.
-        json: Print one JSON document about what was done.
+        check: Read all files and compare their checksums instead; each recorded trial, or each --trial, must have its
+            files. Nothing is written.
+        json: Print one JSON document as a summary.
     """
     from betterbench.records import RunFolder
     from betterbench.records.modalities.spec import ViewSpec, modalities_named
@@ -104,12 +104,12 @@ def _trial(text: str) -> TrialId:
     task, _, rest = text.partition("/")
     condition, _, seed = rest.partition("/")
     if not (task and condition and seed.isascii() and seed.isdigit()):
-        raise InvalidInputError("--trial", f"{text!r} names no trial", "Give TASK/CONDITION/SEED, as fast_food/T1/0")
+        raise InvalidInputError("--trial", f"{text!r} is not a trial", "Give TASK/CONDITION/SEED, as fast_food/T1/0")
     return TrialId(task, condition, int(seed))
 
 
 def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId], *, json: bool) -> None:
-    """Check a folder of modalities against the run that was typed, and raise RecordError about what is wrong."""
+    """Check a folder of modalities against the records of a run; raise RecordError about missing or wrong files."""
     from betterbench.errors import RecordError
     from betterbench.sim.modalities.checking import check_folder
     from betterbench.statistics.wording import plural
@@ -133,13 +133,13 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
 
 
 def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
-    """Return one line about what is wrong with a folder, and what to do."""
+    """Return one line about the faults of a folder and their remedy."""
     from betterbench.statistics.wording import plural
 
     if found.is_of_another_run:
         return (
-            f"{place}: holds no file of a record of {run}; the first is of {found.strangers[0]}. Name the run that the "
-            "files were drawn of, or another --out to draw this one."
+            f"{place}: contains no file of a record of {run}; the first file belongs to {found.strangers[0]}. Name the "
+            "run that the files were rendered from, or another --out to render this one."
         )
     listed = [f"{problem.path.relative_to(place)} {problem.text}" for problem in found.problems]
     said = f"{plural(len(listed), 'file')} missing or wrong: {_some(listed)}"
@@ -148,7 +148,7 @@ def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
     if extra:
         cures.append(f"Move {_some(extra)} away.")
     if len(found.problems) > len(extra):
-        cures.append(f"This draws what is missing or wrong: {command}")
+        cures.append(f"To render them again: {command}")
     return f"{place}: {said}. {' '.join(cures)}"
 
 

@@ -1,4 +1,4 @@
-"""``better premise``: check that the scenes of a foreign world fulfill the premises of their instructions."""
+"""``better premise``: check that the scenes of LIBERO and LIBERO-Plus fulfill the premises of their instructions."""
 
 from __future__ import annotations
 
@@ -23,26 +23,25 @@ def premise_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Check every initial state of LIBERO against its sentence, on the engine at hand.
+    """Check every initial state of LIBERO against its instruction, in the installed simulator.
 
-    Each state settles as in a run, and every relation of the task's file between a thing that the sentence is about and
-    another object is asked of LIBERO itself. An update of the engine breaks scenes. A task takes about half a minute;
-    the same command goes on where it was interrupted. Of LIBERO-Plus, the new layouts and the rest poses of the robot
-    are checked in the one state that they are run from, as far as the assets are there (a few seconds each).
+    Each state settles as in a run. Then LIBERO itself evaluates every relation in the task's file between an object of
+    the instruction and another object, because an update of the simulator can break scenes. A task takes about half a
+    minute; the same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in the one state
+    that they are run from, if their assets are installed (a few seconds each).
 
     Example: better premise libero --suites libero_spatial
 
     Args:
         world: libero, or libero_plus.
         suites: The suites to check; spatial, object, goal and 10 of the world if none is named.
-        out: File of JSON lines that keeps the entries; premises-libero.jsonl, or premises-libero_plus.jsonl, if not
-            given.
-        overwrite: Replace a file of --out that holds anything else than entries.
+        out: File of JSON lines for the results; premises-libero.jsonl, or premises-libero_plus.jsonl, if not given.
+        overwrite: Replace a file at --out that contains other data.
         json: Print one JSON document instead of a table.
     """
     from betterbench.jobs.durable import write_durably
     from betterbench.jobs.outputs import OutputFile
-    from betterbench.sim.worlds import WorldProcess, world_command
+    from betterbench.sim.worlds import WorldProcess, world_named
     from betterbench.sim.worlds.premises import check_premises, entries_bytes, is_premise_file, read_entries
     from betterbench.tasks.worlds.libero import PLUS_SUITES, suite_named
 
@@ -57,7 +56,7 @@ def premise_command(
     with OutputFile(path, "premise", overwrite=overwrite, is_ours=is_premise_file), ExitStack() as stack:
         known = read_entries(path) if not overwrite or is_premise_file(path) else ()
         kept: list[PremiseEntry] = list(known)
-        process = stack.enter_context(WorldProcess(world_command(world)))
+        process = stack.enter_context(WorldProcess(world_named(world).start_command()))
         for name in chosen:
             for entry in check_premises(process, name, known=known):
                 found.append(entry)
@@ -73,7 +72,7 @@ def premise_command(
         [e.suite, _task(e).removeprefix("task "), f"{len(e.broken_states)}/{e.states}", _said(e), e.instruction]
         for e in shown
     ]
-    print_table(["suite", "task", "broken", "what does not hold, or jumps", "sentence"], rows)
+    print_table(["suite", "task", "broken", "false relations and jumps", "instruction"], rows)
     OUT.print(f"engine: {found[0].engine if found else 'none'}", markup=False, soft_wrap=True)
 
 

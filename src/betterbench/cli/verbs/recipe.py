@@ -1,4 +1,4 @@
-"""``better recipe``: configuration and commands of a training framework for one recipe."""
+"""``better recipe``: configuration and commands of a training framework for one training recipe."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ def recipe_command(
 ) -> None:
     """Write the configuration and commands that train pi0.5, GR00T, Being-H or a LeRobot policy by a recipe.
 
-    The recipe is one of the paper's (better, libero, calvin) or a file of your own. The folder holds what the
-    framework reads, each command in order with the evaluation at the end, and the source of each field. If the data
-    set of better export is here already, it is checked.
+    The recipe is one of the paper's (better, libero, calvin) or your own file. The folder contains the configuration,
+    the commands in order up to the evaluation, and the source of each field. If the data set of better export already
+    exists here, it is checked.
 
     Example: better recipe openpi --data sets/pi --out recipes/pi
 
     Args:
-        framework: Who trains.
+        framework: Training framework.
         recipe: Name of a recipe of the paper, or a YAML file.
-        data: Folder of the data set, here or where it will be; several for Being-H.
-        out: Folder that is written; without it, the fields are shown.
+        data: Folder of the data set, here or on the training machine; several for Being-H.
+        out: Folder to write; if not given, the fields are printed.
         gpus: Number of GPUs.
         weights: Where training starts from; the framework's published weights if not given.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
-        sample_tokens: Tokens of one sample, by which Being-H fills its sequences.
+        sample_tokens: Number of tokens of one sample, with which Being-H fills its sequences.
         overwrite: Write to a folder that better recipe did not make, and replace files of the same names there.
         json: Print one JSON document instead of a table.
     """
     from betterbench.demonstrations.recipes import setup_files, trainer_setup, write_setup
 
     chosen = _recipe(recipe)
-    # The commands are given in the folder of the framework.
+    # The commands are run in the folder of the framework.
     places = [str(Path(place).absolute()) if Path(place).exists() else place for place in data]
     setup = trainer_setup(
         framework, chosen, places, gpus=gpus, weights=weights, policy=policy, sample_tokens=sample_tokens

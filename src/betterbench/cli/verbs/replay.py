@@ -1,4 +1,4 @@
-"""``better replay``: simulate a record again, or turn it into a video."""
+"""``better replay``: simulate a record again, or render it as a video."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from betterbench.records import RecordMetadata, RunFolder
 
 MOST_FIELDS = 5
-"""Fields that are named in the error of a record that does not follow from its actions."""
+"""Maximum of fields named in the error about a record that differs from its replay."""
 
 
 def replay_command(
@@ -36,11 +36,11 @@ def replay_command(
 
     Args:
         record: File of the record, in the folder of its run.
-        twin: Write the trial beside its training twin, with instructions, clock, labels and the gripper's path.
-        check: Simulate again and compare all that follows from trial and actions, instead of writing a video.
+        twin: Render the trial beside its training twin, with instructions, clock, labels and the gripper's path.
+        check: Simulate again and compare all recorded results, instead of writing a video.
         out: Video file to write; a file in the folder of the run if not given.
         camera: Camera of the video.
-        size: Side of the video in pixels, with --twin of each half; 512 or, with --twin, 384 if not given.
+        size: Side of the video in pixels, or of each half with --twin; 512, or 384 with --twin, if not given.
         overwrite: Replace a file that better replay did not write.
         json: Print the result of --check as one JSON document.
     """
@@ -63,13 +63,13 @@ def replay_command(
         listed = "; ".join(result.differing[:MOST_FIELDS]) + (f"; and {more} more" if more > 0 else "")
         raise BetterError(
             f"{record}: the replay differs ({where}, by {result.largest_difference:.3g} at most; verdicts "
-            f"{'agree' if result.verdict_agrees else 'differ'}). What does not follow: {listed}. "
+            f"{'agree' if result.verdict_agrees else 'differ'}). Fields that differ: {listed}. "
             f"{'; '.join(result.notes) or 'Versions are the same'}."
         )
 
 
 def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
-    """Return the run of a record and what the record says about its trial; RecordError if it is not in its place."""
+    """Return the run of a record and the metadata of the record; RecordError if the record is outside a run."""
     from betterbench.records import RunFolder, read_record
 
     meta = read_record(record).metadata
@@ -79,8 +79,8 @@ def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
     if run is None or Path(os.path.realpath(run.record_path(meta.task, meta.condition, meta.seed))) != place:
         trial = one_line(f"{meta.task}/{meta.condition}/{meta.seed}")
         raise RecordError(
-            f"{record}: the record is not in the folder of its run, where its scene is stored. Name it there, or put "
-            f"it back as RUN/records/{trial}.parquet."
+            f"{record}: the record is not in the folder of its run, which contains its scene. Give the path there, or "
+            f"move the record back to RUN/records/{trial}.parquet."
         )
     return run, meta
 
@@ -115,7 +115,7 @@ def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None
     trials = {t.key: t for t in diagnosed(run).trials}
     trial = trials.get(str(TrialId(meta.task, meta.condition, meta.seed)))
     if trial is None:
-        raise RecordError(f"{record}: its trial is not planned in {run.path}. Choose a record of a planned trial.")
+        raise RecordError(f"{record}: its trial is not in the plan of {run.path}. Choose a record of a planned trial.")
     panels = [panel_of(trial, "this trial")]
     beside = trials.get(trial.twin_key or "")
     if beside is not None and beside.record is not None:

@@ -1,4 +1,4 @@
-"""``better report``: one page with the results of policies and the reasons of their failures."""
+"""``better report``: one page with the results of policies and the causes of their failures."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ def report_command(
 ) -> None:
     """Write one self-contained HTML page, with its tables as CSV and LaTeX beside it.
 
-    A run that is still going can be reported too: the page says how many trials are done and counts only those.
+    An unfinished run can be reported too: the page says how many trials are done and counts only those.
 
     Example: better report runs/expert
 
     Args:
-        run: Folder of a run; several are put side by side.
+        run: Folder of a run; several are compared on one page.
         name: Name of a run on the page, once per run and in their order; that of its policy if not given.
         twins: For runs in LIBERO-PRO: run of the base suite by the same policy, once per run and in their order.
         out: Folder of the report; RUN/report if not given.
         latex: Write LaTeX tables too.
-        films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
+        films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.
         overwrite: Write to a folder that better report did not make, and replace files of the same names there.
     """
     from betterbench.api.report import report_into

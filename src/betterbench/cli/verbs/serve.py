@@ -1,4 +1,4 @@
-"""``better serve``: any policy behind the openpi protocol."""
+"""``better serve``: a server for any policy with the openpi protocol."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ def serve_command(
     seed: int | None = None,
     api_key_env: str | None = None,
 ) -> None:
-    """Serve a policy behind the openpi protocol, for other clients and harnesses, until Ctrl-C or SIGTERM.
+    """Serve a policy with the openpi protocol to other clients and harnesses, until Ctrl-C or SIGTERM.
 
-    An expert needs the privileged state, so the server runs a shadow simulation of its client's scene. betterbench's
-    own clients name their trial. Any other client plays the trial of --task, --condition and --seed or, if no task is
-    named, the first training condition whose instruction is its prompt.
+    An expert needs privileged state, so the server runs a shadow simulation of its client's scene. Clients of
+    betterbench name their trial. For other clients, the trial is that of --task, --condition and --seed. If no task is
+    given, it is the first training condition whose instruction equals the client's prompt.
 
     Example: better serve expert --port 8000
 
     Args:
         policy: Address of the policy (see better list policies).
-        host: Interface to listen on; 0.0.0.0 lets other machines in.
+        host: Interface to listen on; 0.0.0.0 accepts other machines.
         port: Port to listen on; 0 for any free one.
-        chunk: Actions in one answer of an expert; 8 if not given.
-        layout: Preset in which an expert reads requests and answers, to try a client or an adapter; the layouts native
-            and openpi_libero if not given.
-        batch: Observations that a policy with act_batch gets at once, at most; 16 if not given.
-        clients: Clients that are served at once, at most; 128 if not given. Further ones are told to come back later.
-        task: Task of clients that name none.
+        chunk: Number of actions in one answer of an expert; 8 if not given.
+        layout: Preset in which an expert reads requests and answers, to test a client or an adapter; native and
+            openpi_libero if not given.
+        batch: Maximum observations in one call of act_batch, for policies that have it; 16 if not given.
+        clients: Maximum simultaneous clients; 128 if not given. Further clients are told to retry later.
+        task: Task of clients that do not name one.
         condition: Condition of that task; its first training condition if not given.
         seed: Seed of that trial; 0 if not given.
         api_key_env: Environment variable with a key that clients have to send.
@@ -95,7 +95,11 @@ def serve_command(
 
 
 def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
-    """Return the trial that the options name, or None; a condition or seed without a task is an InvalidInputError."""
+    """Return the trial that the options name, or None.
+
+    Raises:
+        InvalidInputError: If a condition or seed is given without a task.
+    """
     if task is None:
         for option, value in (("--condition", condition), ("--seed", seed)):
             if value is not None:
@@ -107,18 +111,18 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
 
 
 def _require_expert(policy: str) -> None:
-    """Raise InvalidInputError if a policy chooses the length of its chunks itself; an unknown one is refused later."""
+    """Raise InvalidInputError if a policy chooses the length of its chunks itself; unknown policies fail later."""
     from betterbench.policies.kinds import find_kind
 
     kind = find_kind(policy)
     if kind is not None and not kind.needs_of(policy).state:
         raise InvalidInputError(
-            "--chunk", f"{policy} is no expert and chooses the length of its chunks itself", "Leave out --chunk"
+            "--chunk", f"{policy} is not an expert and chooses the length of its chunks itself", "Leave out --chunk"
         )
 
 
 def _batch_policy(policy: str) -> BatchPolicy:
-    """Make a policy that answers several observations at once; InvalidInputError if it takes no batches."""
+    """Make a policy that answers several observations in one call; InvalidInputError if it does not support batches."""
     from betterbench.interface import BatchPolicy
     from betterbench.policies.factory import close_policy
     from betterbench.policies.kinds import make_policy, needs_of
@@ -128,7 +132,7 @@ def _batch_policy(policy: str) -> BatchPolicy:
         return made
     close_policy(made)
     raise InvalidInputError(
-        "--batch", f"{policy} takes no batches", "Leave out --batch, or give the policy an act_batch"
+        "--batch", f"{policy} does not support batches", "Leave out --batch, or implement act_batch in the policy"
     )
 
 
@@ -143,7 +147,7 @@ def _key(name: str | None) -> str | None:
 
 @contextmanager
 def _connections_logged() -> Iterator[None]:
-    """Log connections of clients meanwhile, unless only errors are to be logged."""
+    """Log connections of clients inside the context, unless only errors are to be logged."""
     ours = logging.getLogger("betterbench.policies.serving.server")
     before = ours.level
     if ours.getEffectiveLevel() <= logging.WARNING:
@@ -156,7 +160,7 @@ def _connections_logged() -> Iterator[None]:
 
 @contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """Give an event that SIGTERM and Ctrl-C set, until the context ends.
+    """Yield an event that SIGTERM and Ctrl-C set inside the context.
 
     A second signal ends the process at once, in case the policy hangs.
     """

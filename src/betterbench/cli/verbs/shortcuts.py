@@ -33,30 +33,30 @@ def shortcuts_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Find what goes together in demonstrations beyond chance: words and things with places, steps and targets.
+    """Find associations in demonstrations beyond chance: of words and objects with positions, steps and targets.
 
-    Of a run, each record is told by its states: what stood where, what was taken, where it was put, and how far its
-    demonstrations are apart. Of a LeRobot dataset (2.0 to 3.0) instruction, actions and proprioception are read. Words,
-    pairs of words and whole instructions are tested against where the gripper first closes, where it last opens, how it
-    sets out, and in which order it goes. The audit begins with how the data were read; what names do not tell is not
-    guessed, but asked for by --instruction, --gripper, --place and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or
-    COLUMN for all of it).
+    For a run, the states of each record give the start of each object, the objects that were picked, their placements,
+    and the variety of the demonstrations. For a LeRobot dataset (2.0 to 3.0), instructions, actions and proprioception
+    are read. Words, pairs of words and whole instructions are tested against four facts: where the gripper first
+    closes, where it last opens, its first direction, and the order of its targets. The audit first prints how the data
+    were read. Columns whose meaning the names do not show must be given by --instruction, --gripper, --place and
+    --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of it).
 
-    For runs, each rule is held against the variations: those that break it tell a policy that understands from one
-    that goes by the rule. From that follows a prediction, which ranks the variations by how likely a learner of this
-    dataset fails them, and by which label.
+    For runs, each rule is compared with the variations: a variation that breaks a rule distinguishes a policy that
+    understands the instruction from one that follows the rule. This gives a prediction: the variations ranked by how
+    likely a learner of this dataset fails them, with the expected label.
 
     Example: better shortcuts runs/demonstrations --out audit
 
     Args:
         data: Folder of a run, or of a LeRobot dataset.
-        instruction: Column with the instructions of a LeRobot dataset: of the frames (texts, or numbers of tasks), or
+        instruction: Column with the instructions of a LeRobot dataset: a column of frames (texts, or task numbers), or
             of meta/tasks.
-        gripper: Number that tells how far the gripper is closed, such as action:gripper; one per arm.
-        place: Numbers of the position of the gripper, x first, such as observation.state[0,1,2]; as many for each
-            --gripper, in the same order. A + before them adds up steps.
-        closed: End of the gripper's numbers at which it is closed; auto reads it off names and numbers, or asks for it.
-        seed: Seed of the sample that is drawn of more than 5,000 episodes.
+        gripper: Component that says how far the gripper is closed, such as action:gripper; one per arm.
+        place: Components of the gripper's position, x first, such as observation.state[0,1,2]; one set for each
+            --gripper, in the same order. A leading + sums up steps.
+        closed: End of the gripper's range at which it is closed; auto infers it from names and values, or asks for it.
+        seed: Seed of the sample taken from more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
         overwrite: Write to a folder that better shortcuts did not make, and replace files of the same names there.
@@ -65,7 +65,7 @@ def shortcuts_command(
     from betterbench.jobs.outputs import OutputFolder
 
     if sign is not None and out is None:
-        raise InvalidInputError("--sign", "there is no file to sign", "Give --out FOLDER too")
+        raise InvalidInputError("--sign", "no file is written that could be signed", "Give --out FOLDER too")
     choices = {
         "instruction": instruction,
         "grippers": gripper,
@@ -87,12 +87,12 @@ def shortcuts_command(
 def _print(
     facts: tuple[EpisodeFacts, ...], audit: ShortcutAudit, prediction: Prediction | None, out: Path | None
 ) -> None:
-    """Print how the data were read, and what was found."""
+    """Print how the data were read, and the associations that were found."""
     if audit.reading is not None:
         print_item(audit.reading.paragraph)
     for group in audit.groups:
         if len({fact.instruction for fact in facts if fact.group == group.group}) < 2:
-            say(f"{group.group} has one instruction: whether words are followed cannot be told from it")
+            say(f"{group.group} has only one instruction, so it cannot show whether a policy follows words")
         for note in group.notes:
             say(f"{group.group}: {note}")
     _tell(audit, prediction)
@@ -101,7 +101,7 @@ def _print(
 
 
 def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
-    """Return what the demonstrations show, what goes together in them, and what follows for the variations."""
+    """Return the facts of the demonstrations, the audit, and the prediction for the variations."""
     from betterbench.demonstrations.shortcuts.examine import audit_dataset
     from betterbench.demonstrations.shortcuts.prediction import predict
     from betterbench.tasks import task_names
@@ -113,7 +113,7 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return what the demonstrations show, the hash of the set if it is ours, and how they were read."""
+    """Return the facts of the demonstrations, the hash of the set if it is a run, and how they were read."""
     from betterbench.demonstrations.making.production import set_hash
     from betterbench.demonstrations.shortcuts.lerobot import Choices, is_lerobot_dataset, read_lerobot
     from betterbench.demonstrations.shortcuts.shown import facts_of_run, reading_of_run
@@ -128,7 +128,7 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
         raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
     for option in ("instruction", "grippers", "places", "closed"):
         if choices[option]:
-            problem = f"belongs to LeRobot datasets, and {data} is a run, whose records tell this themselves"
+            problem = f"belongs to LeRobot datasets, and {data} is a run, whose records contain this"
             raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave it out")
     run = RunFolder.open(folder)
     entries = list(run.entries())
@@ -147,7 +147,7 @@ def _run_in(data: Path) -> Path:
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return how far the demonstrations of a run are apart; none of a LeRobot dataset, whose objects are not known."""
+    """Return the variety of the demonstrations of a run; None for a LeRobot dataset, whose objects are not known."""
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 
@@ -182,7 +182,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print which questions were tested, which were not, and which rules are the meaning of words."""
+    """Print the questions that were tested, those that were not, and the rules that are the meaning of words."""
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 
     print_item(f"tested in {group.group}: {tested_text(group.asked)}")
@@ -190,7 +190,7 @@ def _tell_asked(group: GroupAudit) -> None:
         print_item(f"not tested in {group.group}: {untested}")
     for f in group.findings:
         if f.meaning:
-            print_item(f"no shortcut, because {f.meaning}: {'; '.join(f.rules)}")
+            print_item(f"not a shortcut, because {f.meaning}: {'; '.join(f.rules)}")
 
 
 def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
@@ -205,7 +205,7 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
             broken = ", ".join(name for name, _ in f.separating) or "–"
             rows.append((group.group, f.title, f"{f.strength:.2f}", p, broken))
     if rows:
-        print_table(("group", "what goes together", "strength", "p", "broken by"), rows)
+        print_table(("group", "association", "strength", "p", "broken by"), rows)
         OUT.print("rules:", markup=False)
     for group in audit.groups:
         for f in group.shortcuts:
@@ -215,14 +215,14 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
     for group in audit.groups:
         _tell_asked(group)
-    print_item("smallest rule that so many demonstrations would have shown, as the share of them that it decides:")
+    print_item("smallest rule that the demonstrations could show, as the share of them that it decides:")
     for group in audit.groups:
         shown = shares_line(group.smallest) or "no question could be tested, because nothing differs"
         print_item(f"{group.group} ({plural(group.episodes, 'demonstration')}): {shown}", indent=2)
     if prediction is not None:
         at_risk = [f for f in prediction.variations if f.risk > 0.0]
         likeliest = ", ".join(f"{f.task}/{f.variation} ({f.label}, {f.risk:.2f})" for f in at_risk[:5]) or "none"
-        said = f"variations at risk: {len(at_risk)} of {len(prediction.variations)}, the likeliest: {likeliest}"
+        said = f"variations at risk: {len(at_risk)} of {len(prediction.variations)}, most likely: {likeliest}"
         print_item(said)
         if unsure := doubt(audit, prediction):
             print_item(unsure)

@@ -19,7 +19,7 @@ def show_command(
     size: int = 512,
     overwrite: bool = False,
 ) -> None:
-    """Draw a training scene beside the test scene of the same seed, with what changed outlined.
+    """Draw a training scene beside the test scene of the same seed, with the changes outlined.
 
     Example: better show fast_food/T1 --out t1.png
 

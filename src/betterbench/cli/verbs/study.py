@@ -1,4 +1,4 @@
-"""``better study``: training and evaluation of small policies on every arm of a study, up to one page of results."""
+"""``better study``: training and evaluation of small policies on every arm of a study, with one page of results."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ def study_command(
 ) -> None:
     """Train learners on confounded, balanced and covered demonstrations, evaluate them and compare them on one page.
 
-    For each task and arm a training set is made, learners are trained on it with each seed, evaluated on training
-    conditions and all variations, and diagnosed. study.html then says how large each illusion gap is, how much of it
-    balancing removes, and how the audit's prediction fared. Ctrl-C keeps what is done; the same command resumes, also
-    with a larger plan.
+    For each task and arm a training set is made. Learners are trained on it with each seed, evaluated on training
+    conditions and all variations, and diagnosed. study.html then shows the size of each illusion gap, how much of it
+    balancing removes, and the accuracy of the audit's prediction. Ctrl-C keeps finished work; the same command resumes,
+    also with a larger plan.
 
     Example: better study --preset small --out studies/small
 
     Args:
         plan: YAML file with tasks, arms, seeds and recipe.
         out: Folder of the study.
-        preset: small (half an hour on two cores), full, levers, doses or diverse (hours), in place of a file.
+        preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
         workers: Worker processes for demonstrations and trials; one per processor if not given.
         device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
@@ -71,9 +71,9 @@ def _plan(file: Path | None, preset: str | None) -> StudyPlan:
     from betterbench.learning.study.plan import CURE, preset_text, read_study_plan
 
     if (file is None) == (preset is None):
-        raise InvalidInputError("the plan", "a study needs one", "Give a YAML file, or --preset small, but not both")
+        raise InvalidInputError("the plan", "a study needs one plan", "Give a YAML file or --preset small, not both")
     if file is not None:
-        return read_study_plan(read_yaml(file, cure=CURE, deepest=8), where=str(file))  # views have windows
+        return read_study_plan(read_yaml(file, cure=CURE, deepest=8), where=str(file))  # camera views are nested
     import yaml
 
     form: dict[str, Any] = yaml.safe_load(preset_text(str(preset)))
@@ -90,7 +90,7 @@ def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | Non
 
         def on_progress(progress: StudyProgress) -> None:
             nonlocal shown
-            if shown != (progress.name, progress.note.partition(" ")[0]):  # whose pace says nothing about this one
+            if shown != (progress.name, progress.note.partition(" ")[0]):  # its pace does not predict this stage
                 shown = (progress.name, progress.note.partition(" ")[0])
                 bar.reset(row)
             what = f"{progress.number}/{progress.stages} {progress.name}"
@@ -102,7 +102,7 @@ def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | Non
 
 
 def _print(found: StudyFindings, out: Path) -> None:
-    """Print the arms, and what was expected and found."""
+    """Print the arms, the expectations and the findings."""
     from betterbench.learning.study.page import expectations
 
     rows = [

@@ -1,4 +1,4 @@
-"""``better teleop``: a person demonstrates in the browser."""
+"""``better teleop``: demonstrations by a person in the browser."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def teleop_command(
 ) -> None:
     """Demonstrate in the browser: drag the gripper, undo to the last subgoal, and save into the folder of a run.
 
-    The page shows the scene, the camera images, the instruction and the subgoals. The tool follows the gizmo,
-    keys, a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Nothing but what is
-    saved is written; what is saved is an ordinary record with its segments and who demonstrated. It runs without a
-    display and listens on this machine alone: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
-    The printed address holds a token, without which nobody is answered.
-    Ctrl-C keeps what is saved, the same command goes on, and with a larger --demos there are more starts.
+    The page shows the scene, the camera images, the instruction and the subgoals. The gripper follows the gizmo, keys,
+    a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Only saved demonstrations are
+    written, as ordinary records with their segments and the name of the demonstrator. The command needs no display and
+    listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed
+    address contains a token that every request needs. Ctrl-C keeps saved demonstrations; the same command resumes, and
+    a larger --demos adds more starts.
 
     Example: better teleop --tasks fruit_lunch --demos 3 --out runs/by_hand
 
@@ -52,11 +52,11 @@ def teleop_command(
         condition: The one training condition to demonstrate; all if not given.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 500000000 if not given.
-        name: Who demonstrates, as the records say it; the user's name if not given.
-        host: Interface to listen on; on 0.0.0.0 the token of the address travels in the clear.
+        name: Name of the demonstrator in the records; the user's name if not given.
+        host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
         port: Port to listen on; 0 for any free one.
-        cameras: Cameras whose images are shown; none with --cameras none.
-        devices: Gamepads and SpaceMice of this machine: auto, none, or the file of one (/dev/input/event5).
+        cameras: Cameras whose images are shown; no images with --cameras none.
+        devices: Gamepads and SpaceMice of this machine: auto, none, or a device file (/dev/input/event5).
         leader: Type of a LeRobot leader arm (so101_leader, so100_leader).
         leader_port: Serial port of the leader arm.
         leader_id: Id of the leader arm's calibration.
@@ -78,17 +78,17 @@ def teleop_command(
         stack.callback(page.close)
         store = stack.enter_context(DemonstrationStore(out, plan))
         if host not in ("127.0.0.1", "localhost", "::1"):
-            say(f"On {host} the token of the page travels in the clear; forward the port by ssh instead.")
+            say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
         is_busy = _run(store, controls, page, who, shown)
     if is_busy or page.is_busy:
         _end_process()
 
 
 def _end_process() -> None:
-    """End the process although threads are at work.
+    """End the process although threads are still running.
 
-    A scene that is being compiled, an image that is being drawn and a page that does not answer cannot be interrupted.
-    All that was saved is on disk, and the folder is given back.
+    The compilation of a scene, the rendering of an image and a page that does not answer cannot be interrupted. All
+    saved demonstrations are on disk, and the lock of the folder is released.
     """
     sys.stdout.flush()
     sys.stderr.flush()
@@ -96,7 +96,7 @@ def _end_process() -> None:
 
 
 def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> bool:
-    """Let the page drive until Ctrl-C; tell whether a thread is still at work, which nothing depends on."""
+    """Run the page until Ctrl-C; return whether a thread is still running (none of them is needed any more)."""
     from betterbench.cli.verbs.serve import stopped_by_signal
     from betterbench.demonstrations.teleop.cameras import CameraThread
     from betterbench.demonstrations.teleop.station import Station
@@ -110,18 +110,20 @@ def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, ca
 
 
 def _who(name: str | None) -> str:
-    """Return who demonstrates; InvalidInputError if that is no short line."""
+    """Return the name of the demonstrator; InvalidInputError if it is not one short line."""
     try:
         who = getpass.getuser() if name is None else name
-    except (KeyError, OSError):  # no user has the number that this process runs under
+    except (KeyError, OSError):  # the user id of this process has no name
         who = "unknown"
     if not who.strip() or one_line(who, most=80) != who:
-        raise InvalidInputError("--name", f"{one_line(who, most=40)!r} is no name", "Give 1 to 80 printable characters")
+        raise InvalidInputError(
+            "--name", f"{one_line(who, most=40)!r} is not a name", "Give 1 to 80 printable characters"
+        )
     return who
 
 
 def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the cameras to show; UnknownNameError if one does not exist."""
+    """Return the cameras to show; UnknownNameError if a camera does not exist."""
     from betterbench.errors import UnknownNameError
 
     known = ("front", "front_official", "left_shoulder", "right_shoulder", "wrist")
@@ -134,7 +136,7 @@ def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
 
 @contextmanager
 def _inputs(controls: Controls, devices: str, leader: str | None, port: str, identity: str) -> Iterator[None]:
-    """Read the devices of this machine meanwhile; InvalidInputError if one that is named cannot be read."""
+    """Read the devices of this machine inside the context; InvalidInputError if a named device cannot be read."""
     from betterbench.demonstrations.teleop.devices import Device, DeviceThread, find_devices
     from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader
 

@@ -1,4 +1,4 @@
-"""``better train``: training of a small policy on demonstrations, by one recipe file."""
+"""``better train``: training of a small policy on demonstrations, from one recipe file."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ def train_command(
     workers: int = 1,
     json: bool = False,
 ) -> None:
-    """Train a small learner on demonstrations, to be evaluated as learned:OUT.
+    """Train a small learner on demonstrations; it is then evaluated as learned:OUT.
 
-    The folder holds checkpoint.safetensors with the recipe inside, tables of loss, validation and rollouts, and their
-    curves. The same command resumes a training that was ended, to the same weights. Several devices train together
-    under torchrun.
+    The folder contains checkpoint.safetensors with the recipe inside, tables of loss, validation and rollouts, and
+    their curves. The same command resumes an interrupted training and reaches the same weights. Several devices train
+    together under torchrun.
 
     Example: better train recipe.yaml --out learners/coffee
 
     Args:
         recipe: YAML file with the recipe.
         out: Folder of the training.
-        data: Folders of demonstrations, instead of those of the recipe.
-        tasks: Tasks that are trained on, instead of those of the recipe.
-        seed: Seed, instead of that of the recipe.
-        steps: Training steps, instead of those of the recipe.
+        data: Folders of demonstrations; overrides the recipe.
+        tasks: Tasks to train on; overrides the recipe.
+        seed: Random seed; overrides the recipe.
+        steps: Number of training steps; overrides the recipe.
         device: Device of torch: cpu, cuda or cuda:N.
-        frames: Folder of the drawn frames of a learner of pixels; beside each folder of data, as NAME.frames, if left
-            out.
-        workers: Processes that draw them.
+        frames: Folder of the rendered frames for a learner from images; if not given, NAME.frames beside each folder of
+            data.
+        workers: Processes that render the frames.
         json: Print one JSON document instead of a table.
     """
     from betterbench.policies.learned.loading import require_torch
@@ -84,7 +84,7 @@ def _recipe(path: Path, changes: dict[str, object]) -> TrainingRecipe:
 
 
 def _training_set(recipe: TrainingRecipe, frames: Path | None, workers: int) -> TrainingSet:
-    """Read the demonstrations, and draw the frames of a learner of pixels that are missing."""
+    """Read the demonstrations, and render the missing frames for a learner from images."""
     from betterbench.learning.training.data import read_training_set
 
     with progress_bar("reading demonstrations", 0, stays=False) as (bar, row):
@@ -112,7 +112,7 @@ def _about(data: TrainingSet, epochs: float) -> str:
 
 
 def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Sequence[str], *, json: bool) -> None:
-    """Print the last validation, and how the learner is evaluated."""
+    """Print the last validation, and the command that evaluates the learner."""
     from betterbench.tasks.user_files import loading_options
 
     log = result.log

@@ -1,9 +1,9 @@
-"""``better view``: a recorded trial with film, masks, boxes, contacts and subgoals on one time line."""
+"""``better view``: a recorded trial with film, masks, boxes, contacts and subgoals on one timeline."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -15,10 +15,9 @@ from betterbench.cli.console import progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from betterbench.jobs import OnCount
     from betterbench.records import Record, RunFolder
     from betterbench.records.modalities.spec import ViewSpec
-
-_Progress = Callable[[int, int], None]
 
 
 def view_command(
@@ -29,10 +28,10 @@ def view_command(
     quality: str | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write a recorded trial with film, masks, boxes, contacts and subgoals on one time line.
+    """Write a recorded trial with film, masks, boxes, contacts and subgoals on one timeline.
 
-    A file that ends with .html is a page for any browser; one that ends with .rrd is for the viewer of Rerun (extra
-    view), which shows depth and 3-D boxes too.
+    A file name ending in .html gives a page for any browser; .rrd gives a file for the viewer of Rerun (extra view),
+    which also shows depth and 3-D boxes.
 
     Example: better view runs/expert/records/fast_food/T1/0.parquet --out t1.html
 
@@ -53,7 +52,7 @@ def view_command(
     from betterbench.sim.modalities.run import default_views, seen_quality
 
     named = tuple(ViewSpec.parse(text) for text in camera)
-    Wanted(named or (ViewSpec("front"),), quality=quality)  # refuses unknown names before anything is read
+    Wanted(named or (ViewSpec("front"),), quality=quality)  # fails on unknown names before anything is read
     run, meta = run_of(record)
     path = out or Path(f"{meta.task}_{meta.condition}_{meta.seed}.html")
     if path.suffix not in (".rrd", ".html"):
@@ -79,7 +78,7 @@ def view_command(
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM as Ctrl-C, so that what is half written is removed."""
+    """Treat SIGTERM as Ctrl-C, so that half-written files are removed."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         del number, frame
@@ -93,7 +92,7 @@ def terminated_as_interrupted() -> Iterator[None]:
 
 
 def _write_rerun(
-    run: RunFolder, record: Record, views: tuple[ViewSpec, ...], path: Path, *, quality: str, on_progress: _Progress
+    run: RunFolder, record: Record, views: tuple[ViewSpec, ...], path: Path, *, quality: str, on_progress: OnCount
 ) -> None:
     from betterbench.sim.modalities.rerun_file import write_rerun
 
@@ -101,7 +100,7 @@ def _write_rerun(
 
 
 def _write_page(
-    run: RunFolder, record: Record, views: tuple[ViewSpec, ...], path: Path, *, quality: str, on_progress: _Progress
+    run: RunFolder, record: Record, views: tuple[ViewSpec, ...], path: Path, *, quality: str, on_progress: OnCount
 ) -> None:
     import numpy as np
 

@@ -25,14 +25,14 @@ class FrameOptions:
     """Frames, cameras and types of the questions of a set.
 
     Attributes:
-        questions: About how many questions; 0 for as many as can be balanced.
+        questions: Approximate number of questions; 0 for as many as can be balanced.
         frames: Frames per trial, one from each equal part of it; 0 for every frame.
         cameras: Cameras whose images are asked about.
         size: Side of the images in pixels.
-        quality: Quality of the images: shadows, and smooth edges.
+        quality: Render preset of the images (shadows and antialiasing).
         types: Types of question; all if not given.
         tasks: Tasks whose trials are asked about; all if not given.
-        seed: Seed of the choice of frames, questions and words.
+        seed: Seed of the choice of frames, questions and phrasing.
         failures_only: With --run, leave out the trials that succeeded.
     """
 
@@ -64,20 +64,20 @@ class FrameOptions:
 
 @dataclass(frozen=True, slots=True)
 class ModelOptions:
-    """A model that is asked.
+    """A model that answers or describes a set.
 
     Attributes:
-        ask: Base address of a chat endpoint in OpenAI's protocol to ask the whole set, such as
+        ask: Base address of a chat endpoint with OpenAI's protocol that answers the whole set, such as
             http://localhost:8000/v1.
-        describe: Likewise, to write descriptions and questions of its own about images of the set; what the state does
-            not prove is dropped.
+        describe: Base address of an endpoint that writes descriptions and questions about images of the set. Statements
+            that the state does not prove are dropped.
         images: Number of images to be described.
         model: Name of the model at that address.
-        coordinates: What the numbers of the model's boxes and points mean.
-        at_once: Requests at the same time.
-        answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), else read and scored.
-        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT), which is asked where the
-            object is that the instruction names.
+        coordinates: Meaning of the numbers in the model's boxes and points.
+        at_once: Number of simultaneous requests.
+        answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), otherwise read and scored.
+        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT). It is asked for the
+            position of the object that the instruction names.
         key_variable: Environment variable with the key of the endpoint.
     """
 
@@ -107,21 +107,22 @@ def vqa_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Ask about the frames of a run what its records can answer, in a set that cannot be answered blind.
+    """Make questions about the frames of a run, with answers from its records and none that can be guessed blind.
 
-    Boxes, counts, relations, containment, stacks, states, progress and what is there at all, as JSON lines in the
-    conversation form of LLaVA and as Parquet, with images. With --run, the questions are about the moments at which the
-    run's trials were decided, for better diagnose --answers. The same command goes on with a set that was interrupted.
+    The questions are about boxes, counts, relations, containment, stacks, states, progress and presence of objects.
+    They are written as JSON lines in the conversation format of LLaVA and as Parquet, with images. With --run, the
+    questions are about the decisive moments of the run's trials, for better diagnose --answers. The same command
+    resumes an interrupted set.
 
     Example: better vqa runs/expert --out sets/expert --questions 10000
 
     Args:
-        source: Folder of a run to ask about, or of a set to ask a model.
+        source: Folder of a run to ask about, or of a set for a model to answer.
         run: Folder of a run whose decisive moments are asked about.
         out: Folder of the set.
-        asked: What is asked about.
-        chat: A model that is asked.
-        workers: Trials that are looked at at the same time.
+        asked: Frames, cameras and types of the questions.
+        chat: Model that answers the set.
+        workers: Number of trials processed in parallel.
         overwrite: Replace a file of answers or descriptions that better vqa did not write.
         json: Print one JSON document instead of tables.
     """
@@ -147,15 +148,15 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the set that is meant, made if it has to be, and the folder of its run if that is known."""
+    """Return the chosen set, made if it does not exist, and the folder of its run if known."""
     from betterbench.sim.scenes.stage import require_cameras
     from betterbench.vqa.dataset import read_set
 
     if source is not None and run is not None:
-        raise InvalidInputError("better vqa", "names two folders", "Give a run or a set, or --run RUN")
+        raise InvalidInputError("better vqa", "got two folders", "Give a run or a set, or --run RUN")
     folder = run if source is None else source
     if folder is None:
-        raise InvalidInputError("better vqa", "names no folder", "Give a run or a set, or --run RUN")
+        raise InvalidInputError("better vqa", "got no folder", "Give a run or a set, or --run RUN")
     if not folder.is_dir():
         raise InvalidInputError("better vqa", f"{folder} is not a folder", "Name the folder of a run or of a set")
     if run is None and (folder / "set.json").exists():
@@ -167,7 +168,7 @@ def _made(
 
 
 def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
-    """Ask a model, or read what one has answered, and return its scores; None if there are no answers."""
+    """Let a model answer the set, or read its answers from a file, and return its scores; None without answers."""
     from betterbench.vqa.asking import ask_set, read_answers, scores_of
     from betterbench.vqa.llm import ChatEndpoint
 
@@ -192,7 +193,7 @@ def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[S
 def _ask_learner(
     address: str, source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, *, json: bool
 ) -> None:
-    """Ask the learner that played a run where the named objects are, and print what it answered."""
+    """Ask the learner that played a run for the positions of the named objects, and print its answers."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.output.vqa import print_own_answers
     from betterbench.evaluation.figures.views import ViewRenderer
@@ -233,7 +234,7 @@ def _ask_learner(
 
 
 def _balanced(run: Path, out: Path, options: SetOptions, workers: int) -> QuestionSet:
-    """Make or go on with a balanced set."""
+    """Make or resume a balanced set."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.dataset import make_set
@@ -251,7 +252,7 @@ def _balanced(run: Path, out: Path, options: SetOptions, workers: int) -> Questi
 
 
 def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
-    """Make or go on with a set about the decisive moments of a run."""
+    """Make or resume a set about the decisive moments of a run."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
@@ -273,7 +274,7 @@ def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
 def _described(
     run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions, *, overwrite: bool
 ) -> dict[str, object]:
-    """Let a model describe images of a set, keep what the state proves, and say how much that was."""
+    """Let a model describe images of a set, keep what the state proves, and print how much was kept."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.freeform import describe_images

@@ -1,4 +1,4 @@
-"""``better worlds``: the foreign worlds that a policy can be run in, and their installation."""
+"""``better worlds``: the worlds whose simulators are installed apart, and their installation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from betterbench.cli.console import OUT, print_json, print_table, say
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, UnknownNameError
 
 
 def worlds_command(
@@ -16,23 +16,26 @@ def worlds_command(
     *,
     json: bool = False,
 ) -> None:
-    """List the foreign worlds, or install one into an environment of its own.
+    """List the worlds with a simulator of their own, or install one into an environment of its own.
 
-    The packages are pinned by their hashes and go to the user's cache; the environment of betterbench does not change.
+    Packages are pinned by hash and installed in the user's cache; the environment of betterbench does not change.
 
     Example: better worlds install libero
 
     Args:
-        what: list, or install.
+        what: list or install.
         name: The world to install.
         json: Print one JSON document instead of a table.
     """
-    from betterbench.sim.worlds import WORLDS, world_named
+    from betterbench.sim.worlds import all_worlds
 
+    apart = {world.name: world.installation for world in all_worlds() if world.installation is not None}
     if what == "install":
         if name is None:
-            raise InvalidInputError("worlds install", "no world is named", f"Name one of {', '.join(WORLDS)}")
-        world = world_named(name)
+            raise InvalidInputError("worlds install", "no world is named", f"Name one of {', '.join(apart)}")
+        if name not in apart:
+            raise UnknownNameError("world", name, apart)
+        world = apart[name]
         say(f"{name}: {'is installed' if world.is_installed else f'is being installed, {world.size}'}")
         folder = world.install(waits=lambda: say(f"{name}: another installation is under way; waiting for its end"))
         if json:
@@ -41,14 +44,14 @@ def worlds_command(
             OUT.print(str(folder), markup=False, soft_wrap=True)
         return
     if name is not None:
-        raise InvalidInputError("worlds list", f"{name!r} is one word too many", "Leave it out")
+        raise InvalidInputError("worlds list", f"{name!r} is not expected here", "Leave it out")
     rows = [
-        [world.name, "installed" if world.is_installed else "not installed", world.summary] for world in WORLDS.values()
+        [world.name, "installed" if world.is_installed else "not installed", world.summary] for world in apart.values()
     ]
     if json:
         print_json([dict(zip(("world", "state", "what it is"), row, strict=True)) for row in rows])
         return
     print_table(["world", "state", "what it is"], rows)
-    for world in WORLDS.values():
+    for world in apart.values():
         if not world.is_installed:
             OUT.print(f"\nbetter worlds install {world.name}", markup=False)

@@ -1,4 +1,4 @@
-"""Across worlds: success in LIBERO, chains of CALVIN, and what changing the scene costs, policy by policy."""
+"""Comparison across worlds: success in LIBERO, chains of CALVIN, and illusion gaps, per policy."""
 
 from betterbench.comparison.across.gaps import WorldGap, gaps_of
 from betterbench.comparison.across.suite_runs import SuiteRun, is_across, read_suite_runs

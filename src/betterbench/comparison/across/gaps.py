@@ -1,6 +1,6 @@
 """Illusion gaps across worlds: the loss in success when the scene changes, on the same trials or chains.
 
-A trial in LIBERO-PRO and that of the base suite share the number of the initial state: the states are not the same.
+A trial in LIBERO-PRO and its twin in the base suite share only the number of the initial state; the states differ.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from betterbench.tasks.worlds.libero_plus import AXES, axis_of
 
 @dataclass(frozen=True, slots=True)
 class WorldGap:
-    """One policy in one world, before and after the scene changed.
+    """One policy in one world, with and without a change of the scene.
 
     Attributes:
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
-        change: Name of the change ("swap", "resampled"), or the axis of LIBERO-Plus; "all variations" in our own suite.
-        base: Success without the change, or the share of subtasks done in a row.
-        changed: The same with it.
-        pairs: Trials that both have played.
+        change: Name of the change ("swap", "resampled"), or the axis of LIBERO-Plus; "all variations" in betterbench's
+            own suite.
+        base: Success rate without the change, or the share of subtasks solved in a row.
+        changed: The same rate with the change.
+        pairs: Trials that were run with and without the change.
         difference: ``base - changed`` as a fraction, with its interval.
-        p_value: Of the paired test, after Holm's correction over the gaps of the policy; None where only an interval
-            was made (CALVIN's average length).
+        p_value: p-value of the paired test, Holm-corrected over the gaps of the policy; None if there is only an
+            interval (CALVIN's average length).
     """
 
     policy: str
@@ -50,13 +51,13 @@ class WorldGap:
 
 
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
-    """Return every gap that the runs of each policy show, in the order of the runs.
+    """Return all gaps of each policy that its runs allow, in the order of the runs.
 
-    A gap of LIBERO-PRO needs a run of the base suite and one of the changed suite; one of CALVIN the official and the
-    resampled chains. That of our own suite is the metric of its diagnosis.
+    A gap in LIBERO-PRO needs a run of the base suite and one of the changed suite. A gap in CALVIN needs the official
+    and the resampled chains. The gap in betterbench's own suite is the metric of the diagnosis.
 
     Raises:
-        RecordError: If a run of our own suite cannot be read.
+        RecordError: If a run of betterbench's own suite cannot be read.
         RunConflictError: If such a run mixes versions and that is not allowed.
     """
     by = {(run.policy, run.suite): run for run in runs}
@@ -95,7 +96,7 @@ def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    """Return the gap of every axis of LIBERO-Plus; the variants of a task share the base suite's trial."""
+    """Return the gap of every axis of LIBERO-Plus; all variants of a task share the base suite's trial."""
     pairs: dict[str, list[tuple[InitialState, bool]]] = {}
     for (name, seed), success in sorted(run.successes.items()):
         task, _, condition = name.partition("/")
@@ -151,7 +152,7 @@ def _of_ours(run: SuiteRun, *, allow_mixed: bool) -> list[WorldGap]:
 
 
 def _corrected(gaps: Sequence[WorldGap]) -> list[WorldGap]:
-    """Return the gaps with Holm's correction over those of each policy that have a test."""
+    """Return the gaps with p-values Holm-corrected over the tested gaps of each policy."""
     result = list(gaps)
     for policy in dict.fromkeys(gap.policy for gap in gaps):
         tested = [(i, g.p_value) for i, g in enumerate(result) if g.policy == policy and g.p_value is not None]

@@ -1,4 +1,4 @@
-"""Outcomes of runs in one suite of one world. Every planned trial counts; one that did not succeed is a failure."""
+"""Outcomes of runs in one suite of one world. Every planned trial counts; an unfinished one is a failure."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.records import Record, RunFolder
 from betterbench.records.run_names import run_names
 from betterbench.tasks import TrialId
-from betterbench.tasks.worlds.calvin import CHAIN_SUITES, Chain, ChainResult, SubtaskResult, calvin_chains
-from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
+from betterbench.tasks.worlds.calvin import Chain, ChainResult, SubtaskResult, calvin_chains
+from betterbench.tasks.worlds.facts import OUR_SUITE
+from betterbench.tasks.worlds.libero import PLUS_SUITES
 
-OURS = "better60"
+OURS = OUR_SUITE
 """Name of the suite of a run in our own scenes."""
 
 InitialState = tuple[str, int]
-"""Task and seed: the number of an initial state, which twins and policies share.
+"""Task and seed, the number of the initial state. Twins and policies share it.
 
 In LIBERO-Plus the task is that of a variant ("libero_object-03/camera_0_0_100_2_4").
 """
@@ -33,8 +34,8 @@ class SuiteRun:
         policy: Name of the policy; runs of the same name are one policy.
         base: The suite that this one changes, or its own name.
         change: Its change ("swap", "resampled"), or None.
-        protocol: The protocol of the field by which it was run; empty for our own suite.
-        versions: Versions of the world's packages; numbers under different ones are not compared.
+        protocol: The community's protocol under which it was run; empty for betterbench's own suite.
+        versions: Versions of the world's packages; numbers from different versions are not compared.
         successes: Whether each planned trial succeeded.
         chains: The planned chains of CALVIN.
         unfinished: Planned trials that have not ended yet.
@@ -60,9 +61,9 @@ class SuiteRun:
 
 
 def is_across(runs: Sequence[RunFolder]) -> bool:
-    """Tell whether runs are of several suites, or of chains: then they share no trials that labels could compare."""
+    """Return whether runs belong to several suites, or to chains, so that labels cannot be compared trial by trial."""
     suites = {_suite_of(run) for run in runs}
-    return len(suites) > 1 or bool(suites & CHAIN_SUITES.keys())
+    return len(suites) > 1 or any(run.world.reading == "chains" for run in runs)
 
 
 def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> tuple[SuiteRun, ...]:
@@ -70,11 +71,11 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
     Args:
         runs: Folders of the runs.
-        names: Name of each run's policy; runs of the same name are rows of one policy. The declared name of the policy
-            if not given.
+        names: Name of each run's policy; runs of the same name are rows of one policy. Default: the declared name of
+            the policy.
 
     Raises:
-        InvalidInputError: If there is not one name for each run, or a policy has two runs in the same suite.
+        InvalidInputError: If the number of names is not that of the runs, or a policy has two runs in the same suite.
         RecordError: If a run or a record cannot be read.
     """
     called = tuple(names) if names else tuple(run_names([run])[0] for run in runs)
@@ -97,11 +98,15 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
 def _suite_of(run: RunFolder) -> str:
     """Return the suite of a run; RecordError if its plan names none that is known."""
-    world = run.plan.get("world")
-    if world is None:
-        return OURS
-    suites = {str(t.get("suite")) for t in _mapping(_mapping(world).get("tasks")).values() if isinstance(t, dict)}
-    if len(suites) != 1 or not suites <= SUITES.keys() | PLUS_SUITES.keys() | CHAIN_SUITES.keys():
+    facts = run.world
+    if len(facts.suites) == 1:
+        return next(iter(facts.suites))
+    stored = _mapping(run.plan["world"]).get("tasks")
+    suites = {str(t.get("suite")) for t in _mapping(stored).values() if isinstance(t, dict)}
+    if stored is None:
+        planned = {(str(t["task"]).rpartition("-")[0], t.get("variation")) for t in run.plan["trials"]}
+        suites = {suite.name for suite in facts.suites.values() if (suite.base, suite.change) in planned}
+    if len(suites) != 1 or not suites <= facts.suites.keys():
         listed = ", ".join(sorted(suites))[:80] or "none"
         raise RecordError(f"{run.path / 'run.json'}: plan.world.tasks names the suites {listed}. Restore the file.")
     return suites.pop()
@@ -112,7 +117,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
     if suite == OURS:
         return SuiteRun(name, run.path, OURS, OURS, None)
     world = _mapping(run.plan["world"])
-    known = {**SUITES, **PLUS_SUITES, **CHAIN_SUITES}[suite]
+    known = run.world.suites[suite]
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     planned = [TrialId(str(t["task"]), str(t["condition"]), int(t["seed"])) for t in run.plan["trials"]]
     lost = {trial for trial in planned if trial in entries and entries[trial].status != "done"}
@@ -121,7 +126,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
     chains: list[ChainResult] = []
     for trial in planned:
         missing = trial in lost or trial in left
-        if suite in CHAIN_SUITES:
+        if run.world.reading == "chains":
             chain = calvin_chains()[trial.seed]
             record = None if missing else run.read_record(trial.task, trial.condition, trial.seed)
             chains.append(chain_result(chain, record))
@@ -144,17 +149,17 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return the result of a chain from its record; without a record, the chain was not played.
+    """Return the result of a chain from its record; without a record, the chain counts as not run.
 
     Raises:
-        RecordError: If the record is of other subtasks.
+        RecordError: If the record has other subtasks.
     """
     if record is None:
         return ChainResult(chain.number, ())
     if record.metadata.subgoal_names != chain.names:
         raise RecordError(
-            f"the record of chain {chain.number} has the subtasks {', '.join(record.metadata.subgoal_names)} and not "
-            f"{', '.join(chain.names)}. Run the chain again."
+            f"the record of chain {chain.number} has the subtasks {', '.join(record.metadata.subgoal_names)} instead "
+            f"of {', '.join(chain.names)}. Run the chain again."
         )
     played = []
     began = 0

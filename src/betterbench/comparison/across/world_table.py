@@ -27,7 +27,7 @@ LIBERO_COLUMNS = {
     "libero_goal": "Goal",
     "libero_10": "Long",
 }
-"""The suites of the paper's table, with its names."""
+"""The suites of the paper's table, with their names there."""
 
 AVERAGE = "average"
 CALVIN = "calvin"
@@ -39,9 +39,9 @@ class WorldRow:
 
     Attributes:
         policy: Its name.
-        suites: Rate in each suite of LIBERO's four that was run, by name.
-        average: The mean of the four, each with the same weight, with its interval; None unless all four were run.
-        chains: Its chains in CALVIN, or None.
+        suites: Success rate by name, for each of LIBERO's four suites that was run.
+        average: Mean of the four with equal weights, with its interval; None unless all four were run.
+        chains: Results of its chains in CALVIN, or None.
     """
 
     policy: str
@@ -65,7 +65,7 @@ class WorldContrast:
 
     Attributes:
         suite: Name of the suite; "average" for all four together.
-        pairs: Initial states that both played.
+        pairs: Number of initial states that both policies ran.
         p_value: Exact McNemar test, after Holm's correction over the suites of the pair of policies.
     """
 
@@ -83,11 +83,11 @@ class WorldContrast:
 
 @dataclass(frozen=True, slots=True)
 class WorldTable:
-    """The table, with comparisons of its rows.
+    """The table with comparisons of its rows.
 
     Attributes:
-        contrasts: Pairs of policies in LIBERO.
-        chain_contrasts: Pairs of policies in CALVIN, with their names.
+        contrasts: Comparisons of pairs of policies in LIBERO.
+        chain_contrasts: Comparisons of pairs of policies in CALVIN, with their names.
         notes: Limits of the numbers.
     """
 
@@ -113,8 +113,8 @@ def world_table(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: b
     """Return the table of all policies, in the order of their runs.
 
     Raises:
-        RunConflictError: If two runs of the same suite were made by different protocols or in different versions of
-            their world, and that is not allowed.
+        RunConflictError: If two runs of the same suite used different protocols or versions of their world, and mixing
+            is not allowed.
     """
     notes = [*_clashes(runs, allow_mixed=allow_mixed), *_limits(runs)]
     policies = list(dict.fromkeys(run.policy for run in runs))
@@ -129,7 +129,7 @@ def world_table(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: b
             if {c.number for c in first} & {c.number for c in second}:
                 chains.append((a, b, contrast(first, second)))
             else:
-                notes.append(f"{a} and {b} share no chain of CALVIN: they are not compared there.")
+                notes.append(f"{a} and {b} share no chain of CALVIN, so they are not compared there.")
     return WorldTable(tuple(rows), tuple(contrasts), tuple(chains), tuple(notes))
 
 
@@ -150,7 +150,7 @@ def _row(policy: str, by: Mapping[tuple[str, str], SuiteRun]) -> WorldRow:
 
 
 def _contrasts(a: str, b: str, by: Mapping[tuple[str, str], SuiteRun], alpha: float) -> list[WorldContrast]:
-    """Return two policies in each suite that both played, corrected together, and in all four together."""
+    """Return the comparison of two policies in each shared suite, corrected together, and in all four together."""
     pairs: dict[str, list[tuple[tuple[str, int], bool, bool]]] = {}
     for suite in LIBERO_COLUMNS:
         if (a, suite) in by and (b, suite) in by:
@@ -180,10 +180,10 @@ def _table(pairs: Sequence[tuple[tuple[str, int], bool, bool]]) -> PairedTable:
 
 
 def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
-    """Return a note for every difference of protocols and versions within a base suite.
+    """Return a note for every difference of protocol or version within a base suite.
 
     Raises:
-        RunConflictError: If there is one and mixing is not allowed.
+        RunConflictError: If there is a difference and mixing is not allowed.
     """
     notes = []
     for base in dict.fromkeys(run.base for run in runs):
@@ -195,8 +195,8 @@ def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
                 problem = f"{base}: the {what} differ: {listed}."
                 if not allow_mixed:
                     raise RunConflictError(
-                        f"{problem} Run one of them again by the same protocol in the same installation, or give "
-                        "--allow-mixed and read the numbers with care."
+                        f"{problem} Run one of them again with the same protocol and installation, or give "
+                        f"--allow-mixed and interpret the numbers with care."
                     )
                 notes.append(problem)
     return notes
@@ -215,7 +215,7 @@ def _limits(runs: Sequence[SuiteRun]) -> list[str]:
         if run.broken:
             notes.append(f"{run.broken}/{run.planned} trials of {where} broke down and count as failures.")
         if run.suite == CALVIN and len(run.chains) != 1000:
-            notes.append(f"{where}: {len(run.chains)} of 1,000 chains; CALVIN's number is that of all.")
+            notes.append(f"{where}: {len(run.chains)} of 1,000 chains; CALVIN's published numbers use all of them.")
         if run.suite in LIBERO_COLUMNS and run.protocol == "openpi" and run.planned != 500:
             notes.append(f"{where}: {run.planned} of 500 trials of the protocol.")
     return notes

@@ -1,6 +1,6 @@
-"""Export: demonstrations of runs as the data sets that people train policies on, in the layout of a policy's preset.
+"""Export: demonstrations of runs as data sets for training policies, in the layout of a policy's preset.
 
-- ``job``, ``selection``, ``part``, ``frames``, ``actions``, ``layout``: which episodes, and their columns.
+- ``job``, ``selection``, ``part``, ``frames``, ``actions``, ``layout``: the episodes, and their columns.
 - ``lerobot``, ``lerobot_v21``, ``robomimic``, ``video``, ``language``, ``card``: the formats.
 - ``check``, ``expected``, ``comparing``, ``lerobot_check``, ``robomimic_check``: an export compared with its records.
 """

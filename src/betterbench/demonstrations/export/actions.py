@@ -1,4 +1,4 @@
-"""Action labels of a record in an action space: the intended actions, or those that command the same motion."""
+"""Action labels of a record in an action space: the intended actions, or actions that command the same motion."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ JOINTS = 7
 def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     """Return the actions of a record in an action space, (n_steps, dim) float64.
 
-    In the space in which it was recorded these are the actions that were meant, bit for bit: the applied ones, and
-    without the noise where a demonstrator added some. In another one they are computed from what the controller was
-    commanded, which every record holds: the joint references at the end of each control step, or the pose that they
-    stand for. A delta is the step from what the deltas before it add up to, so that what one step loses to the bounds
-    of the space, the next one catches up. Noise is taken out of poses; joint references hold it, because what the
-    controller would have made of another pose is not recorded.
+    In the action space of the record, these are exactly the intended actions: the applied ones, without the noise that
+    a demonstrator added. In another action space they are computed from the commands to the controller, which every
+    record
+    contains: the joint references at the end of each control step, or the corresponding pose. A delta is the step from
+    the sum of the deltas before it, so the next delta compensates what the bounds of the space cut off from one. Noise
+    is removed from poses. It stays in joint references, because the controller's response to another pose is not
+    recorded.
 
     Raises:
-        InvalidInputError: If the record lacks the seven joint references, or the space is none of ours.
+        InvalidInputError: If the record lacks the seven joint references, or the action space is unknown.
     """
     meant = _meant(record)
     if record.metadata.action_space == space.name:
@@ -65,7 +66,7 @@ def _noise(record: Record) -> float:
 
 
 def _meant(record: Record) -> np.ndarray:
-    """Return the actions (n_steps, dim) that were meant, within the bounds of the space of the record."""
+    """Return the intended actions (n_steps, dim), within the bounds of the record's action space."""
     if not _noise(record):
         return np.array(record.applied[1:])
     space = action_space(record.metadata.action_space)
@@ -73,9 +74,9 @@ def _meant(record: Record) -> np.ndarray:
 
 
 def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses that were meant to be commanded: positions (n_steps, 3) [m] and quaternions (n_steps, 4).
+    """Return the intended poses: positions (n_steps, 3) [m] and quaternions (n_steps, 4).
 
-    Raises InvalidInputError about a record with noise whose actions are no steps from the commanded pose.
+    Raises InvalidInputError about a record with noise whose actions are not steps from the commanded pose.
     """
     if not _noise(record):
         return record.commanded_position[1:], record.commanded_quaternion[1:]
@@ -90,7 +91,7 @@ def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def commands(gripper: np.ndarray) -> np.ndarray:
-    """Return gripper commands (n,) without the zeros that keep the last one; before the first one it is open, -1."""
+    """Return gripper commands (n,) with zeros replaced by the last command, which they keep; at first -1, open."""
     signs = np.sign(gripper)
     last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), -1))
     return np.where(last >= 0, np.where(signs != 0.0, gripper, signs[np.maximum(last, 0)]), -1.0)

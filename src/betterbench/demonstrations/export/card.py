@@ -1,4 +1,4 @@
-"""The card of a data set: README.md with counts, columns, and how to train on it and evaluate."""
+"""The card of a data set: README.md with counts, columns, and the commands for training and evaluation."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _FRONT = (
 )
 
 STILL = 1e-3
-"""Numbers whose quantiles 0.01 and 0.99 are nearer than this hardly change."""
+"""Distance of the quantiles 0.01 and 0.99 below which a component counts as nearly constant."""
 
 
 def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
-    """Return the card; the front matter is what the Hugging Face hub reads."""
+    """Return the card; its front matter is for the Hugging Face hub."""
     source, layout = dataset.source, dataset.layout
     lengths = [len(episode) for episode in dataset.episodes]
     seconds = dataset.frames / dataset.rate_hz
@@ -82,7 +82,7 @@ def _columns(dataset: Dataset, stats: Mapping[str, Stats]) -> list[tuple[str, ..
 
 
 def _still(dataset: Dataset, stats: Mapping[str, Stats]) -> list[str]:
-    """Return a warning about numbers that hardly change."""
+    """Return a warning about components that are nearly constant."""
     found = []
     for column in (*dataset.layout.states, dataset.layout.action):
         spans = zip(column.components, stats[column.name]["q01"], stats[column.name]["q99"], strict=True)
@@ -91,5 +91,5 @@ def _still(dataset: Dataset, stats: Mapping[str, Stats]) -> list[str]:
         ]
     if not found:
         return []
-    said = "Normalization by range, quantiles or standard deviation blows up what stands still"
-    return ["", f"{said}: {', '.join(found)} (quantiles 0.01 and 0.99 less than {STILL:g} apart). Give them a floor."]
+    said = "Normalization by range, quantiles or standard deviation amplifies nearly constant components"
+    return ["", f"{said}: {', '.join(found)} (quantiles 0.01 and 0.99 less than {STILL:g} apart). Limit it."]

@@ -1,8 +1,8 @@
-"""Check of a data set against the records that it claims to come from."""
+"""Check of a data set against the records from which it was made."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,20 +21,21 @@ from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.demonstrations.export.robomimic import read_origin, require_same_content
 from betterbench.demonstrations.export.robomimic_check import RobomimicCheck
 from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.jobs import OnCount
 from betterbench.json_form import SEAL, file_digest, parse_json, read_ordinary
 from betterbench.records import Record, RunFolder
 from betterbench.tasks import TrialId
 
 MOST_MEAN_ERROR = 4.0
-"""Largest mean error of a picture after the video codec, in levels of 255; see ``docs/export.md`` for what is usual."""
+"""Largest mean error of an image after the video codec, in levels of 255; see ``docs/export.md`` for usual values."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Extent and result of a check: all that ``docs/export.md`` lists, and three images of each episode and camera.
+    """Extent and result of a check: everything listed in ``docs/export.md``, and three images per episode and camera.
 
     Attributes:
-        worst_error: Largest mean error of a picture, in levels of 255; 0 for images without loss.
+        worst_error: Largest mean error of an image, in levels of 255; 0 for lossless images.
     """
 
     episodes: int
@@ -43,15 +44,13 @@ class ExportCheck:
     worst_error: float
 
 
-def check_export(
-    runs: Sequence[RunFolder], path: Path, *, on_progress: Callable[[int, int], None] | None = None
-) -> ExportCheck:
+def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount | None = None) -> ExportCheck:
     """Compare a data set with the records of its runs.
 
     ``on_progress`` is called with the number of episodes done and planned.
 
     Raises:
-        InvalidInputError: If a file of the data set is missing, cannot be read or holds something else than the record.
+        InvalidInputError: If a file of the data set is missing, cannot be read or differs from the record.
         RecordError: If no run has the record of an episode, or it is damaged.
     """
     source = _source(path)
@@ -59,7 +58,7 @@ def check_export(
     form: ImageForm = "png" if path.is_file() else source["images"]
     expected, episodes = ExpectedDataset(path, layout, form), source["episodes"]
     found = [_trial(runs, about) for about in episodes]
-    told = any("pairs" in about for about in episodes)  # a run may have got its twins later
+    told = any("pairs" in about for about in episodes)  # twins may have been added to the run later
     pairs = pairs_of(runs, found) if told else {}
     pictures, worst = 0, 0.0
     with _stored(path, expected, len(episodes)) as stored, Pictures(layout.cameras, source["quality"]) as drawn:
@@ -83,7 +82,7 @@ def check_export(
 
 @contextmanager
 def _stored(path: Path, expected: ExpectedDataset, episodes: int) -> Iterator[LeRobotCheck | RobomimicCheck]:
-    """Open what compares a file of robomimic or a folder of LeRobot's."""
+    """Open the comparison with a robomimic file or a LeRobot folder."""
     if path.is_dir():
         yield lerobot_check(path, expected, episodes)
         return
@@ -92,7 +91,7 @@ def _stored(path: Path, expected: ExpectedDataset, episodes: int) -> Iterator[Le
 
 
 def _shown(drawn: Pictures, run: RunFolder, record: Record, layout: DatasetLayout) -> dict[int, dict[str, np.ndarray]]:
-    """Draw the images of three frames of an episode again, and return them by row and column."""
+    """Render the images of three frames of an episode again, and return them by row and column."""
     rows = sorted({0, record.n_steps // 2, record.n_steps - 1}) if layout.images else []
     images = shown_images(record, layout, drawn.of(run, record, rows), rows) if rows else ()
     return dict(zip(rows, images, strict=True))
@@ -104,9 +103,9 @@ def _errors(
     where: str,
     most: float,
 ) -> Iterator[float]:
-    """Yield the mean error of each picture that was drawn again, in levels.
+    """Yield the mean error of each image that was rendered again, in levels.
 
-    Raises InvalidInputError if one is missing or differs by more than ``most``.
+    Raises InvalidInputError if an image is missing or its error exceeds ``most``.
     """
     rows = list(shown)
     for column in shown[rows[0]] if rows else ():
@@ -115,7 +114,7 @@ def _errors(
         for row in rows:
             error = _error(found.get(row), shown[row][column])
             if error > most:
-                problem = f"its {column} differs at frame {row} by {error:.2f} of 255 levels in the mean"
+                problem = f"its {column} differs at frame {row} by {error:.2f} of 255 levels on average"
                 raise InvalidInputError(where, problem, CURE)
             yield error
 
@@ -131,10 +130,10 @@ def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
 
 
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
-    """Compare what is told about the origin, as far as records and layout say it.
+    """Compare the description of the origin with records and layout.
 
-    What was left out, the version of the package, the command that evaluates, the digest of the options and the lengths
-    of files are as stated. The digests of files are compared after that.
+    The trials left out, the version of the package, the evaluation command, the digest of the options and the lengths
+    of files cannot be derived from them. The digests of files are compared afterward.
     """
     wanted = origin_of(
         expected.dataset.episodes,
@@ -151,14 +150,14 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
     }
     require_match(dict(source), wanted | stated, _source_name(path))
     if path.is_dir():
-        stored_source(path)  # which compares the seal, of what is only stated too
+        stored_source(path)  # this checks the seal, which covers the other fields too
     _compare_digests(path, source)
 
 
 def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
-    """Compare the bytes of all files with those that were written, as far as the data set has their digests.
+    """Compare the bytes of all files with their stored digests, if the data set has digests.
 
-    Pictures that are not drawn again are in them. A page that somebody has edited is left alone.
+    This covers images that are not rendered again. A page that was edited is ignored.
     """
     if path.is_file():
         with intact(str(path)):
@@ -169,7 +168,7 @@ def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
     for name, digest in told.items():
         with intact(str(path / name)):
             if file_digest(path / name) != digest:
-                raise InvalidInputError(str(path / name), "has other bytes than when it was written", CURE)
+                raise InvalidInputError(str(path / name), "has changed since it was written", CURE)
 
 
 def _source(path: Path) -> dict[str, Any]:
@@ -181,34 +180,34 @@ def _source(path: Path) -> dict[str, Any]:
         named += [about[key] for about in source["episodes"] for key in ("task", "condition", "record")]
         counted = [int(about[key]) for about in source["episodes"] for key in ("seed", "rows")]
         if not all(isinstance(name, str) for name in named) or min(counted, default=-1) < 0:
-            raise ValueError("it names no layout, or no episodes")  # noqa: TRY301 - told below
+            raise ValueError("it has no layout or no episodes")  # noqa: TRY301 - reported below
         if source["images"] not in get_args(ImageForm):
-            raise ValueError("it has neither videos nor PNG files")  # noqa: TRY301 - told below
+            raise ValueError("it has neither videos nor PNG files")  # noqa: TRY301 - reported below
     except BetterError:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
-        problem = f"is no data set of better export ({said})"
+        problem = f"is not a data set of better export ({said})"
         raise InvalidInputError(str(path), problem, "Name its folder or file") from error
     form: dict[str, Any] = source
     return form
 
 
 def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, TrialId]:
-    """Return the number of the run that has the record that an episode was made of, and its trial."""
+    """Return the index of the run with an episode's record, and its trial."""
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for number, run in enumerate(runs):
         entry = run.entry(trial)
         if entry is not None and entry.status == "done" and run.record_digest(entry) == about["record"]:
             return number, trial
     raise RecordError(
-        f"{trial}: no run that is named has the record of this episode (SHA-256 {about['record'][:12]}...). "
+        f"{trial}: none of the given runs has the record of this episode (SHA-256 {about['record'][:12]}...). "
         "Name all runs that were exported."
     )
 
 
 def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
-    """Return the mean error of a picture in levels; infinite if it is missing or of another size."""
+    """Return the mean error of an image in levels; infinite if it is missing or of another size."""
     if there is None or there.shape != wanted.shape:
         return float("inf")
     return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())

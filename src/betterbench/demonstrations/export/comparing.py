@@ -1,4 +1,4 @@
-"""Comparison of a data set's content with the expected one; the first difference is named in one line."""
+"""Comparison of a data set with the expected content; the first difference is reported in one line."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ import numpy as np
 import pyarrow as pa
 
 from betterbench.errors import BetterError, InvalidInputError, one_line
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import parse_json
-from betterbench.records import first_difference
 
 ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
-"""Reads some pictures of an episode by the name of their column and their rows."""
+"""Reads images of an episode by the name of their column and their rows."""
 
 CURE = "Export it again into another place"
 
 LEVEL = "a number from 0 to 1"
-"""Stands in a form that is wanted for the statistics of pictures, which are not computed again."""
+"""Placeholder in an expected form for the statistics of images, which are not computed again."""
 
 _CLOSE = 1e-9
-"""Largest difference of a number, as a share of it: another version of NumPy may add in another order."""
+"""Largest relative difference of a number: another version of NumPy may add in another order."""
 
 _ROOT = "$"
 _MOST_OF_A_FIELD = 200
-"""Most characters of a field's name in a message; names come from external files."""
+"""Maximum characters of a field's name in a message; names come from external files."""
 
 
 def require_match(there: object, wanted: object, where: str) -> None:
-    """Raise InvalidInputError unless a form that was read is the one that is wanted, which is made of JSON's types.
+    """Raise InvalidInputError unless a JSON form equals the expected one.
 
-    Numbers that are not whole may differ by rounding. ``where`` names the file, and the place in it.
+    Numbers that are not integers may differ by rounding. ``where`` names the file and the place in it.
     """
     wanted = parse_json(json.dumps(wanted))
     require_equal(_settled(there, wanted), wanted, where)
 
 
 def require_equal(there: object, wanted: object, where: str) -> None:
-    """Raise InvalidInputError unless two forms of JSON's types are equal in every type and number."""
+    """Raise InvalidInputError unless two JSON forms are equal in every type and number."""
     found = first_difference(there, wanted, _ROOT)
     if found is None:
         return
     name, was, should = found
     before, _, field = name.partition(_ROOT)
     shown = one_line(before + (field.removeprefix(".") or "it"), most=_MOST_OF_A_FIELD)
-    raise InvalidInputError(where, f"{shown} is {was} and should be {should}", CURE)
+    raise InvalidInputError(where, f"{shown} is {was}, expected {should}", CURE)
 
 
 @contextmanager
@@ -70,7 +70,7 @@ _BROKEN = (
 
 
 def _settled(there: object, wanted: object) -> object:
-    """Return a form with numbers as they are wanted where they are close, and texts for what JSON has no type for."""
+    """Return a form with close numbers replaced by the expected ones, and with texts for types that JSON lacks."""
     if isinstance(there, dict):
         known = wanted if isinstance(wanted, dict) else {}
         return {str(name): _settled(value, known.get(name)) for name, value in there.items()}

@@ -1,4 +1,4 @@
-"""Episodes of a data set in their order, and its description, as the writers of all formats use them."""
+"""Episodes of a data set in order, and its description, as input of the writers of all formats."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Dataset:
     """Episodes of a data set in their order, with the layout and format in which they are written.
 
     Attributes:
-        train: Number of them, from the first on, that are for training; the others are for validation.
+        train: Number of training episodes, which come first; the others are for validation.
         language: Whether LeRobot's language columns are written.
         source: Description of the origin: runs, versions, trials left out, the command to evaluate.
     """
@@ -60,12 +60,12 @@ class Dataset:
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """The different instructions; a task index counts through them."""
+        """The different instructions; a task index is an index into them."""
         return tuple(dict.fromkeys(str(episode.about["instruction"]) for episode in self.episodes))
 
     @property
     def subgoals(self) -> tuple[str, ...]:
-        """The different subgoals; a subtask index counts through them."""
+        """The different subgoals; a subtask index is an index into them."""
         return tuple(dict.fromkeys(name for episode in self.episodes for name in episode.about["subgoals"]))
 
     def parts(self) -> Iterator[Part]:
@@ -73,7 +73,7 @@ class Dataset:
         for episode in self.episodes:
             part = read_part(episode.folder, self.layout)
             if part is None:
-                raise RecordError(f"{episode.folder}: this part was damaged while it was used. Run the command again.")
+                raise RecordError(f"{episode.folder}: this part was damaged during the export. Run the command again.")
             yield part
 
 
@@ -85,7 +85,7 @@ def splits(dataset: Dataset) -> dict[str, str]:
 
 
 def starts(episodes: Sequence[DatasetEpisode]) -> list[int]:
-    """Return the number of the first frame of each episode, counted through the data set."""
+    """Return the index of the first frame of each episode in the data set."""
     found, begun = [], 0
     for episode in episodes:
         found.append(begun)

@@ -1,4 +1,4 @@
-"""Expected content of a data set, computed from its records as the writers do, for the check of an export."""
+"""Expected content of a data set, computed from its records as by the writers, for the check of an export."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class ExpectedDataset:
         self._first: list[int] = [0]
 
     def add(self, record: Record, digest: str, numbers: Numbers, pairs: Sequence[str] | None) -> Part:
-        """Add the next episode, and return it with empty files for its pictures.
+        """Add the next episode, and return it with empty files for its images.
 
-        Raises InvalidInputError if it has another control rate than those before.
+        Raises InvalidInputError if its control rate differs from that of earlier episodes.
         """
         rate, before = round(record.metadata.control_rate_hz), self.dataset.episodes
         if before and rate != self.dataset.rate_hz:
-            problem = f"its record has {rate} Hz, and those before have {self.dataset.rate_hz}"
+            problem = f"its record has {rate} Hz, earlier ones have {self.dataset.rate_hz}"
             raise InvalidInputError(f"{self.path}: episode {len(before)}", problem, CURE)
         told = about(record, numbers.subgoals) | ({} if pairs is None else {"pairs": list(pairs)})
         episodes = (*before, DatasetEpisode(self.path, told, digest))
@@ -55,30 +55,31 @@ class ExpectedDataset:
         return part
 
     def first(self, number: int) -> int:
-        """Return the number of the first frame of an episode."""
+        """Return the index of the first frame of an episode."""
         return self._first[number]
 
     def divided(self, train: int, where: str, said: str) -> Dataset:
-        """Return the data set, with so many episodes for training.
+        """Return the data set with ``train`` training episodes.
 
-        Raises InvalidInputError with what the file ``where`` ``said`` if no share of validation divides it so.
+        Raises InvalidInputError with the statement ``said`` of the file ``where`` if no validation share gives this
+        split.
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
         if not is_split(trials, train):
-            problem = f"{said}, and no share of validation divides these {len(trials)} episodes so"
+            problem = f"{said}, but no validation share splits {len(trials)} episodes like this"
             raise InvalidInputError(where, problem, CURE)
         return replace(self.dataset, train=train)
 
     def episode_stats(self, part: Part) -> dict[str, Stats]:
-        """Return the statistics of the last episode, those of pictures left open."""
+        """Return the statistics of the last episode, with placeholders for those of images."""
         return self._open(episode_stats(self.dataset, part, self._counted))
 
     def stats(self) -> dict[str, Stats]:
-        """Return the statistics of all episodes, those of pictures left open."""
+        """Return the statistics of all episodes, with placeholders for those of images."""
         return self._open(self._totals.stats())
 
     def _open(self, stats: dict[str, Stats]) -> dict[str, Stats]:
-        """Return statistics without the levels of pictures, of which only form and count are known."""
+        """Return statistics with placeholders for the levels of images, of which only form and count are known."""
         levels: Any = [[[LEVEL]]] * 3
         opened = {
             name: {what: value if what == "count" else levels for what, value in stats[name].items()}

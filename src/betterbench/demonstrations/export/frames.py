@@ -1,4 +1,4 @@
-"""Frames of an episode: the observation of each control step, and the action that a policy should answer."""
+"""Frames of an episode: the observation of each control step, and the action label."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.records import Record, subgoal_segments
 from betterbench.tasks.interventions import resolve_condition
 
 DONE = "done"
-"""Name of the subgoal of frames after the last one is met."""
+"""Name of the subgoal of frames after the last subgoal is met."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +26,7 @@ class Numbers:
 
     Attributes:
         vectors: (N, size) by column: states and action.
-        subgoals: (N,) subgoal that the demonstrator pursues.
+        subgoals: (N,) current subgoal of the demonstrator.
     """
 
     vectors: Mapping[str, np.ndarray]
@@ -34,9 +34,9 @@ class Numbers:
 
 
 def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
-    """Return the numbers of all frames; the last state, after which nothing was done, is none.
+    """Return the numbers of all frames; the last state is left out, because no action follows it.
 
-    Raises InvalidInputError if the record's motion cannot be said in the preset's action space.
+    Raises InvalidInputError if the record's motion cannot be expressed in the preset's action space.
     """
     adapter = layout.adapter
     actions = actions_in(record, action_space(adapter.answer.space))
@@ -64,7 +64,7 @@ def shown_images(
     pictures: Iterator[Mapping[str, np.ndarray]],
     rows: Collection[int] | None = None,
 ) -> Iterator[dict[str, np.ndarray]]:
-    """Yield the images of some frames by column, of all if None, from the pictures of the cameras at each of them."""
+    """Yield the policy's images of some frames by column, of all if None, from the cameras' images at each frame."""
     observed = (o for o in _observations(record) if rows is None or o.step in rows)
     for seen, views in zip(observed, pictures, strict=True):
         by_key = layout.adapter.images(replace(seen, images=views))
@@ -73,9 +73,9 @@ def shown_images(
 
 
 def active_subgoals(record: Record) -> tuple[str, ...]:
-    """Return for each frame the subgoal that its segment serves, as words ("pack burger"); at last :data:`DONE`.
+    """Return for each frame the subgoal of its segment in words ("pack burger"), finally :data:`DONE`.
 
-    The segments are those of the record, or derived from it as those of demonstrations are.
+    The segments are those of the record, or derived from it like those of demonstrations.
 
     Raises UnknownNameError if the record has no segments, and its task or condition is unknown.
     """

@@ -1,8 +1,8 @@
 """Export of a data set: several workers make each episode once, then the whole set is put at its place.
 
-Everything is made in a hidden folder beside the place, ``.NAME.parts``. Episodes that are complete there are not made
-again, and the finished data set is moved to its place by one renaming, so that it is there whole or not at all. Bytes
-follow from the records and the options alone.
+Everything is made in a hidden folder beside the target, ``.NAME.parts``. Episodes that are complete there are not made
+again, and the finished data set is moved to its place by one renaming, so it is either complete or absent. The bytes
+depend only on the records and the options.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import contextlib
 import hashlib
 import logging
 import shutil
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -28,9 +28,8 @@ from betterbench.demonstrations.export.robomimic import require_h5py, require_sa
 from betterbench.demonstrations.export.selection import ChosenTrial, Selection
 from betterbench.demonstrations.export.video import VIDEO_SETTINGS, require_even
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
-from betterbench.jobs import RunLock, write_durably
+from betterbench.jobs import OnCount, RunLock, counts, in_threads, run_items, write_durably
 from betterbench.jobs.durable import on_disk, remove_parts
-from betterbench.jobs.item_threads import in_threads
 from betterbench.jobs.lock import LOCK_NAME
 from betterbench.jobs.outputs import require_replaceable
 from betterbench.json_form import dump_json, file_digest, open_seal, read_ordinary, sealed_form
@@ -47,14 +46,12 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of what an export holds; it moves when the same records give other frames."""
+"""Version of the content of an export; it changes when the same records give other frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
 """File of a data set that describes its origin."""
 README = "README.md"
 """Page of a data set, which its owner may edit."""
-
-Told = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +60,12 @@ class ExportPlan:
 
     Attributes:
         out: Folder of the data set, or its file for robomimic.
-        form: Storage of images; robomimic's are always without loss.
+        form: Storage of images; robomimic's are always lossless.
         quality: Render preset; that of the runs if None.
         validation: Share of the seeds whose episodes are for validation.
         language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
-        questions: Folder of a set of questions for them, or None.
-        overwrite: Whether another data set of ours, or for robomimic any other file, is replaced.
+        questions: Folder of a set of questions about the frames, or None.
+        overwrite: Whether another data set of betterbench, or for robomimic any other file, is replaced.
     """
 
     runs: Sequence[RunFolder]
@@ -86,7 +83,7 @@ class ExportPlan:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """Result of an export: the place of the data set, and its number of episodes, frames and bytes."""
+    """Result of an export: path of the data set, and its number of episodes, frames and bytes."""
 
     path: Path
     episodes: int
@@ -97,13 +94,13 @@ class Exported:
     evaluate: str
 
 
-def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | None = None) -> Exported:
+def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount | None = None) -> Exported:
     """Write a data set, or finish one that was begun; the same plan gives the same bytes with any number of workers.
 
     ``on_progress`` is called with the number of episodes done and planned.
 
     Raises:
-        RunConflictError: If there is something else at the place, or another process is exporting to it.
+        RunConflictError: If other files are at the place, or another process is exporting to it.
         RecordError: If a record or a stored scene is missing or damaged.
         InvalidInputError: If the options do not fit each other or the records.
         StorageError: If the disk is full.
@@ -114,9 +111,9 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
     identity = _identity(plan, quality)
     staging = out.with_name(f".{out.name}.parts")
     if out.is_symlink() and not out.exists():
-        raise RunConflictError(f"{out}: is a link to nothing. Remove it, or choose another place.")
+        raise RunConflictError(f"{out}: is a broken symbolic link. Remove it, or choose another place.")
     if staging.is_symlink():
-        raise RunConflictError(f"{staging}: is a link, and no link is written to. Remove it.")
+        raise RunConflictError(f"{staging}: is a symbolic link. Remove it.")
     with on_disk(out):
         if out.exists() and not _is_replaced(plan, out, identity):
             told = _finished(plan, out, identity, quality)
@@ -135,7 +132,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
 
 
 def _checked(plan: ExportPlan) -> ExportPlan:
-    """Return the plan with what its format leaves no choice about; raise InvalidInputError if options do not fit."""
+    """Return the plan with the settings that its format prescribes; raise InvalidInputError if options do not fit."""
     if plan.to == "robomimic":
         require_h5py()
         plan = replace(plan, form="png")
@@ -163,7 +160,7 @@ def _quality(plan: ExportPlan) -> str:
 
 
 def _identity(plan: ExportPlan, quality: str) -> str:
-    """Return a digest of everything that the bytes of a data set follow from."""
+    """Return a digest of everything that determines the bytes of a data set."""
     form = {
         "version": EXPORT_VERSION,
         "to": plan.to,
@@ -185,9 +182,9 @@ def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
 def pairs_of(
     runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
 ) -> dict[tuple[int, TrialId], list[str]]:
-    """Return the ids of the pairs of twins that each demonstration belongs to, by the number of its run and its trial.
+    """Return the ids of the twin pairs of each demonstration, by the index of its run and its trial.
 
-    There are none for runs without twins.
+    Runs without twins have none.
     """
     found: dict[tuple[int, TrialId], list[str]] = {}
     for number, run in enumerate(runs):
@@ -200,7 +197,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return the settings beside its record on which the frames of an episode depend."""
+    """Return the settings, besides its record, that determine the frames of an episode."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -211,14 +208,14 @@ def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: C
 
 
 def _remove_leftover(staging: Path) -> None:
-    """Remove what a killed process left, unless another process exports to the same place with other options."""
+    """Remove leftovers of a killed process, unless another process exports to the same place with other options."""
     if staging.is_dir():
         with contextlib.suppress(RunConflictError, OSError), RunLock(staging / LOCK_NAME):
             shutil.rmtree(staging, ignore_errors=True)
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return the finished data set at the place; raise RunConflictError if something else is there."""
+    """Return the finished data set at the place; raise RunConflictError if other files are there."""
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -228,15 +225,15 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
     if told is None or there != identity:
         if there:
             raise RunConflictError(
-                f"{out}: there is another data set already. Give --overwrite to replace it, or another name."
+                f"{out}: another data set already exists here. Give --overwrite to replace it, or another name."
             )
         if out.is_dir():
             raise RunConflictError(
-                f"{out}: there is something else already, a folder that better export did not write. "
+                f"{out}: a folder that better export did not write already exists here. "
                 "It is never replaced: give another name."
             )
         require_replaceable(out, "export", is_ours=lambda _: False)
-        raise RunConflictError(f"{out}: there is an empty file already. Remove it, or give another name.")
+        raise RunConflictError(f"{out}: an empty file already exists here. Remove it, or give another name.")
     again = "Move the data set away and run the command again"
     if plan.to == "robomimic":
         require_same_content(out, cure=again)
@@ -244,7 +241,7 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
         logger.warning("%s: an earlier version wrote it without digests, so a change in it would not be seen", out)
     lost = next((name for name, digest in digests.items() if _digest(out / name) != digest), None)
     if lost is not None:
-        raise RunConflictError(f"{out / lost}: is missing, or has other bytes than when it was written. {again}.")
+        raise RunConflictError(f"{out / lost}: is missing or has changed since it was written. {again}.")
     return told
 
 
@@ -254,7 +251,7 @@ def _digest(file: Path) -> str | None:
 
 
 def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
-    """Tell whether what is at the place is to be replaced: with ``overwrite``, but no folder that is not ours."""
+    """Tell whether the content of the place is to be replaced: only with ``overwrite``, and only our own folders."""
     if not plan.overwrite or out.is_symlink():
         return False
     there = None
@@ -279,37 +276,26 @@ def stored_source(folder: Path) -> dict[str, Any]:
     return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
 
 
-def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: Told | None) -> int:
+def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: OnCount | None) -> int:
     """Make the parts that are missing, and return how many those were."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
-    missing = {folder: d for folder, d in wanted.items() if read_index(folder) is None}
-    done = len(wanted) - len(missing)
-    # Neighbors share a scene, which takes longer to open than a picture to draw.
-    waiting = sorted(missing.items(), key=lambda item: (item[1].scene_hash, item[1].trial, item[1].run))
-    if on_progress is not None:
-        on_progress(done, len(wanted))
 
-    def work(pictures: Pictures, item: tuple[Path, ChosenTrial]) -> None:
-        folder, demonstration = item
+    def make(pictures: Pictures, folder: Path) -> None:
+        demonstration = wanted[folder]
         run = plan.runs[demonstration.run]
         record = _record(run, demonstration)
         _check_rate(record)
         write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
 
-    def told(_: tuple[Path, ChosenTrial]) -> None:
-        nonlocal done
-        done += 1
-        if on_progress is not None:
-            on_progress(done, len(wanted))
+    def work(missing: Iterable[Path]) -> Iterator[None]:
+        # Neighbors share a scene, which takes longer to open than a picture to draw.
+        order = sorted(missing, key=lambda f: (wanted[f].scene_hash, wanted[f].trial, wanted[f].run))
+        cameras = plan.layout.cameras
+        return in_threads(order, make, workers=workers, open_resource=lambda: Pictures(cameras, quality))
 
-    in_threads(
-        waiting,
-        work,
-        workers=workers,
-        open_resource=lambda: Pictures(plan.layout.cameras, quality),
-        on_done=told,
+    return run_items(
+        wanted, is_done=lambda part: read_index(part) is not None, work=work, on_progress=counts(on_progress)
     )
-    return len(missing)
 
 
 def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
@@ -320,7 +306,7 @@ def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
 def _check_rate(record: Record) -> None:
     rate = record.metadata.control_rate_hz
     if abs(rate - round(rate)) > 1e-9:
-        raise InvalidInputError("control rate", f"{rate:g} Hz is no whole number", "Record at 20 Hz")
+        raise InvalidInputError("control rate", f"{rate:g} Hz is not an integer", "Record at 20 Hz")
     if record.n_steps < 2:
         m = record.metadata
         raise RecordError(f"{m.task}/{m.condition}/{m.seed}: has {record.n_steps} steps, too few for an episode.")
@@ -346,14 +332,14 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         whole / SOURCE_FILE,
         json_bytes(sealed_form({**dataset.source, "version": 2, "files": files, "sha256": digests})),
     )
-    if out.exists():  # another one that is to be replaced; it goes with the hidden folder
+    if out.exists():  # an older data set to replace; it is deleted with the hidden folder
         shutil.rmtree(replaced, ignore_errors=True)
         out.rename(replaced)
     whole.replace(out)
 
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
-    """Return the data set of the parts: training episodes first, and everything that is told about the origin."""
+    """Return the data set of the parts: training episodes first, with the description of its origin."""
     shown = plan.selection.demonstrations
     asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
     pairs = _pairs(plan)
@@ -362,7 +348,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         folder = _part_folder(staging, plan, quality, d)
         index = read_index(folder)
         if index is None:
-            raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
+            raise RecordError(f"{folder}: this part was damaged during the export. Run the command again.")
         rates.add(round(index.about["control_rate_hz"]))
         about = {**index.about, "pairs": pairs.get((d.run, d.trial), [])} if pairs else index.about
         episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
@@ -378,9 +364,9 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Return the seeds whose episodes are for validation: whole seeds, because conditions share their layouts.
+    """Return the seeds of the validation episodes: whole seeds, because conditions share their layouts.
 
-    One seed at least is left for training.
+    At least one seed is left for training.
     """
     by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
     return set(by_hash[: min(round(share * len(seeds)), len(seeds) - 1)])
@@ -414,9 +400,10 @@ def origin_of(
 
 
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
-    """Return whether the first ``train`` of some trials are for training and the others for validation in an export.
+    """Return whether some trials may be split in an export with the first ``train`` for training.
 
-    That is so for some share of validation, which is not stored: its seeds are held out whole and come last.
+    That is the case if some validation share, which is not stored, gives this split: seeds are held out whole and come
+    last.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -426,9 +413,9 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 
 
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
-    """Return the command that evaluates a policy that was trained on a layout, with its address left open.
+    """Return the command that evaluates a policy trained on a layout, without the policy's address.
 
-    It plays the whole suite where all tasks of the suite are demonstrated, and a few trials of the tasks otherwise.
+    It evaluates the whole suite if all its tasks are demonstrated, and otherwise a few trials of the tasks.
     """
     name = layout.adapter.name
     words = ["better eval --policy"]

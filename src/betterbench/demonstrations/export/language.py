@@ -42,12 +42,12 @@ def _said(role: str, text: str, style: str) -> dict[str, Any]:
 
 
 def _column(rows: list[list[dict[str, Any]]], *, timed: bool) -> pa.Array:
-    # pyarrow makes no array of its JSON type from Python values, but casts texts to it.
+    # pyarrow cannot build an array of its JSON type from Python values, but casts strings to it.
     return pa.array(rows, pa.list_(_entry(pa.string(), timed=timed))).cast(pa.list_(_entry(pa.json_(), timed=timed)))
 
 
 def _entry(call: pa.DataType, *, timed: bool) -> pa.DataType:
-    """Return the type of one entry of a column, whose tool calls have the type ``call``."""
+    """Return the type of an entry of a column, with ``call`` as the type of its tool calls."""
     fields = [pa.field("role", pa.string(), nullable=False)]
     fields += [pa.field("content", pa.string()), pa.field("style", pa.string())]
     fields += [pa.field("timestamp", pa.float32(), nullable=False)] if timed else []

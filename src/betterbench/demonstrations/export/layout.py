@@ -1,6 +1,6 @@
 """Columns of a data set: the inputs and outputs of a policy by a preset, under the names that its trainer expects.
 
-Every column is made by the adapter itself, so what a policy is trained on is what ``better eval`` sends it.
+Every column is made by the adapter itself, so a policy is trained on exactly the data that ``better eval`` sends it.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ NumberType = Literal["float32", "float64", "int64"]
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 
 _OBSERVATIONS = ("default", "droid", "official")
-"""Observation presets in the order in which one with all the cameras of a layout is looked for."""
+"""Observation presets in the order of the search for one with all cameras of a layout."""
 
 _REPEATED = {"openpi_droid": {"exterior_image_2_left": "exterior_image_1_left"}}
-"""Columns that a trainer's configuration names although the policy is not shown them; they repeat another one.
+"""Columns in a trainer's configuration that the policy does not use; they repeat another column.
 
-openpi's ``LeRobotDROIDDataConfig`` wants a second exterior image, which its policy does not use.
+openpi's ``LeRobotDROIDDataConfig`` expects a second exterior image, which its policy does not use.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class ImageColumn:
-    """One image per frame: column, key in the policy's request, our camera, and size [pixel]."""
+    """One image per frame: column, key in the policy's request, camera, and size [pixel]."""
 
     name: str
     key: tuple[str, ...]
@@ -47,7 +47,7 @@ class ImageColumn:
 
 @dataclass(frozen=True, slots=True)
 class VectorPart:
-    """The numbers ``start`` to ``end`` of a column, under the key that they have in a request or a reply."""
+    """The components ``start`` to ``end`` of a column, under their key in a request or a reply."""
 
     key: tuple[str, ...]
     start: int
@@ -55,13 +55,13 @@ class VectorPart:
 
     @property
     def name(self) -> str:
-        """The bare name, as GR00T's modality.json lists it."""
+        """The name without prefix, as in GR00T's modality.json."""
         return name_of(self.key).replace("/", "_")
 
 
 @dataclass(frozen=True, slots=True)
 class VectorColumn:
-    """Some numbers per frame; ``components`` are their names."""
+    """A vector per frame; ``components`` are the names of its components."""
 
     name: str
     parts: tuple[VectorPart, ...]
@@ -93,7 +93,7 @@ class DatasetLayout:
 
     @property
     def cameras(self) -> tuple[CameraSpec, ...]:
-        """The cameras that have to be rendered."""
+        """The cameras to render."""
         shown = {column.camera for column in self.images}
         return tuple(camera for camera in self.observation.cameras if camera.name in shown)
 
@@ -104,7 +104,7 @@ class DatasetLayout:
         return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form: the adapter, and which column holds what."""
+        """Return the JSON form: the adapter, and the content of each column."""
         return {
             "adapter": self.adapter.to_json(),
             "observation": self.observation.to_json(),
@@ -119,12 +119,12 @@ class DatasetLayout:
 def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
     """Return the layout of a preset.
 
-    ``observation`` is the observation preset that the policy will be evaluated with; the first one that has all its
-    cameras if not given.
+    ``observation`` is the observation preset for the evaluation of the policy; by default the first preset with all
+    required cameras.
 
     Raises:
         UnknownNameError: If there is no such preset.
-        InvalidInputError: If only a foreign world plays its actions, or the observation preset lacks a camera that it
+        InvalidInputError: If only another world plays its actions, or the observation preset lacks a camera that it
             shows.
     """
     adapter = own_preset(name)
@@ -147,12 +147,12 @@ def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:
         spec = observation_spec(known)
         if spec.cameras and set(wanted) <= {camera.name for camera in spec.cameras}:
             return spec
-    problem = f"{name or 'no observation preset'} renders not all of the cameras {', '.join(wanted) or 'at all'}"
+    problem = f"{name or 'no observation preset'} does not render all of the cameras {', '.join(wanted) or 'at all'}"
     raise InvalidInputError("--observation", f"{problem} of the preset {adapter.name}", "Leave it out, or give another")
 
 
 def _shown_size(rule: ImageRule, camera: CameraSpec) -> tuple[int, int]:
-    """Return width and height of an image as the policy is shown it."""
+    """Return width and height of an image in the policy's request."""
     turned = rule.turn in (90, 270)
     width, height = (camera.height, camera.width) if turned else (camera.width, camera.height)
     return rule.width or width, rule.height or height
@@ -169,7 +169,7 @@ def _image_name(adapter: str, key: tuple[str, ...]) -> str:
 
 
 def _states(adapter: Adapter) -> tuple[VectorColumn, ...]:
-    """Return the columns of the robot's state: one for all, or one for each where the trainer or exactness wants it."""
+    """Return the columns of the robot's state: one for all, or one for each if the trainer or precision needs it."""
     columns: list[VectorColumn] = []
     parts: list[VectorPart] = []
     names: list[str] = []
@@ -209,7 +209,7 @@ def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
 
 
 def _action(adapter: Adapter) -> VectorColumn:
-    """Return the column of the actions: what the policy would have to answer."""
+    """Return the column of the actions: the answers that are expected from the policy."""
     parts, names = [], list[str]()
     for key, size in adapter.answer.columns.items():
         parts.append(VectorPart(key, len(names), len(names) + size))

@@ -27,10 +27,10 @@ from betterbench.quoting import json_text
 
 ROBOT_TYPE = "panda"
 CHUNK_FILES = 1000
-"""Most files of a folder ``chunk-NNN``."""
+"""Maximum number of files in a folder ``chunk-NNN``."""
 
 MOST_FILE_BYTES = 100 * 1024 * 1024
-"""Largest file of frames before compression, and largest video; an episode is never divided."""
+"""Largest file of frames before compression, and largest video [byte]; an episode is never split."""
 
 SUBTASK = "subtask_index"
 
@@ -88,7 +88,7 @@ def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.
 
 
 def counters(dataset: Dataset, number: int, part: Part, *, first: int) -> dict[str, np.ndarray]:
-    """Return the columns that only count: time [s], frame, episode, frame of the data set, instruction and subgoal."""
+    """Return the index columns: time [s], frame, episode, frame of the data set, instruction and subgoal."""
     rows, subgoals = len(part), {name: i for i, name in enumerate(dataset.subgoals)}
     task = dataset.instructions.index(str(dataset.episodes[number].about["instruction"]))
     return {
@@ -124,7 +124,7 @@ class Totals:
         self._sampled += part.sampled
 
     def stats(self) -> dict[str, Stats]:
-        """Return the statistics by column; quantiles are those of all frames, and no mean of those of episodes."""
+        """Return the statistics by column; quantiles are computed over all frames, not averaged over episodes."""
         found = {name: image_stats(levels, self._sampled) for name, levels in self._levels.items()}
         return found | {name: vector_stats(np.concatenate(values)) for name, values in self._vectors.items()}
 
@@ -132,7 +132,7 @@ class Totals:
 def write_v30(folder: Path, dataset: Dataset) -> dict[str, Stats]:
     """Write a data set of version 3.0 into an empty folder, and return its statistics.
 
-    Raises RecordError if a part was damaged, OSError if something cannot be written.
+    Raises RecordError if a part was damaged, OSError if a file cannot be written.
     """
     first, totals, rows = starts(dataset.episodes), Totals(), list[dict[str, Any]]()
     frames = _FrameFiles(folder)
@@ -163,7 +163,7 @@ def write_v30(folder: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def json_bytes(form: object) -> bytes:
-    """Return a JSON file that people can read."""
+    """Return the bytes of an indented JSON file."""
     return (json_text(form, indent=4, allow_nan=False) + "\n").encode()
 
 
@@ -189,7 +189,7 @@ def info_v30(dataset: Dataset) -> dict[str, Any]:
 
 
 def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
-    """Return the row of an episode in ``meta/episodes`` without places and statistics; fields of ours: ``better/``."""
+    """Return the row of an episode in ``meta/episodes`` without locations and statistics; our fields: ``better/``."""
     episode = dataset.episodes[number]
     about = episode.about
     return {
@@ -225,7 +225,7 @@ def time_fields(kind: str, begun: int, ended: int, rate_hz: int) -> dict[str, fl
 
 
 def file_name(kind: str, number: int) -> str:
-    """Return the name of a file of frames or pictures."""
+    """Return the name of a file of frames or videos."""
     ending = "parquet" if kind == "data" else "mp4"
     return f"{kind}/chunk-{number // CHUNK_FILES:03d}/file-{number % CHUNK_FILES:03d}.{ending}"
 
@@ -257,7 +257,7 @@ class _FrameFiles(_Files):
         return file_fields(self._kind, self._number)
 
     def close(self) -> None:
-        """Write what is collected."""
+        """Write the collected episodes."""
         buffer = io.BytesIO()
         with pq.ParquetWriter(buffer, self._tables[0].schema, compression="snappy") as writer:
             for table in self._tables:
@@ -276,7 +276,7 @@ class _VideoFiles(_Files):
         self._pictures = 0
 
     def add(self, video: bytes, pictures: int) -> dict[str, Any]:
-        """Add an episode, and return the fields with its file and its times in it [s]."""
+        """Add an episode, and return the fields with its file and its times in the video [s]."""
         if self._videos and self._bytes + len(video) > MOST_FILE_BYTES:
             self.close()
             self._number += 1
@@ -288,7 +288,7 @@ class _VideoFiles(_Files):
         return file_fields(self._kind, self._number) | times
 
     def close(self) -> None:
-        """Write what is collected."""
+        """Write the collected episodes."""
         place = self._folder / file_name(self._kind, self._number)
         write_durably(place, join(self._videos, rate_hz=self._rate_hz))
         self._videos, self._bytes, self._pictures = [], 0, 0
@@ -300,7 +300,7 @@ def _vector(values: np.ndarray, column: VectorColumn) -> pa.Array:
 
 
 def _hub_features(dataset: Dataset) -> dict[str, Any]:
-    """Return the types of the columns in the words of the library ``datasets``, which older readers rely on."""
+    """Return the types of the columns in the notation of the library ``datasets``, which older readers need."""
     found: dict[str, Any] = {}
     for name, feature in features(dataset).items():
         if feature["dtype"] in ("video", "language"):
@@ -316,13 +316,13 @@ def _hub_features(dataset: Dataset) -> dict[str, Any]:
 
 
 def index_tables(dataset: Dataset) -> dict[str, pa.Table]:
-    """Return the files of ``meta`` that number the instructions and the subgoals."""
+    """Return the files of ``meta`` with the instructions and the subgoals by index."""
     words = {"task": dataset.instructions, "subtask": dataset.subgoals}
     return {f"meta/{name}s.parquet": _indexed(name, said) for name, said in words.items()}
 
 
 def _indexed(name: str, words: Sequence[str]) -> pa.Table:
-    """Return a table with numbers of words, whose index, as pandas reads it, are the words."""
+    """Return a table that maps words to their index, with the words as pandas index."""
     table = pa.table({f"{name}_index": pa.array(range(len(words)), pa.int64()), name: pa.array(words, pa.string())})
     kinds = {f"{name}_index": ("int64", "int64"), name: ("unicode", "object")}
     described = {

@@ -1,4 +1,4 @@
-"""Check of a LeRobot data set against the records that it comes from, file by file."""
+"""Check of a LeRobot data set against its records, file by file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RANGE = re.compile(r"0:([0-9]{1,9})")
 
 @dataclass(slots=True)
 class _Frames:
-    """File of frames that is being read, with the number of its rows that belong to the episodes so far."""
+    """Current file of frames, with the number of its rows that belong to the episodes so far."""
 
     name: str
     table: pa.Table
@@ -38,10 +38,10 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Check of all content but images, their statistics, and the questions of the language columns.
+    """Check of all content except images, their statistics, and the questions in the language columns.
 
     Attributes:
-        listed_in: Folders whose Parquet files a trainer reads, all of them.
+        listed_in: Folders whose Parquet files are all read by trainers.
     """
 
     listed_in: Sequence[str]
@@ -51,7 +51,7 @@ class LeRobotCheck(ABC):
 
         Args:
             path: Its folder.
-            expected: Takes its episodes, one after the other.
+            expected: Collects the expected episodes, one after the other.
             info: Its ``meta/info.json``.
             listed: Entry of each episode in ``meta``.
         """
@@ -60,7 +60,7 @@ class LeRobotCheck(ABC):
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare the last episode that was expected, and return what reads its pictures."""
+        """Compare the last expected episode, and return a reader of its images."""
         self.compare_listed(number, part)
         dataset, first = self.expected.dataset, self.expected.first(number)
         wanted = lerobot.frame_table(dataset, number, part, first=first)
@@ -81,7 +81,7 @@ class LeRobotCheck(ABC):
         for kind in self.listed_in:
             for file in sorted((self.path / kind).rglob("*.parquet")):
                 if file not in known:
-                    raise InvalidInputError(str(file), "belongs to no episode, and trainers read it", CURE)
+                    raise InvalidInputError(str(file), "belongs to no episode, but trainers would read it", CURE)
         splits = self.info.get("splits")
         train = str(splits.get("train")) if isinstance(splits, dict) else "absent"
         count = _RANGE.fullmatch(train)
@@ -91,7 +91,7 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare what ``meta`` says of an episode."""
+        """Compare the entry of an episode in ``meta``."""
 
     @abstractmethod
     def compare_meta(self, dataset: Dataset) -> None:
@@ -103,7 +103,7 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the name of the video of an episode, and the number of its first picture there."""
+        """Return the name of the video of an episode, and the index of its first frame there."""
 
     def same_json(self, file: str, wanted: object) -> None:
         """Compare a file of JSON."""
@@ -120,7 +120,7 @@ class LeRobotCheck(ABC):
 
     def _close(self) -> None:
         if self._frames is not None and self._frames.used != len(self._frames.table):
-            problem = f"has {len(self._frames.table)} rows, and {self._frames.used} belong to episodes"
+            problem = f"has {len(self._frames.table)} rows, but {self._frames.used} belong to episodes"
             raise InvalidInputError(str(self.path / self._frames.name), problem, CURE)
 
     def _pictures(self, number: int, table: pa.Table) -> ReadPictures:
@@ -145,7 +145,7 @@ class CheckOfV30(LeRobotCheck):
         self._shown: dict[str, int] = {}
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the row of an episode: its places, times and statistics."""
+        """Compare the row of an episode: its locations, times and statistics."""
         there, dataset = self.listed[number], self.expected.dataset
         wanted = lerobot.episode_row(dataset, number, self.expected.first(number))
         wanted |= lerobot.file_fields("data", self._file("data", there))
@@ -160,7 +160,7 @@ class CheckOfV30(LeRobotCheck):
         require_match(there, wanted, f"{self.path / lerobot.EPISODES_FILE}: episode {number}")
 
     def _file(self, kind: str, there: Mapping[str, Any]) -> int:
-        """Return the number of the file of an episode: that of the one before, or the next, if it says so."""
+        """Return the index of an episode's file: that of the previous episode or, if the row says so, the next one."""
         before = self._files.get(kind)
         file = before or 0
         if before is not None and lerobot.file_fields(kind, before + 1).items() <= there.items():
@@ -178,7 +178,7 @@ class CheckOfV30(LeRobotCheck):
         self.same_json("meta/info.json", lerobot.info_v30(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the name of the file that the row of the episode tells."""
+        """Return the file name in the episode's row."""
         return lerobot.file_name("data", self._number("data", number))
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
@@ -193,7 +193,7 @@ class CheckOfV30(LeRobotCheck):
 
 
 class CheckOfV21(LeRobotCheck):
-    """Check of version 2.1: each episode has its own files, which are found by their names."""
+    """Check of version 2.1: each episode has its own files, found by name."""
 
     listed_in = ("data",)
 
@@ -207,14 +207,14 @@ class CheckOfV21(LeRobotCheck):
         require_match(self.listed[number], line, f"{self.path / lerobot_v21.EPISODES_FILE}: line {number + 1}")
         file = self.path / lerobot_v21.EPISODES_STATS_FILE
         if number >= len(self._stats):
-            raise InvalidInputError(str(file), f"lists {len(self._stats)} episodes, and there are more", CURE)
+            raise InvalidInputError(str(file), f"lists {len(self._stats)} episodes, but there are more", CURE)
         stats = lerobot_v21.stats_line(number, self.expected.episode_stats(part))
         require_match(self._stats[number], stats, f"{file}: line {number + 1}")
 
     def compare_meta(self, dataset: Dataset) -> None:
         """Compare instructions, subgoals, statistics, GR00T's slices and ``info.json``."""
         if len(self._stats) != len(self.listed):
-            problem = f"lists {len(self._stats)} episodes, and there are {len(self.listed)}"
+            problem = f"lists {len(self._stats)} episodes, but there are {len(self.listed)}"
             raise InvalidInputError(str(self.path / lerobot_v21.EPISODES_STATS_FILE), problem, CURE)
         for file, lines in lerobot_v21.index_lines(dataset).items():
             require_match(_lines(self.path / file), lines, str(self.path / file))
@@ -225,11 +225,11 @@ class CheckOfV21(LeRobotCheck):
         self.same_json("meta/info.json", lerobot_v21.info_v21(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the name that the version prescribes."""
+        """Return the file name required by the version."""
         return lerobot_v21.frames_file(number)
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the name that the version prescribes; a video holds one episode."""
+        """Return the file name required by the version; a video contains one episode."""
         return lerobot_v21.video_file(column, number), 0
 
 
@@ -246,15 +246,15 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
         check = (CheckOfV30 if version == "v3.0" else CheckOfV21)(path, expected, info)
     if len(check.listed) != episodes or not all(isinstance(row, dict) for row in check.listed):
         raise InvalidInputError(
-            str(path / "meta"), f"lists {len(check.listed)} episodes, and there are {episodes}", CURE
+            str(path / "meta"), f"lists {len(check.listed)} episodes, but there are {episodes}", CURE
         )
     return check
 
 
 def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
-    """Compare the frames of an episode, of pictures only their names."""
+    """Compare the frames of an episode; of images only their names."""
     if len(table) != len(wanted):
-        raise InvalidInputError(where, f"has {len(table)} rows and should have {len(wanted)}", CURE)
+        raise InvalidInputError(where, f"has {len(table)} rows, expected {len(wanted)}", CURE)
     for name in wanted.column_names:
         if name == EVENTS:
             continue
@@ -266,18 +266,18 @@ def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
 
 
 def _types(schema: pa.Schema) -> dict[str, str]:
-    """Return the type of each column; Parquet's versions call the items of a list by two names."""
+    """Return the type of each column; Parquet versions use two names for the items of a list."""
     return {column.name: str(column.type).replace("<element: ", "<item: ") for column in schema}
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return the content of a file that numbers texts, as a trainer reads it: rows, types, and pandas' index column."""
+    """Return the content of an index file as read by a trainer: rows, types, and the index column of pandas."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 
 
 def _at(video: str, number: int) -> np.ndarray | None:
-    """Return one picture of a video, or None if it ends before."""
+    """Return one frame of a video, or None after its end."""
     found = next(read_pictures(video, first=number), None)
     return found[1] if found is not None and found[0] == number else None
 

@@ -38,7 +38,7 @@ _TASK_DESCRIPTION = "human.action.task_description"
 def write_v21(folder: Path, dataset: Dataset) -> dict[str, Stats]:
     """Write a data set of version 2.1 into an empty folder, and return its statistics.
 
-    Raises RecordError if a part was damaged, OSError if something cannot be written.
+    Raises RecordError if a part was damaged, OSError if a file cannot be written.
     """
     first, totals = starts(dataset.episodes), Totals()
     episodes, stats = [], []
@@ -81,12 +81,12 @@ def episode_line(dataset: Dataset, number: int) -> dict[str, Any]:
 
 
 def stats_line(number: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return the line of an episode in ``meta/episodes_stats.jsonl``, of its statistics with all quantiles."""
+    """Return the line of an episode in ``meta/episodes_stats.jsonl``, from its statistics with all quantiles."""
     return {"episode_index": number, "stats": without_quantiles(stats)}
 
 
 def index_lines(dataset: Dataset) -> dict[str, list[dict[str, Any]]]:
-    """Return the files of ``meta`` that number the instructions and the subgoals."""
+    """Return the files of ``meta`` with the instructions and the subgoals by index."""
     words = {"task": dataset.instructions, "subtask": dataset.subgoals}
     return {
         f"meta/{name}s.jsonl": [{f"{name}_index": i, name: text} for i, text in enumerate(said)]
@@ -95,14 +95,14 @@ def index_lines(dataset: Dataset) -> dict[str, list[dict[str, Any]]]:
 
 
 def kept_stats(whole: Mapping[str, Stats]) -> dict[str, Stats]:
-    """Return ``meta/stats.json`` of the statistics with all quantiles; openpi and GR00T read two of them."""
+    """Return ``meta/stats.json`` from the statistics with all quantiles; openpi and GR00T read two quantiles."""
     return without_quantiles(whole, kept=("q01", "q99"))
 
 
 def modality(layout: DatasetLayout) -> dict[str, Any] | None:
-    """Return GR00T's ``meta/modality.json``: which numbers of state and action have which name.
+    """Return GR00T's ``meta/modality.json``: the name of each slice of state and action.
 
-    None for a layout whose columns are not those of GR00T's loader (``observation.state`` and ``action``).
+    None for a layout without the columns of GR00T's loader (``observation.state`` and ``action``).
     """
     columns = {column.name: column for column in (*layout.states, layout.action)}
     if set(columns) != {STATE, ACTION}:

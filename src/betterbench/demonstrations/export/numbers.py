@@ -1,4 +1,4 @@
-"""Statistics of columns, as LeRobot's data sets hold them: for each episode, and for all of them together."""
+"""Statistics of columns as in LeRobot's data sets: for each episode, and for all episodes together."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 """Names and shares of the quantiles that LeRobot 0.4 and later store."""
 
 MOST_SAMPLED = 32
-"""Pictures of an episode, evenly spaced, that the statistics of its images are computed from."""
+"""Maximum of evenly spaced images of an episode from which image statistics are computed."""
 
 _LEVELS = 256
 
 Stats = dict[str, Any]
-"""Lists of numbers by the name of the statistic; ``count`` says over how many frames."""
+"""Lists of numbers by the name of the statistic; ``count`` is the number of frames."""
 
 
 def vector_stats(values: np.ndarray) -> Stats:
-    """Return the statistics of a column, (N, size): mean, standard deviation (of all, not of a sample) and the like.
+    """Return the statistics of a column, (N, size): mean, population standard deviation, quantiles and so on.
 
     They are computed in float64; quantiles are interpolated linearly.
     """
@@ -37,7 +37,7 @@ def vector_stats(values: np.ndarray) -> Stats:
 
 
 def sampled_rows(rows: int) -> set[int]:
-    """Return the rows of an episode whose pictures are counted."""
+    """Return the rows of an episode whose images are counted."""
     return {round(row) for row in np.linspace(0, rows - 1, min(rows, MOST_SAMPLED))}
 
 
@@ -66,7 +66,7 @@ def image_stats(levels: np.ndarray, pictures: int) -> Stats:
 
 
 def without_quantiles(stats: Mapping[str, Stats], *, kept: Sequence[str] = ()) -> dict[str, Stats]:
-    """Return statistics with fewer quantiles, as version 2.1 of the format has them."""
+    """Return statistics with fewer quantiles, as in version 2.1 of the format."""
     return {
         column: {name: value for name, value in found.items() if name not in QUANTILES or name in kept}
         for column, found in stats.items()

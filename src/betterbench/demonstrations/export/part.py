@@ -1,4 +1,4 @@
-"""Exported episode on disk, before the data set is assembled: it is complete or it is made again."""
+"""Exported episode on disk, before the data set is assembled; an incomplete one is made again."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from betterbench.records import Record
 ImageForm = Literal["video", "png"]
 
 PNG_LEVEL = 3
-"""Effort of the lossless compression of pictures, 0 to 9."""
+"""Level of the lossless compression of images, 0 to 9."""
 
 _INDEX, _NUMBERS = "part.json", "numbers.parquet"
 _SUBGOAL = "subgoal"
@@ -54,9 +54,9 @@ class Part:
 
     Attributes:
         vectors: (N, size) by column.
-        videos: Bytes by column of images, for the form "video".
-        pngs: N files by column of images, for the form "png".
-        levels: (3, 256) counts of the levels of the sampled pictures, by column of images.
+        videos: Bytes by image column, for the form "video".
+        pngs: N files by image column, for the form "png".
+        levels: (3, 256) counts of the levels of the sampled images, by image column.
         sampled: Number of images that were sampled.
         about: Description of the episode from the record.
     """
@@ -78,7 +78,7 @@ def write_part(
 ) -> None:
     """Compute an episode and write it into a folder; the index, which marks it as complete, is written last.
 
-    Raises what :func:`~betterbench.demonstrations.export.frames.frame_numbers` and the pictures raise, and OSError.
+    Raises the errors of :func:`~betterbench.demonstrations.export.frames.frame_numbers` and of rendering, and OSError.
     """
     shutil.rmtree(folder, ignore_errors=True)
     numbers = frame_numbers(record, layout)
@@ -129,7 +129,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Fields of a part's description of its record that are used; see :func:`about`."""
+    """Fields of a part's description of its record that are read; see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -181,7 +181,7 @@ def read_index(folder: Path) -> PartIndex | None:
 
 
 def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
-    """Return an episode that was written before, or None if it is not complete or damaged."""
+    """Return a stored episode, or None if it is incomplete or damaged."""
     index = read_index(folder)
     if index is None:
         return None
@@ -205,7 +205,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
 
 
 def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
-    """Return the description of an episode that a data set stores beside its frames."""
+    """Return the description of an episode in a data set."""
     m = record.metadata
     return {
         "task": m.task,
@@ -234,12 +234,12 @@ def png(picture: np.ndarray) -> bytes:
 
 
 def read_png(data: bytes) -> np.ndarray:
-    """Return the image of a PNG file from any source; raises ValueError if it is not one, or damaged."""
+    """Return the image of a PNG file from any source; raises ValueError if it is damaged or not a PNG file."""
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
             return np.asarray(image)
     except (OSError, SyntaxError, struct.error, zlib.error, Image.DecompressionBombError) as error:
-        raise ValueError(f"a picture is no PNG file ({one_line(error, most=120)})") from error
+        raise ValueError(f"an image is not a PNG file ({one_line(error, most=120)})") from error
 
 
 def parquet_bytes(table: pa.Table) -> bytes:

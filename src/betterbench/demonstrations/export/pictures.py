@@ -1,4 +1,4 @@
-"""Images of recorded states, with the pixels that a policy was or would have been shown."""
+"""Images of recorded states, with the pixels that a policy would get."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.sim.scenes.limited import LimitedView
 
 
 class Pictures:
-    """Renderer of an observation preset's cameras from records, in a limited process of its own. A context manager."""
+    """Renderer of an observation preset's cameras from records, in a limited process. A context manager."""
 
     def __init__(self, cameras: Sequence[CameraSpec], quality: str) -> None:
         self._names = tuple(camera.name for camera in cameras)
@@ -31,9 +31,9 @@ class Pictures:
         self.close()
 
     def of(self, run: RunFolder, record: Record, rows: Sequence[int] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the images of some rows by camera, (height, width, 3) uint8; of each that was acted on if None.
+        """Yield the images of some rows by camera, (height, width, 3) uint8; of each row with an action if None.
 
-        Take all of them, or close the pictures.
+        Consume all of them, or close the renderer.
 
         Raises:
             RecordError: If the stored scene is missing or unreadable, or belongs to another record.
@@ -46,7 +46,7 @@ class Pictures:
             yield {name: sight["rgb"] for name, sight in zip(self._names, sights, strict=True)}
 
     def stop(self) -> None:
-        """End the process from another thread: the one that draws gets a RecordError."""
+        """End the process from another thread; the rendering thread then gets a RecordError."""
         self._view.stop()
 
     def close(self) -> None:

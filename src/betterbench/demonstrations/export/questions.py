@@ -14,19 +14,19 @@ from betterbench.vqa.dataset import QuestionSet, read_set
 
 
 def question_set(path: Path) -> QuestionSet:
-    """Return the set of questions in a folder, or beside its file of JSON lines; raises what ``read_set`` raises."""
+    """Return the set of questions in a folder, or beside its JSON lines file; raises the errors of ``read_set``."""
     return read_set(path.parent if path.is_file() else path)
 
 
 def questions_of(
     asked: QuestionSet, layout: DatasetLayout, demonstrations: Collection[ChosenTrial]
 ) -> dict[str, tuple[FrameQuestion, ...]]:
-    """Return the questions of a set about some records, by their SHA-256; those about cameras not shown are left out.
+    """Return the questions of a set about some records, by SHA-256, without those about cameras outside the layout.
 
-    So are boxes and points in pixels of an image that is not shown as it was rendered. Options of a choice are listed
+    Boxes and points are also left out if the image is not shown in its rendered size. Options of a choice are listed
     with letters below the text.
 
-    Raises InvalidInputError if none is left.
+    Raises InvalidInputError if no question is left.
     """
     found: dict[str, list[FrameQuestion]] = {}
     records: dict[TrialId, list[str]] = {}
@@ -47,13 +47,13 @@ def questions_of(
         for record in about:
             found.setdefault(record, []).append(said)
     if not found:
-        cure = "Give the set that better vqa made of the same run, with its cameras and sizes"
+        cure = "Give a set made by better vqa from the same run, with its cameras and sizes"
         raise InvalidInputError("--vqa", f"{asked.path} asks about no frame of these episodes", cure)
     return {record: tuple(sorted(asked, key=lambda q: (q.row, q.camera))) for record, asked in found.items()}
 
 
 def _plain_sizes(layout: DatasetLayout) -> Mapping[str, tuple[int, int]]:
-    """Return the sizes of the images that are shown as they were rendered, by camera."""
+    """Return the sizes of the images that are shown as rendered, by camera."""
     rendered = {camera.name: (camera.width, camera.height) for camera in layout.observation.cameras}
     plain = {rule.camera for rule in layout.adapter.views if not (rule.mirror or rule.turn or rule.keep != 1.0)}
     cameras = [c.camera for c in layout.images if (c.width, c.height) == rendered[c.camera]]

@@ -1,4 +1,4 @@
-"""robomimic's HDF5 files: images without loss, states and actions of every demonstration in one file.
+"""robomimic's HDF5 files: lossless images, states and actions of every demonstration in one file.
 
 Source of the format: robomimic 0.3, ``docs/datasets/overview.md`` and ``robomimic/utils/dataset.py``.
 """
@@ -30,7 +30,7 @@ GYM_TYPE = 2
 _GZIP = 1
 
 _MOST_PACKED = 1100
-"""Most bytes of an array for each byte that is stored; gzip packs zeros 1032 to 1."""
+"""Maximum ratio of an array's size to its stored bytes; gzip compresses zeros 1032 to 1."""
 _LEAST_STORED = 4096
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -38,11 +38,11 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _DIGEST = "better_sha256"
 """Name of the attribute with the digest of everything else in the file."""
 _SOURCE = "better"
-"""Name of the text beside ``data`` that tells the origin; an attribute holds no more than 64 kB."""
+"""Name of the text beside ``data`` with the origin; an attribute is limited to 64 kB."""
 
 
 def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
-    """Write the file, and return the statistics of its columns; a picture is one chunk, packed by gzip.
+    """Write the file, and return the statistics of its columns; each image is one gzip-compressed chunk.
 
     Raises:
         MissingDependencyError: If h5py is not installed.
@@ -68,23 +68,23 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = RunConflictError) -> None:
-    """Raise an error if a file holds something else than when it was written; one without a digest is told."""
+    """Raise an error if a file has changed since it was written; a file without digest is reported."""
     try:
         with open_stored(path) as file:
             told = file.attrs.get(_DIGEST)
             same = told is None or (isinstance(told, str) and told == _content_digest(file))
     except _StrangeError as error:
         raise raises(f"{path}: {error}. {cure}.") from error
-    except Exception as error:  # what native code raises about a damaged file
+    except Exception as error:  # native code raises various errors about a damaged file
         raise raises(f"{path}: is damaged ({type(error).__name__}). {cure}.") from error
     if not same:
-        raise raises(f"{path}: holds something else than when it was written. {cure}.")
+        raise raises(f"{path}: has changed since it was written. {cure}.")
     if told is None:
         say_unsealed(str(path))
 
 
 def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
-    """Return the SHA-256 over names, attributes, types, shapes and values of everything in a file of plain objects."""
+    """Return the SHA-256 over names, attributes, types, shapes and values of all plain objects in a file."""
     whole = hashlib.sha256()
 
     def attributes(item: Any) -> dict[str, Any]:  # noqa: ANN401 - of h5py
@@ -103,7 +103,7 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
     file.visit(names.append)
     for name in sorted(names):
         take(name, file[name])
-    if of_file := attributes(file):  # we write none
+    if of_file := attributes(file):  # betterbench writes none
         whole.update(json.dumps(["", of_file], default=str).encode())
     return whole.hexdigest()
 
@@ -113,14 +113,14 @@ class _StrangeError(ValueError):
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open a file from any source for reading, after a check that it has no links and nothing that is not stored in it.
+    """Open an untrusted file for reading, after a check that it has no links and that all its content is stored in it.
 
-    HDF5 follows links into other files, waits for a pipe that one names, and fills memory with what is not there.
+    HDF5 follows links into other files, waits for a named pipe, and fills memory with data that is not stored.
 
     Raises:
         MissingDependencyError: If h5py is not installed.
         OSError: If it cannot be opened.
-        ValueError: If something in it is a link, stands there twice, lies in another file or is not stored at all.
+        ValueError: If an object is a link, occurs twice, is in another file or is not stored.
     """
     open_ordinary(path).close()  # HDF5 would wait for a pipe
     file = open_hdf5(path, "r")
@@ -133,14 +133,14 @@ def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
 
 
 def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
-    """Raise _StrangeError if an object is none that :func:`write_robomimic` would write."""
+    """Raise _StrangeError if an object cannot come from :func:`write_robomimic`."""
     h5py = _h5py()
     seen, groups = {_address(file)}, [file]
     while groups:
         group = groups.pop()
         for name in group:
             is_link = not isinstance(group.get(name, getlink=True), h5py.HardLink)
-            problem = "is a link to another place" if is_link else _problem_of(item := group[name], seen)
+            problem = "is a link" if is_link else _problem_of(item := group[name], seen)
             if problem:
                 raise _StrangeError(f"{one_line(f'{group.name}/{name}'.strip('/'), most=80)} {problem}")
             seen.add(_address(item))
@@ -149,16 +149,16 @@ def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
 
 
 def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: ANN401 - an object of h5py
-    """Return why an object is none of ours, empty if it may be one."""
+    """Return why an object cannot come from betterbench; empty if it can."""
     h5py = _h5py()
     if _address(item) in seen:
-        return "is a second name of something else"
+        return "is a second name of another object"
     if isinstance(item, h5py.Group):
         return ""
     if not isinstance(item, h5py.Dataset):
         return "is neither a group nor an array"
     if item.is_virtual or item.external:
-        return "lies in another file"
+        return "is in another file"
     stored = item.id.get_storage_size()
     if item.nbytes > _MOST_PACKED * max(stored, _LEAST_STORED):
         return f"claims {item.nbytes} bytes, of which only {stored} are stored"
@@ -198,7 +198,7 @@ def masks(dataset: Dataset) -> dict[str, list[str]]:
 
 
 def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
-    """Return everything of a demonstration but its images, by the name of its data set in HDF5."""
+    """Return all arrays of a demonstration except its images, by the name of its data set in HDF5."""
     done = np.zeros(len(part))
     done[-1] = 1.0
     return {
@@ -210,7 +210,7 @@ def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
 
 
 def observation_name(column: str) -> str:
-    """Return the name of a column in ``obs``: without LeRobot's and our own prefixes."""
+    """Return the name of a column in ``obs``: without the prefixes of LeRobot and betterbench."""
     return column.removeprefix(IMAGES).removeprefix("observation.").removeprefix("better.")
 
 
@@ -220,7 +220,7 @@ def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
 
 
 def is_hdf5(path: Path) -> bool:
-    """Tell whether a file begins as HDF5 files do, under any name."""
+    """Tell whether a file begins like an HDF5 file, under any name."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE

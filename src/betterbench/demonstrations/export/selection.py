@@ -13,12 +13,12 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class ChosenTrial:
-    """One record that is exported.
+    """One record to export.
 
     Attributes:
-        run: Position of its run among those that were given.
+        run: Index of its run in the given runs.
         digest: SHA-256 of the record's file.
-        scene_hash: Name of the stored scene that its images are drawn from.
+        scene_hash: Name of the stored scene for its images.
     """
 
     trial: TrialId
@@ -40,12 +40,12 @@ def select_demonstrations(
 ) -> Selection:
     """Return the successful trials of some runs, sorted by task, condition, seed and run.
 
-    Test variations are left out unless they are asked for: a policy that was trained on them is not tested by them.
+    Test variations are left out by default: they cannot test a policy that was trained on them.
 
     Raises:
-        RecordError: If a record is missing, damaged or another one than its journal lists.
-        UnknownNameError: If no run has a task that is asked for.
-        InvalidInputError: If nothing is left, a record is there twice, or records of a task are of several versions.
+        RecordError: If a record is missing, damaged or not the one in its journal.
+        UnknownNameError: If no run has a requested task.
+        InvalidInputError: If no trial is left, a record occurs twice, or records of a task are of several versions.
     """
     found: list[ChosenTrial] = []
     left_out: Counter[str] = Counter()
@@ -72,8 +72,8 @@ def select_demonstrations(
         where = ", ".join(str(run.path) for run in runs)
         raise InvalidInputError(
             where,
-            f"holds no demonstration that is asked for ({listed})",
-            "Give a run with successful trials of training conditions, or ask for those of test variations too "
+            f"contains none of the requested demonstrations ({listed})",
+            "Give a run with successful trials of training conditions, or include those of test variations "
             "(--variations of better export, variations: true in a recipe of better train)",
         )
     _require_once(found, runs)
@@ -83,12 +83,12 @@ def select_demonstrations(
 def _require_one_version(
     versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
 ) -> None:
-    """Note the versions under which a task was demonstrated; refuse other ones than before."""
+    """Note the version of a task's demonstrations; refuse a second version."""
     version = f"version {of_task} of the task and {of_suite} of the suite"
     before, first = versions.setdefault(entry.task, (version, entry))
     if version != before:
         problem = f"it was recorded with {version}, {first.key} with {before}"
-        raise InvalidInputError(f"record of {entry.key}", problem, "Make data sets of one version alone")
+        raise InvalidInputError(f"record of {entry.key}", problem, "Make data sets of one version only")
 
 
 def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> None:
@@ -101,7 +101,7 @@ def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> No
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
-    """Return why a trial is not exported, as far as its journal tells, or an empty text."""
+    """Return why a trial is not exported according to its journal, or an empty text."""
     if entry.status != "done":
         return "not finished"
     if tasks and entry.task not in tasks:

@@ -1,4 +1,4 @@
-"""Videos of data sets: H.264 in MP4, one picture per control step, the same bytes for the same pictures."""
+"""Videos of data sets: H.264 in MP4, one frame per control step, the same bytes for the same images."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EFFORT = "veryfast"
 """Preset of x264."""
 
 GROUP = 2
-"""Pictures from one key picture to the next: LeRobot's own setting, so that a random frame is decoded quickly."""
+"""Distance of key frames: LeRobot's own setting, so that a random frame is decoded quickly."""
 
 VIDEO_SETTINGS = {
     "codec": CODEC,
@@ -38,9 +38,9 @@ _BITEXACT = {"fflags": "+bitexact"}  # no version of a library in the file
 
 
 class VideoWriter:
-    """Encoder of images of one size, (height, width, 3) uint8 with even sides, as they come.
+    """Encoder of images of one size, (height, width, 3) uint8 with even sides, one after the other.
 
-    The encoder runs in one thread, on whose number its output would depend otherwise.
+    The encoder runs in one thread, because its output depends on the number of threads.
     """
 
     def __init__(self, *, rate_hz: int) -> None:
@@ -50,7 +50,7 @@ class VideoWriter:
         self._stream: Any = None
 
     def add(self, picture: np.ndarray) -> None:
-        """Append a picture; raise InvalidInputError if a side is odd."""
+        """Append an image; raise InvalidInputError if a side is odd."""
         if self._stream is None:
             self._stream = self._begin(*picture.shape[:2])
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
@@ -59,9 +59,9 @@ class VideoWriter:
         self._container.mux(self._stream.encode(frame))
 
     def finish(self) -> bytes:
-        """Return the file; raise InvalidInputError if there was no picture."""
+        """Return the file; raise InvalidInputError if there was no image."""
         if self._stream is None:
-            raise InvalidInputError("video", "it has no pictures", "Leave the episode out")
+            raise InvalidInputError("video", "it has no images", "Leave the episode out")
         self._container.mux(self._stream.encode(None))
         self._container.close()
         return self._buffer.getvalue()
@@ -78,15 +78,15 @@ class VideoWriter:
 
 
 def require_even(width: int, height: int) -> None:
-    """Raise InvalidInputError if a side of a picture is odd, which the pixel format cannot hold."""
+    """Raise InvalidInputError if a side of an image is odd, which the pixel format does not support."""
     if width % 2 or height % 2:
-        raise InvalidInputError("--images", f"a video cannot hold {width} x {height} pixels", "Give --images png")
+        raise InvalidInputError("--images", f"a video cannot have {width} x {height} pixels", "Give --images png")
 
 
 def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
-    """Return one video with the pictures of several, one after the other, without encoding anything anew.
+    """Return the concatenation of several videos, without encoding again.
 
-    All have to come from :class:`VideoWriter`, with pictures of one size.
+    All must come from :class:`VideoWriter`, with images of one size.
     """
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4", options=_BITEXACT) as container:
@@ -111,7 +111,7 @@ def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
 
 
 def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield number and picture, (height, width, 3) uint8, of each frame of a video from one on.
+    """Yield index and image, (height, width, 3) uint8, of each frame of a video from ``first`` on.
 
     Raises InvalidInputError if it cannot be read.
     """

@@ -1,9 +1,9 @@
-"""Acceptance: share of the attempts that gave a demonstration, by task, source and region, and reasons of failures."""
+"""Acceptance: share of the attempts that gave a demonstration, by task, source and region, and causes of failures."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,13 @@ from betterbench.demonstrations.making.failure import FAILURES
 from betterbench.demonstrations.making.production import Method, StartOutcome, attempts_of, method_of, set_hash
 from betterbench.demonstrations.making.starts import FactorCoverage, coverage_of, levels_of
 from betterbench.demonstrations.making.variety import TaskVariety, variety_lines, variety_of_run
-from betterbench.jobs import write_durably
+from betterbench.jobs import OnCount, write_durably
 from betterbench.quoting import json_text, markdown_address, markdown_text
 from betterbench.records import RunFolder
 from betterbench.tasks import Task, TrialId
 
 FOLDER = "acceptance"
-"""Folder within a run that holds the report and its films."""
+"""Folder within a run for the report and its films."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Tally:
 
     @property
     def rate(self) -> float | None:
-        """Share of the attempts that were accepted; None where there were none."""
+        """Share of accepted attempts; None without attempts."""
         return round(self.accepted / self.attempts, 4) if self.attempts else None
 
     def __str__(self) -> str:
@@ -50,7 +50,7 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Share of the levels of all factors that have a demonstration, of as many as there could be."""
+        """Share of the levels of all factors that have a demonstration, relative to the largest possible number."""
         return round(sum(f.filled for f in self.factors) / len(self.factors), 4) if self.factors else 1.0
 
 
@@ -60,13 +60,13 @@ class TaskAcceptance:
 
     Attributes:
         attempts: All attempts.
-        starts: Starts that were tried, and how many of them gave a demonstration.
+        starts: Number of starts, and of those with a demonstration.
         steps: Control steps of the accepted demonstrations.
-        sources: Attempts by the source in the lead.
+        sources: Attempts by the leading source.
         regions: Attempts by the cell of a slot's jitter region, "slot first 0" to "slot first 8".
         failures: Failed attempts by kind.
         examples: The first failed attempt of each kind: trial, number of the attempt, reason.
-        coverage: Per training condition.
+        coverage: Coverage by training condition.
     """
 
     task: str
@@ -89,8 +89,8 @@ class Acceptance:
         sha256: Hash of the set.
         demonstrations: Number of demonstrations.
         tasks: Outcome counts by task.
-        variety: Differences between the demonstrations, by task; none where no condition has two.
-        sources: The same of those that they were carried over from; none likewise, or where their folder is gone.
+        variety: Differences between the demonstrations, by task; None if no condition has two.
+        sources: The same for the sources of an amplified set; None likewise, or if their folder is missing.
     """
 
     policy: str
@@ -115,12 +115,12 @@ class Acceptance:
         return form
 
 
-def acceptance_of(run: RunFolder, *, on_progress: Callable[[int, int], None] | None = None) -> Acceptance:
+def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acceptance:
     """Return the outcomes of the attempts of a run of demonstrations, and the differences between the accepted ones.
 
     Args:
         run: The run.
-        on_progress: Called with the number of records that were read for it and that of all.
+        on_progress: Called with the number of records read and the total.
 
     Raises:
         RecordError: If a journal or a record is corrupt.
@@ -137,7 +137,7 @@ def acceptance_of(run: RunFolder, *, on_progress: Callable[[int, int], None] | N
 
 
 def _of_sources(method: Method, tasks: Sequence[str]) -> tuple[TaskVariety, ...]:
-    """Return the differences between the sources of a run; none if they are missing or were replaced."""
+    """Return the differences between the sources of a run; None if they are missing or were replaced."""
     folder = Path(method.sources)
     if not method.sources or not (folder / "run.json").exists():
         return ()
@@ -192,7 +192,7 @@ def write_acceptance(
     Args:
         run: The run.
         found: Outcome counts of its attempts.
-        films: File of each film, relative to the page, by task and kind of failure; or why there is none.
+        films: File of each film, relative to the page, by task and kind of failure; or the reason why it is missing.
         pictures: File of each picture of paths, likewise, by task.
     """
     folder = run.inside(FOLDER)
@@ -219,9 +219,7 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: M
         steps = t.steps / t.attempts.accepted if t.attempts.accepted else 0.0
         covered = sum(c.filled for c in t.coverage) / len(t.coverage)
         lines.append(f"| {markdown_text(t.task)} | {t.attempts} | {t.starts} | {steps:.0f} | {100.0 * covered:.0f} % |")
-    said = (
-        "Levels covered: share of the levels that have a demonstration, of as many as so few demonstrations can reach."
-    )
+    said = "Levels covered: share of the levels with a demonstration, relative to the number that the set can reach."
     lines += ["", said, "", *variety_lines(found.variety, found.sources)]
     for t in found.tasks:
         lines += ["", f"## {markdown_text(t.task)}", "", *_picture_lines(t, pictures), *_failure_lines(t, films)]
@@ -230,10 +228,10 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: M
 
 
 def _picture_lines(t: TaskAcceptance, pictures: Mapping[str, str]) -> list[str]:
-    file = pictures.get(t.task, "none: it was not asked for")
+    file = pictures.get(t.task, "none: not requested")
     if not file.endswith(".jpg"):
         return [f"No picture of the paths ({markdown_text(file.removeprefix('none: '))})", ""]
-    said = "Paths of the tool, one color per source in the lead; a ring is where the gripper begins to close."
+    said = "Paths of the tool, one color per leading source; a ring marks where the gripper begins to close."
     return [f"![Paths of {markdown_text(t.task)}]({markdown_address(file)})", "", said, ""]
 
 
@@ -252,7 +250,7 @@ def _failure_lines(t: TaskAcceptance, films: Mapping[tuple[str, str], str]) -> l
 
 
 def _coverage_lines(t: TaskAcceptance) -> list[str]:
-    """Return one table: per condition and factor the demonstrations per level, and the acceptance by region."""
+    """Return a table of the demonstrations per level by condition and factor, and the acceptance by region."""
     lines = ["| condition | factor | demonstrations per level | rarest level against the mean |", "|---|---|---|---|"]
     for c in t.coverage:
         for f in c.factors:
@@ -267,5 +265,5 @@ def _coverage_lines(t: TaskAcceptance) -> list[str]:
 def _source_lines(t: TaskAcceptance) -> list[str]:
     if not t.sources:
         return []
-    lines = ["| source in the lead | attempts accepted |", "|---|---|"]
+    lines = ["| leading source | attempts accepted |", "|---|---|"]
     return [*lines, *(f"| {markdown_text(source)} | {tally} |" for source, tally in t.sources.items()), ""]

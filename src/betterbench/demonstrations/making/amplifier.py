@@ -1,4 +1,4 @@
-"""Amplifier: gives a demonstration in a new scene by carrying over the skills of source demonstrations."""
+"""Amplifier: demonstrates in a new scene by transferring the skills of source demonstrations."""
 
 from __future__ import annotations
 
@@ -30,50 +30,50 @@ SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
 """Choice of a source: any; with the most similar object pose; with the motion that begins nearest to the arm."""
 
 NEAREST, NEAREST_SHARE = 3, 0.5
-"""Sources among which the nearest-neighbor selections draw, all of them equally likely: so many, or that share."""
+"""Maximum number and share of sources from which the nearest-neighbor selections draw with equal probability."""
 OTHER_INSTANCE_M = 0.05
-"""Distance that is added where two objects are different instances of their category [m]."""
+"""Distance added if two objects are different instances of their category [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 """Distances from the gripper's change at which a skill may begin, tried in this order [m]; before that is transit."""
 TURN_RAD = math.pi / 8.0
 """Angle between two neighboring grasps of an object that may be grasped from any side [rad]."""
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
-"""Turns to other sides that are tried for an object that may be grasped from any side, about its own axis [rad]."""
+"""Rotations about its own axis that are tried for an object that may be grasped from any side [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
-"""Distance [m] and angle [rad] to its target within which the arm has settled, and most control steps to wait.
+"""Distance [m] and angle [rad] to its goal at which the arm has settled, and maximum control steps to wait.
 
-The gripper changes only afterward.
+The gripper is moved only afterward.
 """
 STILL_M, STILL_STEPS = 2e-4, 2
-"""Motion of the fingers below which they stand still [m], and steps for which they have to, before a lift."""
+"""Motion of the fingers below which they stand still [m], and number of still steps before a lift."""
 LEAVE_M = 0.10
-"""Height by which the tool leaves what it let go of at the end, if the source had not left yet [m]."""
+"""Height by which the tool retreats from the released object at the end, if the source did not retreat [m]."""
 NOISE_BLOCK = 256
-"""Control steps for which noise is drawn at once."""
+"""Control steps for which noise is drawn in one block."""
 MOST_DEVIATIONS = 5.0
-"""Largest noise in standard deviations; a replay believes 6."""
+"""Largest noise in standard deviations; a replay accepts up to 6."""
 TEMPO = 1.4
-"""By how much faster or slower than its source a skill is given at most; a whole demonstration has one tempo."""
+"""Largest factor between the speeds of a skill and of its source; a whole demonstration has one tempo."""
 TEMPO_DRAWN = 0.1
-"""By how much the tempo of a demonstration differs from that of its lead at most, as a share of it."""
+"""Largest relative difference between the tempo of a demonstration and that of its leading source."""
 ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
-"""Largest displacement of the middle of a way from that of its source: sideways, down and up [m]."""
+"""Largest displacement of the middle of a transit from that of its source: sideways, down and up [m]."""
 LAST_STEPS = 60
-"""Control steps after the last skill in which the goal has to be met."""
+"""Control steps after the last skill in which the goal must be met."""
 PRESS_M = 0.004
 """Distance beyond its stop to which a drawer is pushed [m], as the expert does."""
 FULL_M = 0.003
-"""Distance from its stop up to which a drawer counts as drawn out all the way [m]."""
+"""Distance from its stop below which a drawer counts as fully open [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class AmplifierSettings:
-    """Settings by which sources are carried over to a scene.
+    """Settings of the transfer of sources to a scene.
 
     Attributes:
         select: Choice of the source of each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
-            rotation (0.5 rad); the gripper gets none, nor do the steps in which the arm settles or the gripper changes.
+            rotation (0.5 rad). There is no noise on the gripper, nor while the arm settles or the gripper moves.
     """
 
     select: SourceChoice = "nearest_object"
@@ -82,7 +82,7 @@ class AmplifierSettings:
 
 @dataclass(frozen=True, slots=True)
 class _Hand:
-    """Gripper on the way: distance of the finger pads [m], held object, and its pose in the gripper."""
+    """Gripper during a transit: opening width [m], held object, and its pose in the gripper."""
 
     width_m: float
     held: str | None = None
@@ -91,13 +91,13 @@ class _Hand:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A skill that may be carried over.
+    """A candidate skill for the transfer.
 
     Attributes:
-        source: The skill as it was.
+        source: The skill of the source.
         moved: The skill in this scene.
-        change: Difference of the way to it from that of its source.
-        hand: State of the gripper on the way.
+        change: Difference of its transit from that of the source.
+        hand: State of the gripper in the transit.
         touched: Objects that the robot may touch in the skill.
     """
 
@@ -110,11 +110,11 @@ class _Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _WayIn:
-    """Collision-free way to the beginning of a skill.
+    """Collision-free path to the beginning of a skill.
 
     Attributes:
-        poses: Corners of a planned way, or one pose per control step of a way that was carried over.
-        planned: Whether the way was planned.
+        poses: Corners of a planned path, or one pose per control step of a transferred transit.
+        planned: Whether the path was planned.
         begin: Step of the skill at which it ends.
     """
 
@@ -124,10 +124,10 @@ class _WayIn:
 
 
 class Amplifier:
-    """Demonstrator that acts on the privileged state like the expert, with the motions of source demonstrations.
+    """Demonstrator that uses the privileged state like the expert, with the motions of source demonstrations.
 
     Attributes:
-        used: Names of the sources, one per skill that was begun.
+        used: Names of the sources, one per skill that was started.
         failure: Reason why the attempt failed; None so far.
     """
 
@@ -140,8 +140,8 @@ class Amplifier:
             scene: The scene.
             library: Sources of the task.
             lead: Source that determines the order of skills.
-            settings: Settings by which sources are carried over.
-            draw: Stream of the attempt.
+            settings: Settings of the transfer.
+            draw: Random stream of the attempt.
         """
         self._planner = Planner(scene)
         self._library, self._lead, self._settings, self._draw = library, lead, settings, draw
@@ -160,14 +160,14 @@ class Amplifier:
 
     @property
     def name(self) -> str:
-        """Address under which records name it."""
+        """Name of the policy in records."""
         return "demonstrator:amplified"
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
         """Return the next action in the ``ee_delta`` action space, shape (7,), without noise.
 
         Raises:
-            AttemptFailedError: If the attempt cannot succeed any more.
+            AttemptFailedError: If the attempt can no longer succeed.
         """
         try:
             if self._run is None:
@@ -179,7 +179,7 @@ class Amplifier:
             raise
 
     def close(self) -> None:
-        """Forget the episode, so that its scene, of some 20 MB, is freed with the last reference to it."""
+        """Release the episode, so that its scene (about 20 MB) is freed with its last reference."""
         run, self._run = self._run, None
         if run is not None:
             run.close()
@@ -187,7 +187,7 @@ class Amplifier:
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """Return the action to execute: the last one with noise, or unchanged while the arm settles.
 
-        Values out of bounds are clipped where the action is applied.
+        Out-of-range values are clipped when the action is applied.
         """
         if self._quiet or not self._settings.action_noise:
             return action
@@ -201,7 +201,7 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode; where the lead left everything alone, so does this one to its end."""
+        """Yield the actions of an episode; if the leading source does nothing, so does this episode to its end."""
         self._quiet = not self._lead.skills
         while not self._lead.skills:
             state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
@@ -217,16 +217,16 @@ class Amplifier:
         raise AttemptFailedError("misplaced", self._what_is_open(state))
 
     def _what_is_open(self, state: WorldState) -> str:
-        """Say which subgoal of the lead does not hold."""
+        """Return a description of the leading source's subgoals that are not reached."""
         for s in self._lead.segments:
             if s.subgoal and not relation(s.relation).holds(state, s.object, s.target, s.region):
                 return f"{s.subgoal}: {s.object} is not {s.relation} {s.target}{'.' if s.region else ''}{s.region}"
-        return "every relation holds, and the goal does not"
+        return "every relation is true, but the goal is not met"
 
     def _carry_out(
         self, state: WorldState, window: SkillWindow, source: str | None
     ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
-        """Carry out one skill of the lead with the first source of which it can be carried over."""
+        """Execute one skill of the leading source, from the first source whose transfer is possible."""
         if window.kind == "place" and state.held != window.object:
             raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
         slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0
@@ -255,14 +255,14 @@ class Amplifier:
             return state, skill.source
         what = f"{window.kind} {window.object}" + (f" at {window.target}" if window.target else "")
         why = "; ".join(dict.fromkeys(self._blocked)) or "there is none"
-        raise AttemptFailedError("no free way", f"{what}: none of the sources can be carried over ({why})")
+        raise AttemptFailedError("no free way", f"{what}: none of the sources can be transferred ({why})")
 
     def _drawn_turn(self) -> float:
-        """Return by how much a grasp is turned where any side will do [rad]: by one step of its ways, or not at all."""
+        """Return the rotation of a grasp if any side is allowed [rad]: one step between its grasps, or none."""
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
-        """Return by how much a drawer has to be moved [m]: home, or out as far as the lead drew it."""
+        """Return the distance to move a drawer [m]: to close it, or to open it as far as the leading source did."""
         opening = distance(state.pose(window.object).position, self._shut[window.object].position)
         lead = next(s for s in self._lead.skills if s.window == window)
         if lead.slid_m < 0.0:
@@ -274,9 +274,9 @@ class Amplifier:
     def _ordered(
         self, state: WorldState, key: tuple[str, str, str, str, str], window: SkillWindow, source: str | None
     ) -> list[SourceSkill]:
-        """Return the skills of all sources that fit, in the order in which they are tried.
+        """Return the matching skills of all sources in the order of attempts.
 
-        A place is first tried with the source of its pick, because the object then lies in the gripper as it did there.
+        A placement is first tried with the source of its pick, because the object is then held in the same way.
         """
         found = list(self._library.skills(key))
         found = [found[i] for i in self._draw.permutation(len(found))]
@@ -291,7 +291,7 @@ class Amplifier:
         return found
 
     def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance of a skill's object or target in the source from the present one; 1 rad counts as 1 m."""
+        """Return the distance of a skill's object or target in the source from the current one; 1 rad counts as 1 m."""
         here = state.pose(window.object) if window.kind != "place" else state.pose(window.target)
         there = skill.object_pose if window.kind != "place" else skill.target_pose
         other = skill.asset.identity != self._planner.asset(window.object).identity
@@ -316,11 +316,11 @@ class Amplifier:
         *,
         turn_rad: float = 0.0,
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
-        """Yield skills carried over to this scene; for objects that may be turned freely, in two ways.
+        """Yield skills transferred to this scene; for objects that may be rotated freely, in two variants.
 
-        An object that may be grasped from any side is first grasped turned about its own axis by ``turn_rad``. If
-        all skills are blocked, it is grasped from another side. If a container is filled differently than in the
-        sources, an object may be released at another goal of the expert at which training releases objects.
+        An object that may be grasped from any side is first grasped rotated about its own axis by ``turn_rad``. If all
+        skills are blocked, it is grasped from another side. If a container is filled differently than in the sources,
+        an object may be released at another goal of the expert at which training releases objects.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -347,7 +347,7 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Tell whether training releases objects where the foot of an object would be [m], as far as that is known."""
+        """Tell whether training releases objects at a foot position [m], if known."""
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True
@@ -356,7 +356,7 @@ class Amplifier:
         return near and abs(trained.off_mm(1000.0 * foot[2])) <= SURE * HEIGHT_MM
 
     def _way_in(self, state: WorldState, skill: _Candidate) -> _WayIn | None:
-        """Return a free way to where a skill can begin, or None if none is free."""
+        """Return a free path to a possible beginning of a skill, or None."""
         tried: set[int] = set()
         for radius in BEGIN_WITHIN_M:
             begin = skill.moved.begin_within(radius)
@@ -369,14 +369,14 @@ class Amplifier:
                 if blocked is None:
                     return way
                 if blocked != OUT_OF_REACH:
-                    break  # the skill itself, whichever way leads to it
+                    break  # the skill itself is blocked, whatever the path
             self._blocked.append(blocked or "")
         return None
 
     def _free_ways(self, state: WorldState, skill: _Candidate, begin: int) -> Iterator[tuple[_WayIn, list[float]]]:
-        """Yield free ways to a step of a skill, with the joints at their end [rad].
+        """Yield free paths to a step of a skill, with the joints at their end [rad].
 
-        The way of the skill's own source comes first: varied, and as it was. Then comes a planned one.
+        First comes the transit of the skill's own source, varied and unvaried, then a planned path.
         """
         goal, hand = skill.moved.targets[begin], skill.hand
         for change in (skill.change, TransitChange(faster=skill.change.faster)):
@@ -393,7 +393,7 @@ class Amplifier:
             yield _WayIn(found[0], True, begin), found[1]
 
     def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
-        """Return what blocks a skill up to its change, or the gripper as it opens there; None if nothing does."""
+        """Return the first obstacle of a skill up to its change, or of the opening gripper; None if there is none."""
         hand, points = skill.hand, skill.moved.checkpoints(begin, skill.moved.change)
         held, T_tcp_object = hand.held, hand.T_tcp_object
         blocked, joints = self._planner.check_way(
@@ -407,12 +407,12 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return the speed of a skill as a multiple of its source's, for the tempo of the demonstration."""
+        """Return the speed of a skill relative to its source, for the tempo of the demonstration."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 
     def _transit(self, state: WorldState, way: _WayIn, *, held: str | None) -> Motion:
-        """Move to where a skill begins, at the tempo of the demonstration."""
+        """Move to the beginning of a skill, at the tempo of the demonstration."""
         self._quiet = False
         pace = CARRY if held is not None else FREE
         gripper = OPEN if held is None else 1.0
@@ -431,7 +431,7 @@ class Amplifier:
         return replace(pace, speed=s * pace.speed, corner_speed=s * pace.corner_speed, turning=s * pace.turning)
 
     def _play(self, state: WorldState, moved: CarriedOver) -> Motion:
-        """Send the controller along a skill; before the gripper changes the arm settles, and then no noise is added."""
+        """Execute a skill; before the gripper moves, the arm settles without noise."""
         before = OPEN if moved.gripper[moved.change] > 0.0 else 1.0
         for i, (target, gripper) in enumerate(zip(moved.targets, moved.gripper, strict=True)):
             changes = (gripper > 0.0) != (before > 0.0)
@@ -447,7 +447,7 @@ class Amplifier:
         return state
 
     def _settle(self, state: WorldState, goal: Pose, gripper: float) -> Motion:
-        """Hold a target until the arm is there."""
+        """Hold a goal until the arm has reached it."""
         self._quiet = True
         for _ in range(SETTLE_STEPS):
             near = distance(state.ee_pose.position, goal.position) < SETTLE_M
@@ -468,7 +468,7 @@ class Amplifier:
         return state
 
     def _leave(self, state: WorldState) -> Motion:
-        """Move up at the end, so that what was let go of is free even where the source's episode ended early."""
+        """Move up at the end to release the object completely, even if the source's episode ended earlier."""
         if state.held is not None:
             return state
         goal = state.commanded_pose.translated(z=LEAVE_M)

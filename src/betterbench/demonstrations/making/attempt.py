@@ -28,10 +28,10 @@ from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.interventions import resolve_condition
 
 LASTING_STEPS = 4
-"""Control steps after the end of an episode in which its goal has to hold on: 0.2 s, after the dwell of 0.5 s."""
+"""Control steps after the end of an episode in which its goal must stay true: 0.2 s, after the dwell of 0.5 s."""
 
 EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
-"""Demonstrators, as the records of demonstrations name them as their policy."""
+"""Demonstrators, as the policy name in the records of demonstrations."""
 
 
 @strict_form
@@ -45,7 +45,7 @@ class AttemptNote:
         reason: Reason of the failure, in one line.
         steps: Control steps that it took.
         sources: Sources that it used, one per skill.
-        lead: The source whose order of skills it followed, or "".
+        lead: The leading source, which determined the order of skills, or "".
     """
 
     number: int
@@ -71,9 +71,9 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Let the expert demonstrate in a motion style drawn from the seed of the scene and the number of the attempt.
+    """Let the expert demonstrate in a motion style drawn from the scene's seed and the number of the attempt.
 
-    Of ``twins``, the condition has no part in what is drawn.
+    With ``twins``, the draw does not depend on the condition.
     """
     draw = stream(scene.task.id, scene.seed, f"twins:{number}") if twins else _stream(scene, "collect", number)
     manner = draw_manner(draw)
@@ -99,10 +99,10 @@ def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> Demons
 
 @settled_heap()
 def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> DemonstrationAttempt:
-    """Carry source demonstrations over to a scene; another attempt follows another source."""
+    """Transfer source demonstrations to a scene; each attempt has a different leading source."""
     draw = _stream(scene, "amplify", number)
     leads = library.of_condition(scene.condition.name)
-    # One order per start: each attempt at it follows another lead.
+    # One order per start: each attempt at it uses the next leading source.
     order = _stream(scene, "leads", 0).permutation(len(leads))
     lead = leads[int(order[number % len(leads)])]
     agent = Amplifier(scene, library, lead, settings, draw)
@@ -143,7 +143,7 @@ def judge_attempt(
     number: int,
     failure: tuple[FailureKind, str] | None,
 ) -> DemonstrationAttempt:
-    """Return an attempt with the segments in its record, accepted only if everything holds that a set promises.
+    """Return an attempt with the segments in its record; it is accepted only if it meets all conditions of a set.
 
     The scene is at the end of the episode, and ``states`` are those of the rows of the record.
     """
@@ -159,7 +159,7 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
     """Return the kind of failure of an episode without success."""
     done = record.subgoals[-1]
     if record.metadata.subgoal_names and done.all():
-        return "harm", "all subgoals are done, and something else is not as it should be"
+        return "harm", "all subgoals are done, but another object is not as it should be"
     if failure is not None:
         return failure
     if record.outcome.termination == "policy_error":
@@ -169,9 +169,9 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
 
 
 def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Go on from the end of an episode, off the record, and tell whether its goal goes on to hold.
+    """Continue after the end of an episode, without recording, and return the failure if its goal becomes false.
 
-    Where it was right to leave things alone, there is nothing that could go on.
+    If the right behavior was to do nothing, there is nothing to check.
     """
     if scene.condition.expected is not Expected.SUCCEED:
         return None
@@ -188,7 +188,7 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 
 def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, str] | None:
-    """Return the failure of an episode that leaves the certified training regime, or None."""
+    """Return the failure of an episode outside the certified training regime, or None."""
     problem = outside_support(states, scene.task, scene.condition)
     return None if problem is None else ("outside support", problem)
 
@@ -196,7 +196,7 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
     """Return the first problem of an episode outside the certified training regime of its task, from its states.
 
-    None where everything is inside, or the variation declares that it is not.
+    None if everything is inside, or if the variation declares that it is outside.
     """
     variation = resolve_condition(task.id, condition.name).variation
     if variation is not None and variation.support is Support.NOVEL:

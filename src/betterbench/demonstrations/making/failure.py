@@ -17,21 +17,21 @@ FailureKind = Literal[
 ]
 
 FAILURES: dict[FailureKind, str] = {
-    "no free way": "No source could be carried over without a collision, or within reach.",
-    "missed grasp": "The gripper closed, and the object was not between the fingers.",
+    "no free way": "No source could be transferred without a collision and within reach.",
+    "missed grasp": "The gripper closed, but the object was not between the fingers.",
     "dropped": "The object slipped out of the gripper on the way.",
-    "misplaced": "The object was let go, and did not come to rest where the subgoal wants it.",
-    "harm": "All subgoals were done, and something else was moved, fell or came in the wrong order.",
+    "misplaced": "The object was released, but did not come to rest at its target.",
+    "harm": "All subgoals were done, but another object moved or fell, or the order was wrong.",
     "time": "The step limit was reached.",
-    "did not last": "The goal was met and held for the dwell, and no longer held afterward.",
-    "outside support": "It succeeded with a pick or a put that the certificate's training regime does not show.",
-    "breakdown": "The program failed; this is an error of ours.",
+    "did not last": "The goal was met for the dwell time, but not afterward.",
+    "outside support": "It succeeded with a pick or placement outside the certificate's training regime.",
+    "breakdown": "The program failed; this is an error of betterbench.",
 }
 """Meaning of each kind of failure."""
 
 
 class AttemptFailedError(Exception):
-    """Error that ends an attempt that cannot succeed any more."""
+    """Error that ends an attempt that can no longer succeed."""
 
     def __init__(self, kind: FailureKind, reason: str) -> None:
         super().__init__(reason)

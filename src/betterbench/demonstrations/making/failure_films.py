@@ -1,13 +1,12 @@
-"""Films of failed attempts: the first one of each kind, made again from its seed and rendered."""
+"""Films of failed attempts: the first one of each kind, reproduced from its seed and rendered."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 from betterbench.demonstrations.making.acceptance import FOLDER, Acceptance
 from betterbench.demonstrations.making.production import attempt_at, method_of, scene_of
 from betterbench.errors import BetterError, StorageError
 from betterbench.evaluation.figures.films import film_record
+from betterbench.jobs import OnCount
 from betterbench.records import RunFolder
 from betterbench.sim.scenes.limited import LimitedView
 
@@ -18,12 +17,12 @@ EVERY = 2
 
 
 def film_failures(
-    run: RunFolder, found: Acceptance, *, on_progress: Callable[[int, int], None] | None = None
+    run: RunFolder, found: Acceptance, *, on_progress: OnCount | None = None
 ) -> dict[tuple[str, str], str]:
-    """Render the first failed attempt of each kind and task, unless its film is there.
+    """Render the first failed attempt of each kind and task, unless its film exists.
 
     Returns:
-        The file of each film, relative to the folder of the report, by task and kind of failure; or why there is none.
+        The file of each film, relative to the folder of the report, by task and kind of failure; or why it is missing.
     """
     wanted = [(t.task, kind, trial, number) for t in found.tasks for kind, (trial, number, _) in t.examples.items()]
     films: dict[tuple[str, str], str] = {}

@@ -1,4 +1,4 @@
-"""Motion style of a demonstration: the differences between two people at the same task, drawn by seed."""
+"""Motion style of a demonstration: differences like those between two people, drawn by seed."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from betterbench.policies.experts.motion import (
 from betterbench.policies.experts.skills import Skills
 
 MISS_GAP_M = 0.012
-"""Least distance of the tool above the top of an object at which a missed grasp closes [m]."""
+"""Minimum distance of the tool above the top of an object at which a missed grasp closes [m]."""
 MISS_STEPS = 12
-"""Control steps for which a missed grasp stays closed at most."""
+"""Maximum control steps for which a missed grasp stays closed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +35,17 @@ class DemonstrationManner:
     """Motion style of one demonstration.
 
     Attributes:
-        speed: Share of the expert's speed.
-        acceleration: Share of the expert's acceleration.
+        speed: Fraction of the expert's speed.
+        acceleration: Fraction of the expert's acceleration.
         approach_height_m: Height above the grasp at which the last stretch begins [m].
         approach_offset_m: Horizontal distance from the grasp at which it begins [m].
         approach_bearing_rad: Direction of that offset in the world frame [rad].
-        grasp_turn_rad: Largest preference for one of several equal grasps, as turning of the gripper [rad].
-        raise_m: Height by which transits are higher than they need to be [m].
+        grasp_turn_rad: Largest preference for one of several equal grasps, as a rotation of the gripper [rad].
+        raise_m: Additional height of transits [m].
         detour_m: Largest sideways displacement of the middle of a transit [m].
-        pause_s: Mean of a pause [s].
-        pause_rate: Share of the moments at which there is a pause.
-        miss_rate: Share of the grasps before which the gripper closes too early and opens again.
+        pause_s: Mean duration of a pause [s].
+        pause_rate: Probability of a pause at each possible moment.
+        miss_rate: Probability that the gripper closes too early and opens again before a grasp.
     """
 
     speed: float = 1.0
@@ -66,10 +66,10 @@ class DemonstrationManner:
 
 
 def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
-    """Return a manner drawn from a stream.
+    """Return a motion style drawn from a random stream.
 
-    People who teleoperate move at a third to all of the speed of a scripted expert, pause before contact, come in at a
-    slant and now and then close the gripper too early. The ranges are ours; no data of people stands behind them.
+    People who teleoperate move at a third to all of the speed of a scripted expert, pause before contact, approach at a
+    slant and sometimes close the gripper too early. The ranges were chosen by us, not measured from people.
     """
     return DemonstrationManner(
         speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),
@@ -88,20 +88,20 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
 
 @dataclass
 class VariedSkills(Skills):
-    """The expert's skills, carried out in a motion style.
+    """The expert's skills, executed in a motion style.
 
-    The deviations that a style asks for are planned like other motions, and left out where an obstacle prevents them.
+    The deviations of a style are planned like other motions, and left out if an obstacle prevents them.
 
     Attributes:
         manner: The motion style.
-        chance: Stream of the demonstration, from which pauses, detours and misses come in the order of their events.
+        chance: Random stream of the demonstration for pauses, detours and misses, in the order of their events.
     """
 
     manner: DemonstrationManner = DemonstrationManner()
     chance: np.random.Generator | None = None
 
     def paced(self, pace: Pace) -> Pace:
-        """Return a pace at the speed and acceleration of the manner."""
+        """Return a pace at the speed and acceleration of the motion style."""
         m = self.manner
         return replace(
             pace,
@@ -112,7 +112,7 @@ class VariedSkills(Skills):
         )
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
-        """Pause for a while, or not at all."""
+        """Pause with the style's probability."""
         if self._stream.random() >= self.manner.pause_rate:
             return state
         seconds = min(float(self._stream.exponential(self.manner.pause_s)), 1.0)
@@ -121,7 +121,7 @@ class VariedSkills(Skills):
     def passing(
         self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
     ) -> tuple[Pose, ...]:
-        """Return a planned way up, across and down with a detour, if that is free too."""
+        """Return a planned path up, across and down with a detour, if that is free too."""
         *_, up, over, goal = way
         raised = self.manner.raise_m
         aside = float(self._stream.uniform(-1.0, 1.0)) * self.manner.detour_m
@@ -145,7 +145,7 @@ class VariedSkills(Skills):
         return way if blocked else varied
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
-        """Move to where the last stretch begins, aside of the grasp, and along it; raises PlanningError as usual."""
+        """Move to the start of the last stretch, beside the grasp, and along it; raises PlanningError as usual."""
         m = self.manner
         turns = self._stream.uniform(-m.grasp_turn_rad, m.grasp_turn_rad, 16)
 
@@ -173,7 +173,7 @@ class VariedSkills(Skills):
         return state, grasp
 
     def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:
-        """Close the gripper above an object, on the way down to its grasp, and open it again, if it touches nothing."""
+        """Close the gripper above an object on the way down to its grasp and open it again, if it touches nothing."""
         info = state.info.object(name)
         top = state.pose(name).position[2] + info.size_m[2] + MISS_GAP_M
         low, high = grasp.position[2], start.position[2]
@@ -193,5 +193,5 @@ class VariedSkills(Skills):
     @property
     def _stream(self) -> np.random.Generator:
         if self.chance is None:
-            raise PlanningError("varied skills need a stream to draw from")
+            raise PlanningError("varied skills need a random stream")
         return self.chance

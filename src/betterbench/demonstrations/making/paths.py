@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw
 from betterbench.demonstrations.making.acceptance import FOLDER
 from betterbench.demonstrations.making.production import attempts_of
 from betterbench.errors import BetterError, StorageError
-from betterbench.jobs import write_durably
+from betterbench.jobs import OnCount, write_durably
 from betterbench.records import Record, RunFolder
 from betterbench.sim.scenes.image_files import jpeg_bytes
 from betterbench.sim.scenes.limited import LimitedView
@@ -20,15 +20,14 @@ from betterbench.tasks import TrialId
 SIZE = 512
 """Side of a picture [pixel]."""
 MOST_PATHS = 60
-"""Most paths that are drawn; the first ones in the order of their seeds."""
+"""Maximum number of paths drawn, in the order of their seeds."""
 
 
-def draw_paths(run: RunFolder, *, on_progress: Callable[[int, int], None] | None = None) -> dict[str, str]:
+def draw_paths(run: RunFolder, *, on_progress: OnCount | None = None) -> dict[str, str]:
     """Draw the first training condition of every task, and return the file of each picture, relative to the report.
 
     Paths of one source have one color; demonstrations without a source have one color each. A picture that cannot be
-    drawn is left out, with the reason in place of its file. ``on_progress`` gets the number of finished pictures and
-    that of all.
+    drawn is replaced by the reason. ``on_progress`` gets the number of finished pictures and the total.
     """
     leads = {t: next((n.lead for n in o.notes if n.accepted), "") for t, o in attempts_of(run.path).items()}
     done = sorted(entry.key for entry in run.entries() if entry.status == "done")

@@ -1,9 +1,9 @@
 """Production of a set of demonstrations: starts, attempts at them by workers, and the run folder that holds the set.
 
-``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start at which no
-attempt was accepted stays in the plan as an error, with the reason, and the plan grows by the start that takes its
-place. What is tried at a start depends on its seed and the sources alone, so the records do not depend on the number of
-workers or on interruptions.
+``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start without an
+accepted attempt stays in the plan as an error, with the reason, and a replacement start is added to the plan. The
+attempts at a start depend only on its seed and the sources, so the records do not depend on the number of workers or on
+interruptions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.journal import CURE, VersionedJournal, forms_after_header
-from betterbench.certification.runner import in_workers, versions_in_use
+from betterbench.certification.runner import versions_in_use
 from betterbench.demonstrations.making.amplifier import AmplifierSettings, SourceChoice
 from betterbench.demonstrations.making.attempt import (
     AMPLIFIED,
@@ -45,9 +45,10 @@ from betterbench.demonstrations.making.starts import (
 )
 from betterbench.errors import InvalidInputError, RecordError, require_between
 from betterbench.evaluation.planning.manifest import run_context
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.interface.actions import EE_DELTA
+from betterbench.jobs import JobProgress, in_processes, run_items
 from betterbench.jobs.durable import on_disk
 from betterbench.jobs.line_journal import complete_lines, say_lost_tail
 from betterbench.json_form import file_digest, open_form, read_form, strict_form
@@ -61,12 +62,13 @@ from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.interventions.regimes import Regime, in_regime
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 logger = logging.getLogger(__name__)
 
 ATTEMPTS = "attempts"
-"""Folder within a run of demonstrations that holds the journal of attempts."""
+"""Folder within a run of demonstrations for the journal of attempts."""
 METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
 """Versions of the methods of demonstration; a run is resumed only under its own version."""
 MOST_ATTEMPTS = 100
@@ -75,20 +77,20 @@ MOST_WORKERS = 256
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """Method by which the demonstrations of a run are made; small and picklable, so that it can be sent to workers.
+    """Production method of a run's demonstrations; small and picklable, so that it can be sent to workers.
 
     Attributes:
-        policy: Demonstrator that the records name as their policy: the expert, or the amplifier.
+        policy: Demonstrator, as the policy name in records: the expert, or the amplifier.
         first_seed: Seed from which starts are chosen.
-        attempts: Most attempts at one start.
+        attempts: Maximum attempts at one start.
         sources: Folder of the run with the source demonstrations; "" for the expert.
-        sources_hash: Hash of that set; "" likewise.
-        source_tasks: Tasks whose demonstrations that hash is of; none likewise.
-        settings: Settings by which sources are carried over.
+        sources_hash: Hash of that set; "" for the expert.
+        source_tasks: Tasks of the demonstrations in that hash; empty for the expert.
+        settings: Settings of the transfer.
         quality: Render preset of the stored scenes.
         task_files: The user's files that workers load before anything else.
         regime: Regime whose conditions are demonstrated.
-        twins: Whether conditions with the same scene share their seeds and the manner of the expert.
+        twins: Whether conditions with the same scene share their seeds and the motion styles of the expert.
     """
 
     policy: str
@@ -104,11 +106,11 @@ class Method:
     source_tasks: tuple[str, ...] = ()
 
     def task(self, name: str) -> Task:
-        """Return a task with the conditions that are demonstrated as its training conditions."""
+        """Return a task with the regime's conditions as its training conditions."""
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
-        """Return the planned starts of a task: ``demos`` per training condition, shared out over those of the regime.
+        """Return the planned starts of a task: ``demos`` per training condition, divided over those of the regime.
 
         Raises InvalidInputError if a number is out of range, or the task has no such regime.
         """
@@ -118,11 +120,11 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return the replacement of a start that was given up; a twin has none."""
+        """Return the replacement of a start that was given up; a twin is not replaced."""
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the identity of a run beside its trials: runs with other values are not resumed."""
+        """Return the values that identify a run besides its trials; a run with other values is not resumed."""
         form: dict[str, Any] = {
             "method_version": METHOD_VERSIONS[self.policy],
             "first_seed": self.first_seed,
@@ -150,7 +152,7 @@ _METHOD = TypeAdapter(_MethodForm)
 
 
 def method_of(run: RunFolder) -> Method:
-    """Return the method of a run of demonstrations; RecordError if it is another kind of run."""
+    """Return the production method of a run of demonstrations; RecordError for another kind of run."""
     where, cure = f"{run.path}: plan.demonstrations", "Name a run of better collect or better amplify"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
@@ -221,9 +223,9 @@ _OUTCOME = TypeAdapter(StartOutcome)
 
 
 class AttemptJournal(VersionedJournal):
-    """Journal of the attempts of a run; of several lines about a start the last one counts.
+    """Journal of the attempts of a run; the last line about a start counts.
 
-    Raises as :class:`VersionedJournal` does.
+    Raises the errors of :class:`VersionedJournal`.
     """
 
     form = "betterbench attempts journal"
@@ -269,24 +271,25 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Let the expert give demonstrations in varied manners, into a run folder; the same call resumes it.
+    """Let the expert demonstrate in varied motion styles, into a run folder; the same call resumes it.
 
     Args:
         tasks: Names of the tasks.
         out: Folder of the run.
-        demos: Demonstrations per training condition; another regime shares as many out over its conditions.
+        demos: Demonstrations per training condition; another regime divides the same total over its conditions.
         first_seed: Seed from which starts are chosen.
-        attempts: Most attempts at one start, each in another manner.
+        attempts: Maximum attempts at one start, each in another motion style.
         regime: Regime whose conditions are demonstrated.
-        twins: Give conditions with the same scene the same seeds and manners, so that they differ by their cause alone.
+        twins: Whether conditions with the same scene get the same seeds and motion styles, so that only the cause
+            differs.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
 
     Raises:
-        InvalidInputError: If a number is out of range, the support of a task was never measured, or a task has no such
-            regime.
-        UnknownNameError: If there is no such task.
-        RunConflictError: If the folder holds another run, or another process writes to it.
+        InvalidInputError: If a number is out of range, the training support of a task was never measured, or a task
+            lacks the regime.
+        UnknownNameError: If the task does not exist.
+        RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
@@ -306,7 +309,7 @@ def amplify(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Carry the demonstrations of a run over to new starts, into another run folder; the same call resumes it.
+    """Amplify the demonstrations of a run to new starts, into another run folder; the same call resumes it.
 
     Args:
         sources: Folder of the run with the source demonstrations.
@@ -314,15 +317,15 @@ def amplify(
         tasks: Names of the tasks; all that the sources demonstrate if none is named.
         demos: Demonstrations per training condition.
         first_seed: Seed from which starts are chosen.
-        attempts: Most attempts at one start, each with another source in the lead.
-        settings: Settings by which sources are carried over.
+        attempts: Maximum attempts at one start, each with another leading source.
+        settings: Settings of the transfer.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
 
     Raises:
         InvalidInputError: If a number is out of range, or sources are missing or have seeds of tests.
         RecordError: If a source cannot be read.
-        RunConflictError: If the folder holds another run, or another process writes to it.
+        RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
@@ -334,7 +337,7 @@ def amplify(
     known = tuple(dict.fromkeys(e.task for e in run.entries() if e.status == "done"))
     named = tuple(dict.fromkeys(tasks or known))
     if not named:
-        raise InvalidInputError(str(sources), "it holds no demonstrations", "Collect some with better collect")
+        raise InvalidInputError(str(sources), "it contains no demonstrations", "Collect some with better collect")
     regime = method_of(run).regime if "demonstrations" in run.plan else "training"
     for name in named:
         _check_sources(run, in_regime(get_task(name), regime))
@@ -344,18 +347,18 @@ def amplify(
 
 
 def _check_sources(run: RunFolder, task: Task) -> None:
-    """Refuse to begin where a condition of a task is not demonstrated at all."""
+    """Raise an error if a condition of a task has no source demonstration."""
     library = load_library(run, task.id)
     for condition in task.training:
         if not library.of_condition(condition.name):
             cure = f"Collect some: better collect --tasks {task.id} --out RUN"
             if run.plan["policy"] == TELEOPERATED:
                 cure = f"Demonstrate it too: better teleop --tasks {task.id} --out {shell_word(run.path)}"
-            raise InvalidInputError(str(run.path), f"it holds no demonstration of {condition.id}", cure)
+            raise InvalidInputError(str(run.path), f"it contains no demonstration of {condition.id}", cure)
 
 
 def set_hash(run: RunFolder, tasks: Iterable[str] | None = None) -> str:
-    """Return the hash of a set of demonstrations: of the names and the bytes of its records (hex, 64 characters)."""
+    """Return the hash of a set of demonstrations: of the names and bytes of its records (hex, 64 characters)."""
     chosen = None if tasks is None else set(tasks)
     done = [e for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen)]
     lines = sorted(f"{entry.key} {entry.record}\n" for entry in done)
@@ -377,7 +380,7 @@ def _produce(
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
     wanted = [s for task in chosen for s in method.starts(task.id, demos)]
     for task in chosen:
-        demonstrated(task, engine=engine_version())  # which the support is judged by
+        demonstrated(task, engine=engine_version())  # the training support is compared with it
     versions = versions_in_use([task.id for task in chosen])
     out = out.absolute()
     found = attempts_of(out) if (out / "run.json").exists() else {}
@@ -390,12 +393,13 @@ def _produce(
             attempts = stack.enter_context(AttemptJournal(out / ATTEMPTS / "journal.jsonl", versions))
             _say_lost(journal, attempts)
             reopen_lost(run, journal)
-            due = [chain[-1] for chain in chains if not _is_settled(chain[-1], attempts.found, journal)]
-            tell = _teller(on_progress, chains, attempts)
-            tell(None)
-            for produced in _produced(run, method, due, workers):
-                _note(produced, journal, attempts)
-                tell(produced.outcome)
+            run_items(
+                [chain[-1] for chain in chains],
+                is_done=functools.partial(_is_settled, found=attempts.found, journal=journal),
+                work=functools.partial(_produced, run, method, workers),
+                keep=functools.partial(_note, journal=journal, attempts=attempts),
+                on_progress=None if on_progress is None else _teller(on_progress, chains, attempts),
+            )
             changed = [run.restore(), journal.restore(), attempts.restore()]  # what somebody has removed meanwhile
             is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
@@ -404,7 +408,7 @@ def _produce(
 
 
 def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
-    """Say that one of the journals has lost lines that the other one implies; their starts are tried again."""
+    """Log that one of the journals has lost lines that the other one implies; their starts are tried again."""
     lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:
@@ -417,7 +421,7 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
 
 
 def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
-    """Return each start with those that took its place, one after the other."""
+    """Return each start with its replacements, one after the other."""
     chains = []
     for start in wanted:
         chain = [start]
@@ -430,13 +434,13 @@ def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], meth
     return chains
 
 
-def _is_settled(start: Start, found: Mapping[TrialId, StartOutcome], journal: Journal) -> bool:
+def _is_settled(start: Start, *, found: Mapping[TrialId, StartOutcome], journal: Journal) -> bool:
     outcome = found.get(start.trial)
     return outcome is not None and (not outcome.accepted or journal.is_done(start.trial))
 
 
 def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return plan and context of a run, as ``run.json`` holds them."""
+    """Return plan and context of a run for ``run.json``."""
     trials = tuple(_trial(s) for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round)))
     plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality)
     policy = {"address": method.policy, "name": method.policy, "needs_images": False}
@@ -453,25 +457,24 @@ def _trial(start: Start) -> Trial:
 
 
 def _teller(
-    on_progress: Callable[[SetProgress], None] | None, chains: Sequence[Sequence[Start]], attempts: AttemptJournal
-) -> Callable[[StartOutcome | None], None]:
-    def tell(last: StartOutcome | None) -> None:
-        if on_progress is None:
-            return
-        found = attempts.found
+    on_progress: Callable[[SetProgress], None], chains: Sequence[Sequence[Start]], attempts: AttemptJournal
+) -> Callable[[JobProgress[_Produced]], None]:
+    def tell(progress: JobProgress[_Produced]) -> None:
+        found, last = attempts.found, progress.last
         done = sum(any(s.trial in found and found[s.trial].accepted for s in chain) for chain in chains)
-        on_progress(SetProgress(done, len(chains), sum(len(o.notes) for o in found.values()), last))
+        tried = sum(len(o.notes) for o in found.values())
+        on_progress(SetProgress(done, len(chains), tried, None if last is None else last.outcome))
 
     return tell
 
 
-def _produced(run: RunFolder, method: Method, due: Sequence[Start], workers: int) -> Iterator[_Produced]:
+def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]) -> Iterator[_Produced]:
     """Yield the outcomes of starts as they come; starts that share a compiled scene follow each other."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
-    return in_workers(order, workers, functools.partial(_work, str(run.path), method))
+    return in_processes(order, functools.partial(_work, str(run.path), method), workers=workers)
 
 
-def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> None:
+def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) -> None:
     """Write what became of a start into both journals; killed between the two, the start is tried again."""
     outcome, trial = produced.outcome, produced.outcome.trial
     varied = None if resolve_condition(trial.task, trial.condition).variation is None else trial.condition
@@ -496,9 +499,9 @@ def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> No
 
 
 def _work(out: str, method: Method, trial: TrialId) -> _Produced:
-    """Try one start until an attempt is accepted, and write its record; run by a worker."""
+    """Try one start until an attempt is accepted, and write its record; called in a worker."""
     load_sources(method.task_files)
-    run = RunFolder(Path(out), {}, {})  # whose description may be gone for a moment
+    run = RunFolder(Path(out), {}, {})  # its description may be missing for a moment
     began = time.perf_counter()
     scene = scene_of(trial, method.quality)
     setup_s = time.perf_counter() - began
@@ -535,13 +538,13 @@ def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttemp
 
 @functools.lru_cache(maxsize=4)
 def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Library:
-    """Return the sources of a task; RecordError if they are not those of the hash, as where somebody adds to them."""
+    """Return the sources of a task; RecordError if their hash has changed, for example by additions."""
     run = RunFolder.open(Path(sources))
     library = load_library(run, task)
-    if set_hash(run, tasks) != sha256:  # looked at last: what was added before is in the library, and seen here
+    if set_hash(run, tasks) != sha256:  # checked last, to detect additions during the loading
         raise RecordError(
-            f"{sources}: its demonstrations have changed since they began to be carried over. Once nothing writes "
-            "there any more, run the same command again, into another folder."
+            f"{sources}: its demonstrations have changed since the amplification began. When no process writes there "
+            "any more, run the same command again with another folder."
         )
     return library
 

@@ -1,9 +1,9 @@
 """Transfer of a skill to another scene: the same motion in the frame of its object or target region.
 
 For a pick and a slide that is the object, ``T_new(t) = T_object_new  T_object_source^-1  T_target_source(t)``, with a
-shift in between where the object is another instance of its category. For a place it is the region of the target, and
-what is carried over is the way of the object's foot, because the object may lie differently in the gripper. These are
-the poses that the controller was sent to, not those that the arm had (Mandlekar et al., MimicGen, 2023).
+shift in between if the object is another instance of its category. For a placement it is the region of the target. Then
+the path of the object's foot is transferred, because the object may be held differently. The poses are the commands to
+the controller, not the measured poses of the arm (Mandlekar et al., MimicGen, 2023).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from betterbench.sim.assets import Asset
 from betterbench.tasks.relations.placing import foot_offset
 
 CHECKED_EVERY_M = 0.025
-"""Least distance between the poses of a skill that are checked for collisions [m]."""
+"""Minimum distance between the poses of a skill that are checked for collisions [m]."""
 CHECKED_EVERY_RAD = 0.25
-"""Least turn between them [rad]."""
+"""Minimum rotation between them [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,9 +38,9 @@ class CarriedOver:
 
     Attributes:
         source: Name of the demonstration it comes from.
-        targets: Poses ``T_world_tcp`` to send the controller to, one per control step.
+        targets: Commanded poses ``T_world_tcp``, one per control step.
         gripper: Gripper command of each step.
-        change: Index of the step that begins to change the gripper.
+        change: Index of the first step of the gripper's motion.
     """
 
     source: str
@@ -49,7 +49,7 @@ class CarriedOver:
     change: int
 
     def begin_within(self, radius_m: float) -> int:
-        """Return the first step from which on all poses up to the change are within a distance of it [m]."""
+        """Return the first step from which all poses up to the change are within a distance of it [m]."""
         there = self.targets[self.change].position
         step = self.change
         while step > 0 and distance(self.targets[step - 1].position, there) <= radius_m:
@@ -57,13 +57,13 @@ class CarriedOver:
         return step
 
     def from_step(self, begin: int, *, faster: float = 1.0) -> CarriedOver:
-        """Return the skill from a step on, up to its change at another speed; what the gripper does takes its time."""
+        """Return the skill from a step on, at another speed up to its change; the gripper moves at its usual speed."""
         before = retimed(self.targets[begin : self.change + 1], faster)
         gripper = (self.gripper[begin],) * (len(before) - 1) + self.gripper[self.change :]
         return CarriedOver(self.source, (*before[:-1], *self.targets[self.change :]), gripper, len(before) - 1)
 
     def checkpoints(self, begin: int, end: int) -> list[Pose]:
-        """Return the poses of some steps that are checked for collisions: the first, the last and some between."""
+        """Return the poses of some steps for the collision check: the first, the last and some between."""
         found = [self.targets[begin]]
         for pose in self.targets[begin + 1 : end]:
             far = distance(pose.position, found[-1].position) >= CHECKED_EVERY_M
@@ -74,7 +74,7 @@ class CarriedOver:
 
 
 def carry_pick(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *, turn_rad: float = 0.0) -> CarriedOver:
-    """Return a pick carried over to an object of a scene, turned about the object's own z axis by so much [rad]."""
+    """Return a pick transferred to an object of a scene, rotated about the object's z axis by ``turn_rad`` [rad]."""
     grasp = skill.object_pose.inverse() @ skill.targets[skill.change]
     turned = state.pose(name) @ Pose((0.0, 0.0, 0.0), from_yaw(turn_rad))
     to_new = turned @ grasp_shift(skill.asset, grasp, asset) @ skill.object_pose.inverse()
@@ -82,7 +82,7 @@ def carry_pick(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *
 
 
 def carry_slide(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *, slide_m: float) -> CarriedOver:
-    """Return a slide carried over to a drawer that has to be moved by ``slide_m`` along its own x axis [m]."""
+    """Return a slide transferred to a drawer that must be moved by ``slide_m`` along its own x axis [m]."""
     moved = carry_pick(skill, state, name, asset)
     axis = rotate(state.pose(name).quaternion, (1.0, 0.0, 0.0))
     ratio = slide_m / skill.slid_m if abs(skill.slid_m) > 1e-6 else 1.0
@@ -103,19 +103,19 @@ def carry_place(
     keep_tool: bool = False,
     foot: tuple[float, float, float] | None = None,
 ) -> CarriedOver | None:
-    """Return a place carried over to the object in the gripper and the target of a window of this scene.
+    """Return a placement transferred to the object in the gripper and the target of a window of this scene.
 
     Args:
-        skill: The place.
-        state: State now, with the object in the gripper.
+        skill: The placement.
+        state: Current state, with the object in the gripper.
         window: Names of object and target in this scene.
-        keep_tool: True to keep the rotation of the tool, and let the object be turned as it lies in the gripper; for
-            things that may stand in any heading.
-        foot: Release position of the foot of the object [m], world frame; at the expert's goal nearest to where the
-            source would let go, if not given.
+        keep_tool: Whether to keep the rotation of the tool, so that the object keeps its rotation in the gripper; for
+            objects that may have any heading.
+        foot: Release position of the object's foot [m], world frame; by default the expert's goal nearest to the
+            source's release.
 
     Returns:
-        None where the expert knows no goal near to where the object would be let go.
+        None if the expert has no goal near the release.
     """
     to_new = region_frame(state, window) @ skill.frame.inverse()
     shift = (0.0, 0.0, 0.0)
@@ -139,9 +139,9 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return the pose of the tool that puts the foot of an object where that of the source's object is.
+    """Return the pose of the tool that puts the foot of an object at the position of the source's object.
 
-    Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object is turned as it lies in the gripper.
+    Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object keeps its rotation in the gripper.
     """
     foot = (target @ T_tcp_foot_source).translated(*shift)
     if T_foot_tcp is not None:

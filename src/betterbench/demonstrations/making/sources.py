@@ -1,4 +1,4 @@
-"""Source demonstrations: their skills in the frame of the object or target region of each."""
+"""Source demonstrations: their skills, each in the frame of its object or target region."""
 
 from __future__ import annotations
 
@@ -20,47 +20,47 @@ from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.placing import foot_offset
 
 SAME_GRASP_M = 0.04
-"""Farthest that a grasp may be from an annotated one to count as that one [m]."""
+"""Largest distance of a grasp from an annotated one to count as that grasp [m]."""
 SAME_GOAL_M = 0.03
-"""Farthest that something may be let go from a goal of the expert to count as brought there [m]."""
+"""Largest distance of a release from a goal of the expert to count as that goal [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
-"""Least distance of two goals that are tried as different ones [m], and how many of them are."""
+"""Minimum distance of two goals to count as different [m], and maximum number of goals."""
 MOVING_M = 0.001
-"""Least motion of a control step that is no pause [m]."""
+"""Minimum motion of a control step that is not a pause [m]."""
 ROTATION_M = 0.1
-"""Weight of rotation against translation where poses are compared [m/rad]: the reach of the gripper."""
+"""Weight of rotation against translation in comparisons of poses [m/rad]: the length of the gripper."""
 
 SkillKey = tuple[str, str, str, str, str]
 """Key of a skill: its kind and the kind of its object; for a placement also relation, kind of the target and region.
 
-For a slide, "out" stands for the relation where the drawer is drawn out.
+For a slide that opens its drawer, the relation is "out".
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceSkill:
-    """Skill of a source demonstration, with all values that are needed to carry it over.
+    """Skill of a source demonstration, with all values needed for its transfer.
 
     Attributes:
         key: Kinds of skill, object and target, see :data:`SkillKey`.
         source: Name of the demonstration, "TASK/CONDITION/SEED".
         window: Its rows there.
-        object: Object that it takes, lets go of or slides.
+        object: Object that is picked, released or moved.
         asset: Asset of that object.
-        frame: ``T_world_reference`` when the window begins: of the object, or for a place of the target's region.
+        frame: ``T_world_reference`` at the beginning of the window: of the object, or of the target's region.
         object_pose: ``T_world_object`` when the window begins.
-        target_pose: ``T_world_target`` at that time; that of the object where nothing is placed.
-        targets: Poses ``T_world_tcp`` that the controller was sent to, one per control step of the window.
+        target_pose: ``T_world_target`` at that time; that of the object without a placement.
+        targets: Commanded poses ``T_world_tcp``, one per control step of the window.
         gripper: Gripper command of each of these steps.
-        change: Index of the step that begins to change the gripper.
-        T_tcp_foot: Pose of the object's foot in the gripper just before the change; of a place.
-        anchor: Foot of the object [m], world frame, at the expert's goal nearest to where it was let go; of a place.
-        spread_m: By how much wider than around the object the gripper opens [m]; of a place.
+        change: Index of the first step of the gripper's motion.
+        T_tcp_foot: Pose of the object's foot in the gripper just before the change; for a placement.
+        anchor: Foot of the object [m], world frame, at the expert's goal nearest to its release; for a placement.
+        spread_m: Opening width of the gripper beyond the width of the object [m]; for a placement.
         slid_m: Distance along its own x axis by which a drawer is moved [m].
-        width_m: Distance of the finger pads when the window begins [m].
-        lead_in: Poses ``T_world_tcp`` that the controller was sent to between the skill before and the window, one per
-            control step; None where the gripper closed in vain on that way.
-        tempo_mps: Tempo of the demonstration.
+        width_m: Opening width at the beginning of the window [m].
+        lead_in: Commanded poses ``T_world_tcp`` between the previous skill and the window, one per control step; None
+            if they contain a missed grasp.
+        tempo_mps: Tempo of the demonstration [m/s].
     """
 
     key: SkillKey
@@ -90,9 +90,9 @@ class Source:
     Attributes:
         trial: Its trial.
         segments: Its subgoals.
-        skills: Its skills, in time and without misses.
-        speed: Share of the expert's speed at which it was given.
-        tempo_mps: Mean speed of the tool on the ways from one skill to the next, without pauses [m/s]; 0 if unknown.
+        skills: Its skills in order, without misses.
+        speed: Fraction of the expert's speed.
+        tempo_mps: Mean speed of the tool in transits, without pauses [m/s]; 0 if unknown.
     """
 
     trial: TrialId
@@ -118,16 +118,16 @@ class Library:
                 self._skills.setdefault(skill.key, []).append(skill)
 
     def of_condition(self, condition: str) -> tuple[Source, ...]:
-        """Return the sources that demonstrate a training condition."""
+        """Return the sources for a training condition."""
         return tuple(s for s in self.sources if s.trial.condition == condition)
 
     def skills(self, key: SkillKey) -> tuple[SourceSkill, ...]:
-        """Return the skills of all sources that are about the same."""
+        """Return the skills of all sources with the same key."""
         return tuple(self._skills.get(key, ()))
 
 
 def key_of(info: SceneInfo, window: SkillWindow, *, out: bool) -> SkillKey:
-    """Return the skill key of a window in a scene; ``out`` tells whether a slide draws its drawer out."""
+    """Return the skill key of a window in a scene; ``out`` tells whether a slide opens its drawer."""
     kind = info.object(window.object).kind
     if window.kind == "place":
         return ("place", kind, window.relation, info.object(window.target).kind, window.region)
@@ -138,7 +138,7 @@ def load_library(run: RunFolder, task: str) -> Library:
     """Return the successful demonstrations of a task in a run.
 
     Raises:
-        InvalidInputError: If a record has the seed of a test, or none of the task is a demonstration that succeeded.
+        InvalidInputError: If a record has the seed of a test, or the task has no successful demonstration.
         RecordError: If a record cannot be read, or is of another version of the suite or the task.
     """
     found = []
@@ -146,7 +146,7 @@ def load_library(run: RunFolder, task: str) -> Library:
         if entry.task != task or entry.status != "done":
             continue
         if entry.seed < FIRST_DEMONSTRATION_SEED:
-            problem = f"{entry.key} has the seed of a test, and tests are never trained on"
+            problem = f"{entry.key} has the seed of a test, which must not be used for training"
             cure = f"Give demonstrations, whose seeds are {FIRST_DEMONSTRATION_SEED:,} and above (better collect)"
             raise InvalidInputError(str(run.path), problem, cure)
         record = run.read_record(entry.task, entry.condition, entry.seed)
@@ -155,12 +155,12 @@ def load_library(run: RunFolder, task: str) -> Library:
             found.append(demonstrated_source(record))
     if not found:
         cure = f"Collect some: better collect --tasks {task} --out RUN"
-        raise InvalidInputError(str(run.path), f"it holds no successful demonstration of {task}", cure)
+        raise InvalidInputError(str(run.path), f"it contains no successful demonstration of {task}", cure)
     return Library(sorted(found, key=lambda s: s.trial))
 
 
 def _require_version(record: Record, where: str) -> None:
-    """Raise RecordError if a record is of another version of the suite or its task, whose objects lie elsewhere."""
+    """Raise RecordError if a record is of another version of the suite or its task, with other object positions."""
     meta = record.metadata
     versions = (
         ("suite", meta.suite_version, SUITE_VERSION),
@@ -169,13 +169,13 @@ def _require_version(record: Record, where: str) -> None:
     for what, there, now in versions:
         if there != now:
             raise RecordError(
-                f"{where}: was recorded with version {one_line(there)} of the {what}, and this is version {now}. "
+                f"{where}: was recorded with version {one_line(there)} of the {what}, but this is version {now}. "
                 "Collect the demonstrations again."
             )
 
 
 def demonstrated_source(record: Record) -> Source:
-    """Return the source of a successful record, with segments derived from its states and not read from it."""
+    """Return the source of a successful record, with segments derived from its states instead of read from it."""
     meta = record.metadata
     trial = TrialId(meta.task, meta.condition, meta.seed)
     condition = resolve_condition(meta.task, meta.condition)
@@ -207,19 +207,19 @@ def _tempo_mps(record: Record, ways: Iterable[Sequence[Pose]]) -> float:
 
 
 def _targets(record: Record, start: int, stop: int) -> tuple[Pose, ...]:
-    """Return the poses that the controller was sent to at some rows."""
+    """Return the commanded poses at some rows."""
     positions, quaternions = record.commanded_position[start:stop], record.commanded_quaternion[start:stop]
     return tuple(Pose(tuple(p), tuple(q)) for p, q in zip(positions.tolist(), quaternions.tolist(), strict=True))
 
 
 def _require_objects(record: Record, planned: Collection[str]) -> None:
-    """Raise RecordError if a record shows other objects than its condition has."""
+    """Raise RecordError if the objects of a record differ from those of its condition."""
     meta = record.metadata
     other = sorted({o.name for o in meta.scene.objects} ^ set(planned))
     if other:
         raise RecordError(
             f"{meta.task}/{meta.condition}/{meta.seed}: its objects are not those of its condition "
-            f"({one_line(other[0], most=80)} is in one of them alone). Collect the demonstration again."
+            f"({one_line(other[0], most=80)} is in only one of them). Collect the demonstration again."
         )
 
 
@@ -258,7 +258,7 @@ def _skill_of(
 
 
 def region_frame(state: WorldState, window: SkillWindow) -> Pose:
-    """Return the pose of the middle of the region at which a place lets go, ``T_world_region``."""
+    """Return the pose of the center of a placement's target region, ``T_world_region``."""
     middle = relation(window.relation).middle(state.info.object(window.target), window.region)
     return state.pose(window.target) @ Pose(middle)
 
@@ -273,7 +273,7 @@ def nearest_goal(
 ) -> tuple[float, float, float] | None:
     """Return the foot position of an object at the expert's goal nearest to a point [m], or None if all are far.
 
-    Goals account for object sizes and for objects that are at the target already, which a rigid transform does not.
+    Unlike a rigid transform, goals account for object sizes and for objects that are already at the target.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
@@ -285,7 +285,7 @@ def nearest_goal(
 
 
 def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
-    """Return the foot positions of an object at the goals of the expert [m], the best first, one per spot."""
+    """Return the foot positions of an object at the goals of the expert [m], the best first, one per position."""
     offset = foot_offset(state.info.object(window.object))
     found: list[tuple[float, float, float]] = []
     for goal in relation(window.relation).place_goals(state, window.object, window.target, window.region):
@@ -296,7 +296,7 @@ def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, fl
 
 
 def _slid_m(record: Record, window: SkillWindow) -> float:
-    """Return by how much the tool moves a drawer along its own x axis while the gripper is closed [m]."""
+    """Return the distance by which the tool moves a drawer along its own x axis while the gripper is closed [m]."""
     opened = window.change
     while opened + 1 < len(record) and record.gripper_command[opened + 1] > 0.0:
         opened += 1
@@ -307,10 +307,10 @@ def _slid_m(record: Record, window: SkillWindow) -> float:
 
 
 def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
-    """Return the shift ``T_object_object`` from a grasp of one asset to the same grasp of another one.
+    """Return the shift ``T_object_object`` from a grasp of one asset to the same grasp of another asset.
 
-    The grasp is compared with those that are annotated on its asset; the same one of the other asset takes its place.
-    The shift of an asset to itself is none, and there is none where no annotated grasp is near.
+    The grasp is matched with the annotated grasps of its asset, and replaced by the same one of the other asset. The
+    shift is the identity for the same asset, and if no annotated grasp is near.
     """
     if source is other or source.identity == other.identity or len(source.grasps) != len(other.grasps):
         return Pose()
@@ -328,6 +328,6 @@ def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
 
 
 def moved_along_x(pose: Pose, drawer: Pose, shift_m: float) -> Pose:
-    """Return a pose moved along the x axis of a drawer by so much [m]."""
+    """Return a pose moved along the x axis of a drawer by ``shift_m`` [m]."""
     dx, dy, dz = rotate(drawer.quaternion, (shift_m, 0.0, 0.0))
     return pose.translated(dx, dy, dz)

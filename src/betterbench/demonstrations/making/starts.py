@@ -1,9 +1,9 @@
-"""Start states: seeds of a set of demonstrations, chosen so that they cover the training distribution evenly.
+"""Starts: seeds of a set of demonstrations, chosen so that they cover the training distribution evenly.
 
-What a start draws is described by a few levels: the cell of the jitter region in which each thing that matters stands,
-how it is turned, and the set of looks. Each start is the best of a block of consecutive seeds: the one whose levels are
-the rarest so far. Blocks do not overlap and do not depend on how many starts there are, so a larger set holds the
-smaller one. A seed that has to be given up is replaced by the one of another block that is most like it.
+A start is described by a few levels: the cell of the jitter region in which each relevant object stands, its rotation,
+and the set of looks. Each start is the best of a block of consecutive seeds: the one with the rarest levels so far.
+Blocks do not overlap and do not depend on the number of starts, so a larger set contains the smaller one. A seed that
+has to be given up is replaced by the most similar one of another block.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from betterbench.tasks import Condition, Slot, Task, TrialId
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 FIRST_AMPLIFIED_SEED = 1_000_000_000
-"""First seed of amplified demonstrations, unless another one is asked for: far from those of their sources."""
+"""Default first seed of amplified demonstrations, far from the seeds of their sources."""
 GRID = 3
 """Cells of a slot's jitter region along each axis."""
 BLOCK = 32
-"""Consecutive seeds of which a start is the best."""
+"""Number of consecutive seeds from which a start is chosen."""
 SPARE_BLOCK = 256
-"""Consecutive seeds of which a replacement is the best."""
+"""Number of consecutive seeds from which a replacement is chosen."""
 SLOT_WEIGHT = 3
-"""Weight of another cell of a slot in the choice of a replacement; another turn or other looks weigh 1."""
+"""Weight of a different cell in the choice of a replacement; another rotation or other looks weigh 1."""
 SPARE_ROUNDS = 4
-"""Most replacements of a start."""
+"""Maximum number of replacements of a start."""
 SPARES_FROM = 20_000_000
 """Distance of the first spare seed from the first seed."""
 MOST_STARTS = 10_000
-"""Most starts per training condition: the blocks of so many end before the spares begin."""
+"""Maximum number of starts per training condition: their blocks end before the spare seeds begin."""
 
 Levels = Mapping[str, int]
-"""Level of each factor that a start draws, by its name."""
+"""Level of each factor of a start, by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
 
 
 def levels_of(task: Task, condition: Condition, seed: int) -> Levels:
-    """Return the levels of all factors that a seed draws, without building or simulating a scene."""
+    """Return the levels of all factors for a seed, without building or simulating a scene."""
     return _levels(task, _slots(task, condition), seed)
 
 
@@ -118,7 +118,7 @@ def _level(share: float) -> int:
 
 
 def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return the starts of a task, so many per training condition, or one number for all of them.
+    """Return the starts of a task: one number for each training condition, or one number for all conditions.
 
     Raises InvalidInputError if a number or the seed is out of range; tests never share a seed with demonstrations.
     """
@@ -134,9 +134,9 @@ def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int)
 
 
 def shared_out(total: int, parts: int) -> tuple[int, ...]:
-    """Return how many of ``total`` demonstrations each of so many conditions gets: at least one, the first ones more.
+    """Return the division of ``total`` demonstrations over ``parts`` conditions: at least one each, first ones more.
 
-    With a larger total no part gets fewer, so a larger set holds the smaller one.
+    With a larger total no part gets fewer, so a larger set contains the smaller one.
     """
     return tuple(max(1, total // parts + (part < total % parts)) for part in range(parts))
 
@@ -165,9 +165,9 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return the replacement of a planned start that is given up for the time ``round_``, from 1.
+    """Return the replacement of a planned start that is given up for the ``round_``-th time, from 1.
 
-    Every replacement is like the planned start, and not like the one before it. There is none after a few rounds.
+    Each replacement is similar to the planned start, not to the previous replacement. The number of rounds is limited.
     """
     if round_ > SPARE_ROUNDS:
         return None
@@ -187,7 +187,7 @@ def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> St
 
 
 def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return starts of which those of all conditions have the same seeds, chosen for the first one; raises the same."""
+    """Return starts with the same seeds in all conditions, chosen for the first one; raises the same errors."""
     most = max(numbers)
     first = planned_starts(task, [most] + [1] * (len(task.training) - 1), first_seed=first_seed)
     seeds = [start.seed for start in first if start.condition == task.training[0].name]
@@ -200,7 +200,7 @@ class FactorCoverage:
 
     Attributes:
         counts: Starts per level.
-        filled: Share of the levels that have any, of as many as the number of starts can fill.
+        filled: Share of the levels with a start, relative to the largest number that the starts can fill.
         evenness: Starts at the rarest level, against the mean over all levels.
     """
 

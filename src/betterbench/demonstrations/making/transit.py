@@ -1,4 +1,4 @@
-"""Transfer of the way to a skill: the same height, side, speed and pauses between other ends."""
+"""Transfer of the transit to a skill: the same height, side, speed and pauses between other end points."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from betterbench.geometry import Pose, Vector, angle_between, distance, horizont
 from betterbench.policies.experts.planner import CHECK_STEP_M
 
 LEAST_WAY_M = 0.05
-"""Horizontal length from which on a way has a direction [m]."""
+"""Minimum horizontal length of a transit with a direction [m]."""
 STRETCHED = (0.5, 2.0)
-"""By how much a way may be shortened or stretched between its ends."""
+"""Allowed factors by which a transit is shortened or stretched between its end points."""
 MOST_STEP_M, MOST_STEP_RAD = 0.03, 0.12
-"""Most motion and turn of a control step on a way that is carried over: 0.6 m/s and 2.4 rad/s."""
+"""Largest motion and rotation per control step of a transferred transit: 0.6 m/s and 2.4 rad/s."""
 CHECK_RAD = 0.25
-"""Most turn between two poses that are checked [rad]."""
+"""Largest rotation between two poses that are checked [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class TransitChange:
-    """Difference of a way from that of its source.
+    """Difference of a transit from that of its source.
 
     Attributes:
         aside_m: Displacement of its middle to the left, seen from above [m].
@@ -39,21 +39,20 @@ class TransitChange:
 def carry_transit(
     skill: SourceSkill, begin: int, start: Pose, goal: Pose, variation: TransitChange
 ) -> tuple[Pose, ...] | None:
-    """Return the way of a source to the step ``begin`` of a skill, between other ends, one pose per control step.
+    """Return the transit of a source to the step ``begin`` of a skill between other end points, one pose per step.
 
-    Seen from above it is turned and stretched along the line between its ends. How far aside of that line and how high
-    it runs stays as it is, up to the difference of its ends and what is varied.
+    Seen from above it is rotated and stretched along the line between its end points. Its sideways offset from that
+    line and its height are kept, up to the differences of its end points and the variation.
 
     Args:
         skill: The skill of the source.
-        begin: Step of its window at which the way ends.
-        start: Pose ``T_world_tcp`` at which it begins here.
-        goal: Pose at which it ends here.
-        variation: Difference from the way of the source.
+        begin: Step of its window at which the transit ends.
+        start: Pose ``T_world_tcp`` at its start here.
+        goal: Pose at its end here.
+        variation: Difference from the transit of the source.
 
     Returns:
-        None where the way is no longer that of the source: the gripper closed in vain on it, or it would have to be
-        stretched too much.
+        None if the transit cannot be transferred: it contains a missed grasp, or would be stretched too much.
     """
     if skill.lead_in is None:
         return None
@@ -71,7 +70,7 @@ def carry_transit(
     aside = variation.aside_m / math.hypot(vx, vy) if math.hypot(vx, vy) >= LEAST_WAY_M else 0.0
     moved = []
     for (x, y, z), share in zip(turned, (length / shares[-1] for length in shares), strict=True):
-        # Nothing at both ends, and no corner there either.
+        # Zero at both end points, and without a corner there.
         most = math.sin(math.pi * share) ** 2
         point = (
             x + share * ox - most * aside * vy,
@@ -83,7 +82,7 @@ def carry_transit(
 
 
 def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None:
-    """Return the points of a way turned and stretched as the line from start to goal asks, or None if by too much."""
+    """Return the points of a transit rotated and stretched to the line from start to goal, or None if by too much."""
     (ax, ay, az), b = way[0].position, way[-1].position
     there, here = horizontal_distance((ax, ay), b), horizontal_distance(start.position, goal.position)
     cos, sin, ux, uy, stretch = 1.0, 0.0, 1.0, 0.0, 1.0
@@ -106,9 +105,9 @@ def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None
 
 
 def retimed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
-    """Return a way of one pose per control step at another speed, with the same first and last pose.
+    """Return a transit of one pose per control step at another speed, with the same first and last pose.
 
-    No step moves or turns by more than an arm is sent to, so that a way may become slower than asked for.
+    Motion and rotation per step are limited, so a transit may become slower than requested.
     """
     if len(way) < 2:
         return tuple(way)
@@ -134,7 +133,7 @@ def _at_speed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
 
 
 def checkpoints(way: Sequence[Pose]) -> list[Pose]:
-    """Return some poses of a way that are close enough to each other to check it for collisions."""
+    """Return some poses of a transit that are close enough to each other for a collision check."""
     found = [way[0]]
     for pose, after in itertools.pairwise(way[1:]):
         far = distance(after.position, found[-1].position) > CHECK_STEP_M

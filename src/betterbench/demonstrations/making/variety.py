@@ -1,15 +1,15 @@
 """Variety: differences between the demonstrations of a set in the same motions.
 
-Demonstrations are compared that serve the same subgoal of the same condition with the same skill, each pair of them.
-Where a slot's jitter put the objects is taken out first, so that ten copies of one path to ten starts have no variety:
-paths are compared by how far they are off the straight line between what they lead from and to, grasps and approaches
-in the frame of the object. Every figure is the mean over pairs, so it does not depend on the size of the set.
+Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
+objects is removed first, so that ten copies of one path to ten starts have no variety: paths are compared by their
+offset from the straight line between their end points, grasps and approaches in the frame of the object. Every figure
+is the mean over pairs, so it does not depend on the size of the set.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,21 +18,22 @@ import numpy.typing as npt
 
 from betterbench.demonstrations.making.sources import region_frame
 from betterbench.geometry import Pose
+from betterbench.jobs import OnCount
 from betterbench.quoting import markdown_table, markdown_text
 from betterbench.records import Record, RunFolder, SkillWindow, subgoal_segments
 from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 SAMPLES = 40
-"""Points of a path that are compared, at equal shares of its length."""
+"""Number of points of a path that are compared, at equal shares of its length."""
 APPROACH_M = 0.05
-"""Last stretch of a path, whose direction is that of the approach [m]."""
+"""Length of the last stretch of a path, whose direction is the approach direction [m]."""
 MOST_COMPARED = 200
-"""Most demonstrations of a condition that are compared, the first ones in the order of their seeds."""
+"""Maximum number of demonstrations of a condition that are compared, in the order of their seeds."""
 
 _SAID = (
-    "Mean difference of two demonstrations of the same condition in the same motion. Slot jitter is taken out: paths "
-    "are compared by how far they are off the straight line between the objects that they lead from and to, approaches "
+    "Mean difference of two demonstrations of the same condition in the same motion. Slot jitter is removed: paths "
+    "are compared by their offset from the straight line between the objects at their ends, approaches "
     "and grasps in the frame of the object."
 )
 
@@ -44,14 +45,14 @@ class Spread:
     """Mean difference between two demonstrations in the same motion.
 
     Attributes:
-        path_cm: Distance of two paths of the tool at equal shares of their length, slot jitter taken out [cm].
-        height_cm: Difference of the greatest heights of the tool on the way [cm].
-        side_cm: Difference of how far aside of the straight line the middle half of the way runs [cm].
+        path_cm: Distance of two paths of the tool at equal shares of their length, without slot jitter [cm].
+        height_cm: Difference of the greatest heights of the tool [cm].
+        side_cm: Difference of the sideways offsets of the middle half of the path from the straight line [cm].
         approach_deg: Angle between the directions of the last 5 cm, in the frame of the object or region [deg].
-        duration_s: Difference of the times that the motions take [s].
-        grasp_cm: Distance of the tool centers when the gripper closes, in the frame of the object [cm]; None where
-            nothing is grasped.
-        grasp_deg: Turn between the tools at that time, likewise [deg].
+        duration_s: Difference of the durations of the motions [s].
+        grasp_cm: Distance of the tool centers when the gripper closes, in the frame of the object [cm]; None without a
+            grasp.
+        grasp_deg: Rotation between the tools at that time [deg]; None without a grasp.
     """
 
     path_cm: float
@@ -72,12 +73,12 @@ SPREADS: Mapping[str, str] = {
     "grasp_cm": "grasp [cm]",
     "grasp_deg": "turn [°]",
 }
-"""Heading of each number of a spread, by its name."""
+"""Heading of each number of a spread, by field name."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Differences between the demonstrations of a condition in one motion: to a grasp, or from there to its end.
+    """Differences between the demonstrations of a condition in one motion: to a grasp, or from a grasp to its end.
 
     Attributes:
         condition: Name of the condition.
@@ -100,7 +101,7 @@ class TaskVariety:
     Attributes:
         task: Name of the task.
         spread: Mean over the motions.
-        motions: Each motion of each condition that at least two demonstrations have.
+        motions: Each motion of each condition with at least two demonstrations.
     """
 
     task: str
@@ -113,12 +114,12 @@ class _Motion:
     """One motion of one demonstration.
 
     Attributes:
-        off: (SAMPLES, 3) how far the path is off the straight line from anchor to anchor [m].
-        height_m: Greatest height of the tool.
-        side_m: Mean distance of the middle half of the path to the left of that line, seen from above.
-        approach: Unit vector of the last stretch, in the frame of what it leads to.
-        duration_s: Time that it takes.
-        grasp: Tool in the frame of the object when the gripper closes; None where it opens.
+        off: (SAMPLES, 3) offset of the path from the straight line between its anchors [m].
+        height_m: Greatest height of the tool [m].
+        side_m: Mean offset of the middle half of the path to the left of that line, seen from above [m].
+        approach: Unit vector of the last stretch, in the frame of its object or region.
+        duration_s: Duration of the motion [s].
+        grasp: Tool in the frame of the object when the gripper closes; None if it opens.
     """
 
     off: npt.NDArray[np.float64]
@@ -130,14 +131,14 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Meter of the differences between the demonstrations of a set, which takes in one record after the other."""
+    """Meter of the differences between the demonstrations of a set, one record after the other."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}
         self._compared: Counter[tuple[str, str]] = Counter()
 
     def add(self, record: Record) -> None:
-        """Take in a demonstration; of a condition, the first :data:`MOST_COMPARED` successful ones count."""
+        """Add a demonstration; only the first :data:`MOST_COMPARED` successful ones of a condition are used."""
         of = (record.metadata.task, record.metadata.condition)
         if not record.outcome.success or self._compared[of] >= MOST_COMPARED:
             return
@@ -147,7 +148,7 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return the differences between demonstrations of the same conditions, by task; none for a single one."""
+        """Return the differences between demonstrations of the same conditions, by task; nothing for a single one."""
         found: dict[str, list[MotionVariety]] = {}
         for (task, condition), motions in sorted(self._found.items()):
             for (subgoal, skill), same in motions.items():
@@ -158,11 +159,11 @@ class VarietyMeter:
 
 
 def variety_of_run(
-    run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: Callable[[int, int], None] | None = None
+    run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: OnCount | None = None
 ) -> tuple[TaskVariety, ...]:
     """Return the differences between the successful demonstrations of a run, of some tasks or of all.
 
-    ``on_progress`` gets the number of records that were read and that of all. Raises RecordError if one cannot be read.
+    ``on_progress`` gets the number of records read and the total. Raises RecordError if a record cannot be read.
     """
     chosen = None if tasks is None else set(tasks)
     done = sorted(e.key for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen))
@@ -181,11 +182,7 @@ def variety_of_run(
 
 
 def mean_spread(spreads: Sequence[Spread]) -> Spread:
-    """Return the mean of spreads; a grasp counts where there is one.
-
-    Args:
-        spreads: One at least.
-    """
+    """Return the mean of at least one spread; grasps are averaged over the spreads that have one."""
     means: dict[str, float | None] = {}
     for name in SPREADS:
         values = [v for v in (getattr(spread, name) for spread in spreads) if v is not None]
@@ -194,7 +191,7 @@ def mean_spread(spreads: Sequence[Spread]) -> Spread:
 
 
 def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[str]:
-    """Return the lines about variety: a table of the demonstrations, each task after that of its sources."""
+    """Return the lines about variety: a table of the demonstrations, with each task below its sources."""
     if not variety:
         return ["## Variety", "", "No condition has two demonstrations that could be compared."]
     cells = [tuple(map(markdown_text, row)) for row in variety_rows(variety, sources)]
@@ -218,7 +215,7 @@ def _cells(spread: Spread) -> tuple[str, ...]:
 
 
 def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
-    """Return the motions of a demonstration by subgoal and skill; of one that was repeated, the last."""
+    """Return the motions of a demonstration by subgoal and skill; the last one if a motion was repeated."""
     meta = record.metadata
     condition = resolve_condition(meta.task, meta.condition).condition
     segments = subgoal_segments(record, condition)
@@ -227,7 +224,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
     for segment in segments:
         for window in segment.skills:
             if window.kind == "miss":
-                continue  # a part of the way to the grasp after it
+                continue  # part of the transit to the following grasp
             goal = _goal_of(record, window)
             if segment.subgoal and window.change - begin > 1:
                 found[segment.subgoal, window.kind] = _motion(record, window, begin, start, goal)
@@ -237,7 +234,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
 
 
 def _goal_of(record: Record, window: SkillWindow) -> Pose:
-    """Return the frame of what a motion leads to, when it gets there: the object, or the region of the target."""
+    """Return the frame at the end of a motion: the object, or the region of the target."""
     state = record.state(window.change - 1)
     if window.kind == "place" and window.target:
         return region_frame(state, window)
@@ -290,19 +287,19 @@ def _rounded(value: float) -> float:
 
 
 def _apart(paths: npt.NDArray[np.float64]) -> float:
-    """Return the mean distance of two of some paths, shape (paths, points, 3)."""
+    """Return the mean distance of pairs of paths, shape (paths, points, 3)."""
     sums = [np.linalg.norm(paths[i + 1 :] - paths[i], axis=2).mean(axis=1).sum() for i in range(len(paths) - 1)]
     return float(sum(sums)) / _pairs(len(paths))
 
 
 def _angle_apart(vectors: npt.NDArray[np.float64]) -> float:
-    """Return the mean angle of two of some unit vectors, shape (vectors, 3) [deg]."""
+    """Return the mean angle of pairs of unit vectors, shape (vectors, 3) [deg]."""
     angles = np.degrees(np.arccos(np.clip(vectors @ vectors.T, -1.0, 1.0)))
     return float(np.triu(angles, 1).sum()) / _pairs(len(vectors))
 
 
 def _turn_apart(quaternions: npt.NDArray[np.float64]) -> float:
-    """Return the mean turn between two of some rotations, shape (rotations, 4) [deg]."""
+    """Return the mean rotation between pairs of rotations, shape (rotations, 4) [deg]."""
     turns = np.degrees(2.0 * np.arccos(np.clip(np.abs(quaternions @ quaternions.T), 0.0, 1.0)))
     return float(np.triu(turns, 1).sum()) / _pairs(len(quaternions))
 

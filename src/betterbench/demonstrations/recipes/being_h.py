@@ -1,4 +1,4 @@
-"""Being-H0.5: a data configuration for our layout, packed sequences of the wanted batch, and its own trainer.
+"""Being-H0.5: a data configuration for our layout, sequence packing to the required batch, and its own trainer.
 
 Fields: BeingBeyond/Being-H@594219ea, ``BeingH/train/train.py`` (arguments), ``scripts/train/train_libero_example.sh``
 (values), ``configs/data_config.py`` and ``configs/dataset_info.py`` (registries).
@@ -48,7 +48,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",
-            "Being-H cannot leave the state out: dropout of 1.0 would train without what is served",
+            "Being-H cannot leave the state out: a dropout of 1.0 would train without an input that is served",
             "Write a constant state into the data and serve the same constant, or leave the field out",
         )
     settings = _settings(training)
@@ -71,7 +71,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
     checks = [
         exposure(training),
         (
-            f"A GPU fills its sequence until it holds {values['--expected_num_tokens']} tokens: {per_gpu} samples of "
+            f"A GPU fills its sequence up to {values['--expected_num_tokens']} tokens: {per_gpu} samples of "
             f"{training.sample_tokens}, which is an estimate. The log says num_gen (samples of a step, all GPUs) every "
             f"100 steps; if it is not about {recipe.batch}, give --sample-tokens {values['--expected_num_tokens']} * "
             f"{training.gpus} / num_gen and start anew."
@@ -79,7 +79,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
         _kept(values["--save_steps"], values["--save_steps_start"], recipe.steps),
         *(() if ours else (_COLUMNS,)),
         "The weight of the data is written out: left out it would be 0, and the run would stop.",
-        "freeze_llm would freeze the action expert too; what freezes the backbone is freeze_mllm.",
+        "freeze_llm would freeze the action expert too; use freeze_mllm to freeze the backbone.",
         "A training that is resumed begins the data anew.",
         "BEING_H_PROMPT is the prompt template of Being-H's own evaluation script, which betterbench does not copy.",
     ]

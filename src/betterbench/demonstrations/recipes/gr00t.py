@@ -42,7 +42,7 @@ def gr00t_setup(training: Training) -> TrainerSetup:
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",
-            "GR00T cannot leave the state out: dropout of 1.0 would train without what is served",
+            "GR00T cannot leave the state out: a dropout of 1.0 would train without an input that is served",
             "Write a constant state into the data and serve the same constant, or leave the field out",
         )
     parts, origin, where = recipe.frozen_parts("gr00t")
@@ -82,14 +82,14 @@ def gr00t_setup(training: Training) -> TrainerSetup:
         exposure(training),
         "Download the checkpoint first: huggingface-cli download nvidia/GR00T-N1.6-3B --local-dir GR00T-N1.6-3B",
         (
-            "tune_llm False alone does not freeze the language model: its top 4 layers are trained as long as the "
+            "tune_llm False alone does not freeze the language model: its top 4 layers are trained if the "
             "checkpoint's config.json says tune_top_llm_layers 4, and the launcher has no flag for that. The copy says "
             f"{top}; check_frozen.py compares the weights afterwards."
         ),
         *(() if data.preset or recipe.benchmark != "calvin" else (_CALVIN,)),
-        "Frozen vision also freezes what connects it with the language model.",
+        "Freezing vision also freezes its connector to the language model.",
         "The published LIBERO recipes of NVIDIA differ: batch 640, 20,000 steps, and state dropout 0.8 for LIBERO-10.",
-        *(f"{number} hardly moves: normalization by its range blows it up." for number in data.still),
+        *(f"{number} is nearly constant: normalization by its range amplifies it." for number in data.still),
     )
     return TrainerSetup("GR00T N1.6", UPSTREAM, files, settings, tuple(commands), _evaluation(training), checks)
 

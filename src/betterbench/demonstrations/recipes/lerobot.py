@@ -1,7 +1,7 @@
-"""LeRobot: a ``train_config.json`` that its own ``TrainPipelineConfig`` reads, for several types of policies.
+"""LeRobot: a ``train_config.json`` for its own ``TrainPipelineConfig``, for several types of policies.
 
 Fields: huggingface/lerobot 0.4.4 and 0.6.1, ``configs/train.py``, ``configs/default.py`` and
-``policies/*/configuration_*.py``. Only fields that both releases know are written, but for policies that came later.
+``policies/*/configuration_*.py``. Only fields of both releases are written, except for policies that came later.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def lerobot_setup(training: Training) -> TrainerSetup:
     """Return the setup of LeRobot.
 
     Raises:
-        UnknownNameError: If there is no such policy.
+        UnknownNameError: If the policy type does not exist.
         InvalidInputError: If the recipe does not fit it.
     """
     recipe, data, policy = training.recipe, training.only_data, training.policy
@@ -46,7 +46,7 @@ def lerobot_setup(training: Training) -> TrainerSetup:
     if recipe.form.proprioception is False:
         raise InvalidInputError(
             "proprioception",
-            "no policy of LeRobot is known to train without observation.state",
+            "no known policy of LeRobot can be trained without observation.state",
             "Leave the field out, or take openpi",
         )
     settings = _settings(training)
@@ -58,17 +58,17 @@ def lerobot_setup(training: Training) -> TrainerSetup:
     commands.append(("Train", f'{start} --config_path="$HERE/train_config.json"'))
     checks = [
         exposure(training),
-        f"The batch is {training.batch_of_gpu} on each of {training.gpus} GPUs: batch_size is that of one process.",
-        "Several data sets cannot be mixed by LeRobot; merge them into one before.",
+        f"The batch is {training.batch_of_gpu} on each of {training.gpus} GPUs: batch_size applies to one process.",
+        "LeRobot cannot mix several data sets; merge them into one first.",
     ]
     if policy in _WITHOUT_LANGUAGE:
-        checks.append(f"{policy} reads no instruction: export and train it per task (better export --tasks).")
+        checks.append(f"{policy} does not use the instruction: export and train it per task (better export --tasks).")
     else:
         checks.append(f"{policy} loads a tokenizer or a backbone from the Hugging Face hub.")
     if policy == "multi_task_dit":
         checks.append("multi_task_dit came with LeRobot 0.5.1.")
     if policy in ("pi0", "pi05"):
-        checks += [f"{number} hardly moves: normalization blows it up." for number in data.still]
+        checks += [f"{number} is nearly constant: normalization amplifies it." for number in data.still]
     return TrainerSetup(
         "LeRobot",
         UPSTREAM,
@@ -87,10 +87,10 @@ def _settings(training: Training) -> tuple[Setting, ...]:
     hub = not data.preset and data.place == LIBERO_DATA
     chunk, default = known["chunk"]
     executed, steps = known["executed"]
-    # A policy with a horizon sees two steps, of which the first lies before now.
+    # A policy with a horizon uses two steps; the first one is in the past.
     longest = (form.chunk or default) - (chunk == "horizon")
     if policy == "diffusion" and (form.chunk or default) % _DOWNSAMPLED:
-        problem = f"diffusion halves its horizon three times, and {form.chunk} is no multiple of {_DOWNSAMPLED}"
+        problem = f"diffusion halves its horizon three times, but {form.chunk} is not a multiple of {_DOWNSAMPLED}"
         raise InvalidInputError("chunk", problem, "Give 8, 16, 24 or more, or leave it out")
     if longest < 1:
         raise InvalidInputError("chunk", f"{policy} needs two steps at least", "Give more, or leave it out")

@@ -25,11 +25,11 @@ LIBERO_DATA = "physical-intelligence/libero"
 _OWN = "pi05_libero"
 
 _STATELESS = (
-    "The policy sees no state of the robot: pi0.5 reads it only from the prompt, and discrete_state_input is False as "
+    "The policy gets no state of the robot: pi0.5 reads it only from the prompt, and discrete_state_input is False as "
     "in pi05_libero (openpi issue 687). proprioception: true in the recipe writes it into the prompt."
 )
 _COLUMNS = "The data need the columns image, wrist_image, state (8) and actions (7: deltas and the gripper)."
-_STATE = "The state of the robot stands in the prompt, as 256 bins; pi05_libero itself shows none."
+_STATE = "The state of the robot is in the prompt, as 256 bins; pi05_libero itself has none."
 
 _FREEZE = {
     (): "nnx.Nothing()",
@@ -55,7 +55,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
     if not _on_hub(data):
         linked = 'mkdir -p "$HF_LEROBOT_HOME/local" && ln -sfn '
         linked += f'"$(realpath -- {shell_word(data.place)})" "$HF_LEROBOT_HOME"/{shell_word(repo_id)}'
-        commands.append(("Put the data set where openpi looks for it", linked))
+        commands.append(("Link the data set into openpi's folder", linked))
     last = recipe.steps - 1
     commands += [
         ("From openpi's folder: statistics for normalization", f"{run} norm-stats"),
@@ -69,7 +69,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
         _STATELESS if not values["model.discrete_state_input"] else _STATE,
     ]
     checks += [_COLUMNS] * (not data.preset and not _on_hub(data))
-    checks += [f"{number} hardly moves: normalization by quantiles blows it up." for number in data.still]
+    checks += [f"{number} is nearly constant: normalization by quantiles amplifies it." for number in data.still]
     return TrainerSetup(
         "openpi",
         UPSTREAM,

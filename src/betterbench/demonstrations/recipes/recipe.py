@@ -1,4 +1,4 @@
-"""Recipe of fine-tuning: the values that the paper fixes for all frameworks, and the source of each value."""
+"""Fine-tuning recipe: the values that the paper prescribes for all frameworks, and the source of each value."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Benchmark = Literal["better", "libero", "calvin"]
 Origin = Literal["paper", "upstream", "recipe", "ours"]
 """Origin of a value: the paper, the framework's own recipe, the user's recipe file, or betterbench."""
 
-_CURE = "Correct the recipe; docs/recipes.md shows one"
+_CURE = "Correct the recipe; see docs/recipes.md for an example"
 
 Positive = Annotated[int, Field(ge=1, le=100_000_000)]
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One field of a framework's configuration, with its value and where that comes from."""
+    """One field of a framework's configuration, with its value and its source."""
 
     name: str
     value: Any
@@ -38,7 +38,7 @@ class Setting:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RecipeForm:
-    """Form of a recipe file; fields that it leaves out have the values of the recipe that it extends."""
+    """Form of a recipe file; missing fields have the values of the recipe that it extends."""
 
     extends: Benchmark = "better"
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")] | None = None
@@ -57,12 +57,12 @@ _FORM = TypeAdapter(RecipeForm)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Resolved recipe: every value is decided, or left to the framework (None).
+    """Resolved recipe: every value is set, or left to the framework (None).
 
     Attributes:
-        name: Goes into names of configurations and folders.
+        name: Part of the names of configurations and folders.
         form: Content of the user's file.
-        fixed: Values that the paper fixes, with their place in it: ``steps``, ``batch``.
+        fixed: Values prescribed by the paper, with their place in it: ``steps``, ``batch``.
         frozen: Frozen parts of the backbone by framework, with their place in the paper.
     """
 
@@ -88,7 +88,7 @@ class Recipe:
         return self.form.save_every or self.saved_every(5000)
 
     def saved_every(self, usual: int) -> int:
-        """Return the usual number of steps between checkpoints, if one is then left at the end; else all steps."""
+        """Return the usual number of steps between checkpoints if the last step is then saved; else all steps."""
         return usual if self.steps % usual == 0 else self.steps
 
     def setting(self, name: str, field: Literal["steps", "batch"]) -> Setting:
@@ -97,7 +97,7 @@ class Recipe:
         return given_or(name, given, self.fixed[field][0], "paper", self.fixed[field][1])
 
     def frozen_parts(self, framework: Framework) -> tuple[tuple[Backbone, ...] | None, Origin, str]:
-        """Return the frozen parts of a framework's backbone, None where it decides itself, and who says so."""
+        """Return the frozen parts of a framework's backbone (None for its own default), and the source."""
         given = (self.form.frozen or {}).get(framework)
         if given is not None:
             return given, "recipe", "frozen"
@@ -108,12 +108,12 @@ class Recipe:
 
 
 def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
-    """Return a field with what the recipe file gives, or else with another value and its origin."""
+    """Return a field with the value of the recipe file, or else another value with its origin."""
     return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
 
 
 def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
-    """Return a recipe: one of the paper's by name, or that of a file's fields.
+    """Return a recipe: one of the paper's by name, or one from the fields of a file.
 
     Args:
         form: ``better``, ``libero`` or ``calvin``, or a map of fields.

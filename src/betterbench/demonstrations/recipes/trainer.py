@@ -1,4 +1,4 @@
-"""Setup of a framework for a recipe: its files, its fields with their sources, and the checks left to a person."""
+"""Setup of a framework for a recipe: its files, its fields with their sources, and the remaining manual checks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.json_form import open_form, open_seal, read_bounded, read_form
 from betterbench.quoting import ShellText, shell_line, shell_word
 
 SOURCE_FILE = Path("meta/betterbench.json")
-_CURE = "Name a folder that better export wrote, or one that is not here yet"
+_CURE = "Name a folder written by better export, or one that does not exist yet"
 _MAX_META_BYTES = 1 << 28
 
 
@@ -29,10 +29,10 @@ class TrainingData:
 
     Attributes:
         place: Folder, or the name of a data set on the Hugging Face hub.
-        preset: Layout of an export of ours; empty for other data.
+        preset: Layout of an export of betterbench; empty for other data.
         frames: Number of its frames, if it is here.
         quality: Render quality of its images.
-        still: Numbers that hardly move, which normalization blows up.
+        still: Nearly constant components, which normalization amplifies.
     """
 
     place: str
@@ -52,9 +52,9 @@ class Training:
     """Requested training.
 
     Attributes:
-        data: Its data sets: one, or several where the framework mixes them.
+        data: Its data sets: one, or several if the framework can mix them.
         gpus: Number of GPUs.
-        weights: Initial weights; those that the framework publishes if None.
+        weights: Initial weights; the framework's published ones if None.
         policy: Type of policy, for LeRobot.
         sample_tokens: Tokens of one sample, for Being-H's packing.
     """
@@ -67,11 +67,11 @@ class Training:
     sample_tokens: int = 220
 
     def __post_init__(self) -> None:
-        """Refuse numbers and places that mean nothing; raises InvalidInputError."""
+        """Refuse invalid numbers and places; raises InvalidInputError."""
         require_between("--gpus", self.gpus, 1, 4096)
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
         if self.weights is not None and not _is_place(self.weights):
-            raise InvalidInputError("--weights", f"{self.weights!r} is no place of weights", "Name a file or a folder")
+            raise InvalidInputError("--weights", f"{self.weights!r} is not a place", "Name a file or a folder")
 
     @property
     def only_data(self) -> TrainingData:
@@ -79,25 +79,23 @@ class Training:
         if len(self.data) != 1:
             raise InvalidInputError(
                 "--data",
-                f"{len(self.data)} are given, and this trainer reads one",
-                "Merge them into one data set before",
+                f"{len(self.data)} are given, but this trainer reads one",
+                "Merge them into one data set first",
             )
         return self.data[0]
 
     @property
     def batch_of_gpu(self) -> int:
-        """Samples of one GPU in one step; raises InvalidInputError if the batch cannot be divided."""
+        """Samples of one GPU in one step; raises InvalidInputError if the batch is not divisible by the GPUs."""
         batch = self.recipe.batch
         if batch % self.gpus:
             divisors = ", ".join(str(n) for n in range(1, batch + 1) if batch % n == 0)
-            raise InvalidInputError(
-                "--gpus", f"a batch of {batch} cannot be divided by {self.gpus}", f"Give {divisors}"
-            )
+            raise InvalidInputError("--gpus", f"a batch of {batch} is not divisible by {self.gpus}", f"Give {divisors}")
         return batch // self.gpus
 
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
-"""Names of data sets that every trainer takes, as part of a path, of a command and of YAML."""
+"""Names of data sets that are valid for every trainer, as part of a path, of a command and of YAML."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +103,12 @@ class TrainerSetup:
     """Setup of a framework: files, configuration fields, commands and checks.
 
     Attributes:
-        upstream: Repository and commit (or release) that the fields were read from.
+        upstream: Repository and commit (or release) from which the fields were read.
         files: Content by name.
         settings: The fields of the framework's configuration.
         commands: Titles and command lines, in order.
-        evaluation: The command that evaluates what was trained.
-        checks: Checks that a person has to make, because the framework does not report the error.
+        evaluation: The command that evaluates the trained policy.
+        checks: Manual checks, for errors that the framework does not report.
     """
 
     framework: str
@@ -123,20 +121,20 @@ class TrainerSetup:
 
 
 def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
-    """Return the description of a data set, as far as its files are present.
+    """Return the description of a data set from the files that are present.
 
     Args:
-        place: Its folder; for other benchmarks than ours also a name on the hub.
-        preset: Layout that the trainer needs, for data of ours.
-        version: Version of LeRobot's format that it reads ("v2.1", "v3.0").
+        place: Its folder; for other benchmarks also a name on the hub.
+        preset: Layout that the trainer needs, for data of betterbench.
+        version: Version of LeRobot's format that the trainer reads ("v2.1", "v3.0").
         benchmark: Benchmark of the recipe.
 
     Raises:
-        InvalidInputError: If it is here and is not what the trainer needs.
+        InvalidInputError: If it exists here but does not fit the trainer.
     """
     folder = Path(place)
     if not _is_place(place):
-        raise InvalidInputError("--data", f"{place!r} is no place of a data set", "Name its folder")
+        raise InvalidInputError("--data", f"{place!r} is not a place of a data set", "Name its folder")
     if not _NAME.fullmatch(folder.name):
         problem = f"{folder.name!r}, the last part of {place!r}, cannot name a data set"
         raise InvalidInputError("--data", problem, "Rename the folder: letters, digits, '_', '.' and '-'")
@@ -151,7 +149,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
     cure = f"Make it with better export RUN --to {to} --preset {preset} --out {shell_word(place)}"
     if source.layout.adapter.name != preset:
         found = one_line(source.layout.adapter.name, most=80)
-        raise InvalidInputError(place, f"its layout is {found}, and this trainer needs {preset}", cure)
+        raise InvalidInputError(place, f"its layout is {found}, but this trainer needs {preset}", cure)
     info = _read(folder / "meta/info.json", _INFO)
     if info.codebase_version != version:
         found = one_line(info.codebase_version, most=80)
@@ -165,7 +163,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
             if high - low < STILL
         )
     except (KeyError, ValueError, ValidationError) as error:
-        problem = f"its meta files do not fit each other ({one_line(repr(error), most=200)})"
+        problem = f"its meta files are inconsistent ({one_line(repr(error), most=200)})"
         raise InvalidInputError(place, problem, cure) from error
     return TrainingData(place, preset, info.total_frames, source.quality, still)
 
@@ -219,7 +217,7 @@ def _is_place(text: str) -> bool:
 
 
 def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
-    """Return the command that makes a data set of ours."""
+    """Return the command that exports a data set of betterbench."""
     words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
     words += ["--images", images] * (images != "video") + ["--out", place or data.place]
     return shell_line(words)
@@ -228,14 +226,14 @@ def export_line(data: TrainingData, to: str, *, images: str = "video", place: st
 def evaluation_lines(
     recipe: Recipe, data: TrainingData, *, address: str, on_libero: str, libero_address: str | None = None
 ) -> str:
-    """Return the commands that evaluate what was trained: on our suite, or as its own benchmark does.
+    """Return the commands that evaluate the trained policy: on our suite, or with its own benchmark.
 
     Args:
         recipe: Recipe of the training.
         data: Data set of the training.
-        address: Policy of a recipe for our suite.
-        on_libero: The framework's own evaluation of a recipe for LIBERO.
-        libero_address: Policy of a recipe for LIBERO on our suite, where it can be asked there.
+        address: Policy address for a recipe of our suite.
+        on_libero: The framework's own evaluation for a recipe of LIBERO.
+        libero_address: Policy address on our suite for a recipe of LIBERO, if that is possible.
     """
     if recipe.benchmark == "better":
         return _evaluation_line(address, recipe, data)
@@ -254,7 +252,7 @@ def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
 
 
 def own_file(file: str) -> ShellText:
-    """Return the word of the shell for a file of the recipe's own folder; its name is ours."""
+    """Return a file of the recipe's own folder as a word of the shell."""
     return ShellText(f'"$HERE/{file}"')
 
 
@@ -264,13 +262,13 @@ def flag_lines(command: str, flags: Sequence[tuple[str, str]]) -> str:
 
 
 def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
-    """Return a file that a framework reads: a template of this package with texts in the places that it names."""
+    """Return a template of this package with its placeholders filled, as a file for a framework."""
     file = importlib.resources.files("betterbench.demonstrations.recipes") / "data" / name
     return Template(file.read_text(encoding="utf-8")).substitute(texts or {})
 
 
 def exposure(training: Training) -> str:
-    """Return the number of times that each frame is seen, if the number of frames is known."""
+    """Return how often each frame is used in training, if the number of frames is known."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

@@ -55,27 +55,27 @@ def trainer_setup(
     Args:
         framework: The framework.
         recipe: The recipe.
-        data: Places of the data sets; for LIBERO the published set where the framework has one.
+        data: Places of the data sets; for LIBERO by default the published set, if the framework has one.
         gpus: Number of GPUs.
-        weights: Initial weights; those that the framework publishes if None.
+        weights: Initial weights; the framework's published ones if None.
         policy: Type of policy, for LeRobot.
         sample_tokens: Tokens of one sample, for Being-H's packing.
 
     Raises:
         InvalidInputError: If the data sets or the recipe do not fit the framework.
-        UnknownNameError: If LeRobot has no such policy.
+        UnknownNameError: If LeRobot does not have the policy type.
     """
     trainer = _TRAINERS[framework]
     published = getattr(trainer.module, "LIBERO_DATA", None) if recipe.benchmark == "libero" else None
     places = tuple(data) or ((published,) if published else ())
     if not places:
-        raise InvalidInputError("--data", "is missing", "Name the folder of the data set, here or where it is trained")
+        raise InvalidInputError("--data", "is missing", "Name the folder of the data set, here or on the trainer")
     preset, version = trainer.module.PRESET, trainer.module.VERSION
     found = tuple(data_of(place, preset=preset, version=version, benchmark=recipe.benchmark) for place in places)
     training = Training(recipe, found, gpus=gpus, weights=weights, policy=policy, sample_tokens=sample_tokens)
     setup = trainer.setup(training)
     apart = tuple(
-        f"{place} is not here: it is read relative to the folder in which a command is given."
+        f"{place} does not exist here: paths are relative to the folder in which a command is run."
         for place in places
         if place != published and not Path(place).is_absolute() and not Path(place).exists()
     )
@@ -95,26 +95,25 @@ def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
 
 
 def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False) -> None:
-    """Write the files of a recipe into a folder; the same files are left as they are.
+    """Write the files of a recipe into a folder; files with the same content are kept.
 
     Raises:
-        RunConflictError: If the folder holds another recipe, or files that are not ours, unless they may be
-            overwritten.
-        OSError: If it cannot be written.
+        RunConflictError: If the folder contains another recipe, or files of others, and may not be overwritten.
+        OSError: If the folder cannot be written.
     """
     wanted = {name: text.encode() for name, text in files.items()}
     with OutputFolder(out, "recipe", overwrite=overwrite, is_ours=lambda: _is_recipe(out)):
         others = [name for name, data in wanted.items() if (out / name).exists() and read_ordinary(out / name) != data]
         if others and not overwrite:
             raise RunConflictError(
-                f"{out}: it holds another {others[0]}. Choose another folder, or give --overwrite to replace it."
+                f"{out}: it contains another {others[0]}. Choose another folder, or give --overwrite to replace it."
             )
         for name, data in wanted.items():
             write_durably(out / name, data)
 
 
 def _is_recipe(out: Path) -> bool:
-    """Tell whether a folder holds the fields of a recipe."""
+    """Tell whether a folder contains the fields of a recipe."""
     try:
         form = read_object(out / "fields.json", max_bytes=_MOST_BYTES, cure="")
     except InvalidInputError:
@@ -126,7 +125,7 @@ def _commands(setup: TrainerSetup) -> str:
     lines = [
         "#!/usr/bin/env bash",
         f"# {setup.framework} ({setup.upstream}). Look at README.md first.",
-        "# Each step runs in the environment that its title names, so this file is rather read than run.",
+        "# Each step runs in the environment in its title, so run the steps one by one instead of this file.",
         "set -euo pipefail",
         'HERE="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"',
     ]
@@ -150,8 +149,8 @@ def _page(setup: TrainerSetup, recipe: Recipe) -> str:
         "",
         *markdown_table(("field", "value", "decided by", "where"), map(_row, setup.settings)),
         "",
-        "The paper gives steps, batch and frozen parts. What it does not give is taken from the framework's own recipe",
-        "and is not claimed to be what the paper used.",
+        "The paper gives steps, batch and frozen parts. All other values are taken from the framework's own recipe",
+        "and may differ from those used in the paper.",
         "",
     ]
     return "\n".join(lines)

@@ -1,1 +1,1 @@
-"""Training sets: demonstrations of a regime, proven to show it and nothing else, with card, statistics and audit."""
+"""Training sets: demonstrations of exactly one regime, with a proof, card, statistics and audit."""

@@ -1,7 +1,7 @@
 """Production of a training set: demonstrations, their proof, and the files that are derived from them.
 
-``OUT/recipe.json`` says what is made, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the
-files beside them follow from the records alone. ``OUT/dataset.json`` is written last: with it the set is whole.
+``OUT/recipe.json`` is the recipe, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the other
+files are derived from the records. ``OUT/dataset.json`` is written last and marks the set as complete.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.tasks import TrialId, get_task
 
 SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
-"""Folders within a dataset: of what the expert gave where the rest is carried over, and of the set itself."""
+"""Folders within a dataset: the expert's demonstrations for amplification, and the set itself."""
 
 OnStage = Callable[[str, int, int, str], None]
-"""Called with the name of a stage, how much of it is done, of how much, and a note."""
+"""Called with the name of a stage, its progress, its total, and a note."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +47,15 @@ class MadeDataset:
     Attributes:
         path: Its folder.
         sha256: Hash of its demonstrations.
-        command: The command that makes the same set again.
+        command: The command that reproduces the set.
         demonstrations: Number of demonstrations.
         steps: Their control steps.
-        missing: Starts at which no attempt was accepted and that nothing took the place of.
+        missing: Number of starts without an accepted attempt and without a replacement.
         audit: Its shortcut audit; None if no task has enough demonstrations.
-        prediction: The prediction from the audit; None likewise.
+        prediction: The prediction from the audit; None without an audit.
         pairs: Its twins.
         variety: Differences between its demonstrations, by task.
-        sources: The same of those that they were carried over from; none where there are none.
+        sources: Differences between their sources; None without sources.
     """
 
     path: Path
@@ -80,21 +80,22 @@ def make_dataset(
     overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
-    """Make the training set of a recipe in a folder; the same call resumes it, and makes the same bytes.
+    """Make the training set of a recipe in a folder; the same call resumes it and gives the same bytes.
 
     Args:
         recipe: Recipe of the set.
         out: Folder of the set.
         workers: Worker processes.
         pictures: Draw a sheet of starts per task.
-        overwrite: Replace files of the set that somebody has changed.
-        on_progress: Called as each stage goes on.
+        overwrite: Replace files of the set that were changed by hand.
+        on_progress: Called with the progress of each stage.
 
     Raises:
-        InvalidInputError: If a number is out of range, or a task has no such regime or no measured support.
-        UnknownNameError: If there is no such task.
-        RunConflictError: If the folder holds another dataset, or another process writes to it.
-        RecordError: If a record is damaged, or shows anything outside the regime.
+        InvalidInputError: If a number is out of range, or a task lacks the regime or its training support was not
+            measured.
+        UnknownNameError: If a task does not exist.
+        RunConflictError: If the folder contains another dataset, or another process writes to it.
+        RecordError: If a record is damaged, or shows behavior outside the regime.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
@@ -107,7 +108,7 @@ def make_dataset(
 
 
 def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures: bool) -> MadeDataset:
-    """Make the set in a folder that is locked."""
+    """Make the set in a locked folder."""
     keep_recipe(recipe, out)
     (out / "dataset.json").unlink(missing_ok=True)
     run = _demonstrations(recipe, out, workers, tell)
@@ -170,7 +171,7 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 def _proven(
     run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
-    """Return numbers, facts and variety of all records, each proven to show the regime and nothing outside it."""
+    """Return numbers, facts and variety of all records, after the proof that each shows only the regime."""
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):
@@ -197,7 +198,7 @@ def _missing(recipe: SetRecipe, there: int) -> int:
 
 
 def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> Mapping[str, str]:
-    """Draw a sheet of starts per task, and return its file, or why there is none."""
+    """Draw a sheet of starts per task, and return its file, or why it is missing."""
     found: dict[str, str] = {}
     tasks = list(dict.fromkeys(trial.task for trial in trials))
     for count, task in enumerate(tasks, start=1):
@@ -221,7 +222,7 @@ def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> 
 def _write(
     made: MadeDataset, recipe: SetRecipe, numbers: SetNumbers, split: Mapping[str, list[str]], sheets: Mapping[str, str]
 ) -> None:
-    """Write everything that is derived, dataset.json last."""
+    """Write all derived files, dataset.json last."""
     out, counts = made.path, numbers.counts()
     write_durably(out / "split.json", _json(split))
     write_durably(out / "statistics.json", _json(numbers.statistics()))

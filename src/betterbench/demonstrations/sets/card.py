@@ -1,4 +1,4 @@
-"""The card of a training set: README.md with counts, lengths, ranges, pictures, shortcuts and how to make it again."""
+"""The card of a training set: README.md with counts, lengths, ranges, pictures, shortcuts and the command."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from betterbench.tasks.interventions.listed_regimes import crossed_in
 
 MOST_FORECASTS = 15
 PROVEN = (
-    "Each was proven from its states to start in a condition of this regime, to do what is asked in the order asked, "
-    "to handle things only where certified demonstrations do, and to show no test of another regime."
+    "Each was proven from its states to start in a condition of this regime, to follow the instruction in its order, "
+    "to handle objects only where certified demonstrations do, and to show no test of another regime."
 )
 RANGES = "Ranges over the training frames; `statistics.json` has mean, deviation and quantiles of actions and states."
 ABOUT_REGIME = {
-    "training": "The training conditions of each task with their confounds: words, places and orders that go together.",
+    "training": "The training conditions of each task with their confounds: associated words, slots and orders.",
     "balanced": (
-        "The control arm: as many demonstrations of the same skills (and one of each condition at least), with words, "
-        "places, orders and objects crossed by conditions other than the tests."
+        "The control arm: as many demonstrations of the same skills (and at least one of each condition), with words, "
+        "slots, orders and objects crossed in conditions other than the tests."
     ),
     "diverse-confounded": (
         "The control arm for diversity: as many conditions as the balanced regime, with as many layouts and objects "
-        "beside the requested ones, in which each word stays tied to its place."
+        "beside the requested ones, in which each word stays tied to its slot."
     ),
     "covered": (
-        "The test conditions themselves: what a policy that learned from them solves can be learned, and what it alone "
-        "solves is not generalized. A policy trained on this set is not tested by the same variations."
+        "The test conditions themselves. They show which tests can be learned at all; success on them is not "
+        "generalization. A policy trained on this set is not tested by the same variations."
     ),
 }
 
@@ -44,9 +44,9 @@ class CardFacts:
     """Content of a card beside the recipe.
 
     Attributes:
-        sheets: File of the picture of each task, relative to the card, or why there is none.
+        sheets: File of the picture of each task, relative to the card, or the reason why it is missing.
         variety: Differences between the demonstrations, by task.
-        sources: The same of those that they were carried over from.
+        sources: Differences between the source demonstrations.
     """
 
     sha256: str
@@ -79,7 +79,7 @@ def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
         "",
         PROVEN,
         "",
-        f"Hash of the set: `{facts.sha256}`. This command makes it again and compares the hash:",
+        f"Hash of the set: `{facts.sha256}`. This command reproduces the set and compares the hash:",
         "",
         "```sh",
         facts.command,
@@ -118,11 +118,11 @@ def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
 
 
 def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
-    """Yield one section per task: its picture, what is crossed, its pairs."""
+    """Yield one section per task: its picture, its crossed factors, and its pairs."""
     pairs = pairs_by_task(facts.pairs)
     for task in recipe.tasks:
         yield from ("", f"## {markdown_text(task)}", "")
-        file = facts.sheets.get(task, "none: it was not asked for")
+        file = facts.sheets.get(task, "none: not requested")
         shown = (
             f"![Starts of {markdown_text(task)}]({markdown_address(file)})"
             if file.endswith(".jpg")
@@ -140,13 +140,13 @@ def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
 
 def _shortcut_lines(facts: CardFacts) -> Iterator[str]:
     if facts.audit is None or facts.prediction is None:
-        yield from ("", "## Shortcuts", "", "There are too few demonstrations to say anything.")
+        yield from ("", "## Shortcuts", "", "There are too few demonstrations for an audit.")
         return
     yield from ("", "## Shortcuts", "", *audit_lines(facts.audit))
     yield from (
         "## Prediction",
         "",
-        "Which variations a learner of this set fails, said before training:",
+        "Variations that a learner of this set is predicted to fail, before training:",
         "",
     )
     if unsure := doubt(facts.audit, facts.prediction):

@@ -22,7 +22,7 @@ STATE = (
     "finger_width_m",
     *(f"joint_{i}_rad" for i in range(1, 8)),
 )
-"""Names of the numbers of the state, in their order."""
+"""Names of the components of the state, in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class ConditionCounts:
 
 
 class SetNumbers:
-    """Accumulator of the numbers of a set, which takes in one record after the other."""
+    """Accumulator of the numbers of a set, one record after the other."""
 
     def __init__(self, held_out: frozenset[int]) -> None:
         self._held_out = held_out
@@ -52,7 +52,7 @@ class SetNumbers:
         self._demonstrators: Counter[str] = Counter()
 
     def add(self, trial: TrialId, record: Record) -> None:
-        """Take in a record; statistics count those for training alone."""
+        """Add a record; statistics use training records only."""
         meta = record.metadata
         held_out = trial.seed in self._held_out
         self._lengths.setdefault((trial.task, trial.condition, meta.instruction), []).append((record.n_steps, held_out))
@@ -67,7 +67,7 @@ class SetNumbers:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the numbers of an action."""
+        """Names of the components of an action."""
         return self._components
 
     @property
@@ -93,7 +93,7 @@ class SetNumbers:
     def statistics(self) -> dict[str, Any]:
         """Return the normalization statistics of actions and states, over all training frames and per task.
 
-        A frame is a state with the action that was taken in it. Raises ValueError if nothing was taken in.
+        A frame is a state with the action taken in it. Raises ValueError without frames.
         """
         return {
             "action": {"names": list(self._components), **_rounded(vector_stats(np.concatenate(self._actions)))},

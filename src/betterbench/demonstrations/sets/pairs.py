@@ -17,8 +17,8 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
     """Yield the pairs of a run whose conditions share their seeds, in the order of tasks, seeds and conditions.
 
-    A pair has one start and two instructions. Demonstrations of one start that were not accepted at the same attempt
-    have other manners and make no pair.
+    A pair has one start and two instructions. Demonstrations of one start that were accepted at different attempts have
+    different motion styles and do not form a pair.
     """
     done = {entry.key for entry in run.entries() if entry.status == "done"}
     for task in sorted({trial.task for trial in done}):
@@ -47,7 +47,7 @@ def _pairs_of(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TwinPair]:
 
 
 def shared_rows(first: Record, second: Record) -> int:
-    """Return the number of rows, from the first one on, that are equal in two records: state, command and action."""
+    """Return the number of leading rows that are equal in two records: state, command and action."""
     rows = min(len(first), len(second))
     same = np.ones(rows, dtype=bool)
     for name in ("qpos", "qvel", "ctrl", "action"):

@@ -1,4 +1,4 @@
-"""The proof that a record is a demonstration of a regime and shows nothing outside it, from its data alone."""
+"""The proof that a record demonstrates a regime and shows nothing outside it, from its data only."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.interventions.regimes import Regime, conditions_of
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
-CURE = "Delete the file and run the command again to give the demonstration anew"
+CURE = "Delete the file and run the command again to repeat the demonstration"
 
 
 @dataclass(frozen=True, slots=True)
 class RegimeBounds:
-    """Conditions that a set may show, and those that it must not show."""
+    """Conditions that a set may show, and conditions that it must not show."""
 
     shown: tuple[Condition, ...]
     forbidden: tuple[Condition, ...]
@@ -36,14 +36,14 @@ class RegimeBounds:
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
     """Return the facts of a record after a proof that it demonstrates its regime and nothing outside it.
 
-    The start, the instruction, the order of the subgoals and every grasp and release are told from the states.
+    The start, the instruction, the order of the subgoals and every grasp and release are derived from the states.
 
-    Raises RecordError if it does not: it has the seed of a test, failed, shows another start or order, shows a test, or
-    handles something where no demonstration of the certificate does.
+    Raises RecordError if the record has the seed of a test, failed, shows another start or order, shows a test, or
+    handles an object where no demonstration of the certificate does.
     """
     meta = record.metadata
     if meta.seed < FIRST_DEMONSTRATION_SEED:
-        raise _refusal(where, f"its seed {meta.seed} is one of tests")
+        raise _refusal(where, f"its seed {meta.seed} is a test seed")
     if not record.outcome.success:
         raise _refusal(where, "it did not succeed")
     found = [c for c in conditions_shown(record, bounds.shown) if c.name == meta.condition]
@@ -59,7 +59,7 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
     asked = [goal.name for goal, there in goals if not there] if condition.expected is Expected.SUCCEED else []
     in_order = done == asked if condition.instruction.ordered else sorted(done) == sorted(asked)
     if asked and not in_order:
-        raise _refusal(where, f"it does {', '.join(done) or 'nothing'} where {', '.join(asked)} is asked for")
+        raise _refusal(where, f"it does {', '.join(done) or 'nothing'} instead of {', '.join(asked)}")
     outside = outside_support(record.states(), get_task(meta.task), condition)
     if outside is not None:
         raise _refusal(where, outside)
@@ -67,4 +67,4 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
 
 
 def _refusal(where: str, problem: str) -> RecordError:
-    return RecordError(f"{where}: it is no demonstration of this regime: {problem}. {CURE}.")
+    return RecordError(f"{where}: it is not a demonstration of this regime: {problem}. {CURE}.")

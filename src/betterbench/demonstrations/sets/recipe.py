@@ -1,4 +1,4 @@
-"""Recipes of training sets: all values that the bytes of a set depend on, and the command that makes it again."""
+"""Recipes of training sets: all values that determine the bytes of a set, and the command that reproduces it."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 
 from betterbench.demonstrations.making.starts import FIRST_AMPLIFIED_SEED
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
+from betterbench.errors import InvalidInputError, RecordError, require_between
 from betterbench.jobs import write_durably
-from betterbench.jobs.outputs import is_bookkeeping
+from betterbench.jobs.conflict import require_free, require_same
+from betterbench.jobs.outputs import LIST_NAME
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.quoting import shell_line
-from betterbench.records import first_difference
 from betterbench.tasks import SUITE_VERSION
 from betterbench.tasks.interventions.regimes import Regime
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.version import __version__
 
 RECIPE_VERSION = 1
-"""Version of how a recipe becomes a dataset."""
+"""Version of the procedure that makes a dataset from a recipe."""
 _MAX_BYTES = 1 << 20
-_CURE = "Give the folder that --out of better dataset named"
+_CURE = "Give the --out folder of better dataset"
 
 
 @strict_form
@@ -35,12 +35,12 @@ class SetRecipe:
     Attributes:
         tasks: Names of the tasks.
         regime: Regime whose conditions are demonstrated.
-        demos: Demonstrations per training condition; another regime shares as many out over its conditions.
-        sources: Number of these that the expert gives and from which the others are carried over; 0 if it gives all.
-        seed: First seed of the expert's demonstrations; that of the others follows from it.
-        noise: Standard deviation of the noise on executed actions of those carried over, in action units.
+        demos: Demonstrations per training condition; another regime divides the same total over its conditions.
+        sources: Number of expert demonstrations from which the others are amplified; 0 if all are the expert's.
+        seed: First seed of the expert's demonstrations; that of the amplified ones follows from it.
+        noise: Standard deviation of the noise on executed actions of amplified demonstrations, in action units.
         validation: Share of the seeds whose demonstrations are for validation.
-        pairs: Whether conditions with the same scene share their seeds, so that they make pairs of twins.
+        pairs: Whether conditions with the same scene share their seeds, so that they form pairs of twins.
     """
 
     tasks: tuple[str, ...]
@@ -57,12 +57,12 @@ class SetRecipe:
 
     @property
     def amplified(self) -> bool:
-        """Whether most demonstrations are carried over from those of the expert."""
+        """Whether most demonstrations are amplified from those of the expert."""
         return self.sources > 0 and not self.pairs
 
     @property
     def amplified_seed(self) -> int:
-        """First seed of the demonstrations that are carried over."""
+        """First seed of the amplified demonstrations."""
         return self.seed - FIRST_DEMONSTRATION_SEED + FIRST_AMPLIFIED_SEED
 
     def check(self) -> None:
@@ -76,7 +76,7 @@ class SetRecipe:
             raise InvalidInputError("--tasks", "there is no task", "Name one")
 
     def command(self, sha256: str, *, out: str = "DATASET") -> str:
-        """Return the command that makes the same set again and compares its hash."""
+        """Return the command that reproduces the set and compares its hash."""
         words = ["better", "dataset", "--out", out, "--tasks", *self.tasks, "--regime", self.regime]
         words += ["--demos", str(self.demos), "--sources", str(self.sources), "--seed", str(self.seed)]
         words += ["--noise", f"{self.noise:g}", "--validation", f"{self.validation:g}"]
@@ -88,7 +88,7 @@ _FORM = TypeAdapter(SetRecipe)
 
 
 def holds_recipe(out: Path) -> bool:
-    """Tell whether a folder holds the recipe of a dataset."""
+    """Tell whether a folder contains the recipe of a dataset."""
     try:
         read_recipe(out)
     except RecordError:
@@ -97,9 +97,9 @@ def holds_recipe(out: Path) -> bool:
 
 
 def keep_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Write a recipe into the folder of its dataset, where :func:`require_recipe` found no other one.
+    """Write a recipe into the folder of its dataset, after the check of :func:`require_recipe`.
 
-    Raises what that function raises.
+    Raises the errors of that function.
     """
     require_recipe(recipe, out)
     text = json.dumps(asdict(recipe), indent=1) + "\n"
@@ -107,29 +107,21 @@ def keep_recipe(recipe: SetRecipe, out: Path) -> None:
 
 
 def require_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Refuse a folder that holds another dataset than that of a recipe with fewer ``demos``, or other files.
+    """Refuse a folder with other files, or with a dataset of another recipe (fewer ``demos`` are allowed).
 
     Raises:
-        RunConflictError: If the folder holds the dataset of another recipe.
+        RunConflictError: If the folder contains the dataset of another recipe.
         RecordError: If the recipe in the folder cannot be read.
     """
-    path = out / "recipe.json"
-    if path.exists():
+    require_free(out, "dataset", file="recipe.json", besides=(LIST_NAME,))
+    if (out / "recipe.json").exists():
         there = read_recipe(out)
         grown = SetRecipe(**{**asdict(there), "demos": max(there.demos, recipe.demos)})
-        different = first_difference(asdict(grown), asdict(recipe), "recipe")
-        if different is not None:
-            where, stored, asked = different
-            raise RunConflictError(
-                f"{out}: this folder holds another dataset: {where} is {stored} there and {asked} here. Give the same "
-                "arguments to resume it, or choose another folder."
-            )
-    elif out.exists() and any(not is_bookkeeping(p) for p in out.iterdir()):
-        raise RunConflictError(f"{out}: the folder holds other files and no dataset. Choose an empty or a new folder.")
+        require_same(out, asdict(grown), asdict(recipe), "dataset", where="recipe")
 
 
 def read_recipe(out: Path) -> SetRecipe:
-    """Return the recipe of a dataset's folder; RecordError if there is none."""
+    """Return the recipe in a dataset's folder; RecordError if there is none."""
     path = out / "recipe.json"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     return read_form(_FORM, data, where=str(path), cure=_CURE, raises=RecordError)

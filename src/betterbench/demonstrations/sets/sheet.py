@@ -1,4 +1,4 @@
-"""Pictures of a training set: the start of one demonstration per condition, with what is said."""
+"""Pictures of a training set: the start of one demonstration per condition, with its instruction."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIZE = 256
 """Side of a view [pixel]."""
 COLUMNS = 4
 MOST_VIEWS = 12
-"""Most conditions of a task that are shown."""
+"""Maximum number of conditions of a task that are shown."""
 _CAPTION = 44
 _LINE = 40
 

@@ -1,10 +1,9 @@
-"""The shortcut audit: what goes together in demonstrations, and which variations a learner of them would fail.
+"""The shortcut audit: associations in demonstrations, and the variations that a learner of them would fail.
 
-- ``facts``, ``questions``, ``association``, ``words``, ``instructions``, ``pairs``: what is looked at, and what goes
-  together.
-- ``examine``, ``prediction``, ``smallest``, ``asked``: the audit, the failures that it predicts, and what it cannot
-  find.
+- ``facts``, ``questions``, ``association``, ``words``, ``instructions``, ``pairs``: the tested variables and their
+  associations.
+- ``examine``, ``prediction``, ``smallest``, ``asked``: the audit, its predicted failures, and its sensitivity.
 - ``lerobot``, ``lerobot_files``, ``lerobot_order``, ``lerobot_choice``: data sets of LeRobot; ``numbers``, ``grips``
   and ``places`` read their columns.
-- ``reading``, ``shown``, ``page``: how data were read, and the result as Markdown.
+- ``reading``, ``shown``, ``page``: description of the data, and the result as Markdown.
 """

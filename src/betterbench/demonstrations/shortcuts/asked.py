@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestion:
-    """One question of an audit, tested or not.
+    """One question of an audit, whether tested or not.
 
     Attributes:
         question: Name of the question.
         title: The question in words.
-        n: Demonstrations, or observations in them, that it compares.
-        compared: Features that it compares with the outcome, such as "8 words"; "" if it is a single test.
+        n: Number of demonstrations, or observations in them, that it compares.
+        compared: Features that it compares with the outcome, such as "8 words"; "" for a single test.
         untested: Reason why it could not be tested, "" if it was tested.
     """
 

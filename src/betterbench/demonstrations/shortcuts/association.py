@@ -1,4 +1,4 @@
-"""Mutual information between two lists of names, and what a permutation test says of it."""
+"""Mutual information between two lists of names, with a permutation test."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 PERMUTATIONS = 9999
-"""Permutations of a test: the smallest p-value is 1 / 10,000, which stands a correction for a hundred tests."""
+"""Permutations of a test: the smallest p-value is 1 / 10,000, which allows a correction for a hundred tests."""
 _CHUNK = 2_000_000
-"""Numbers that are permuted at once."""
+"""Maximum number of values that are permuted at once."""
 
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
@@ -24,11 +24,11 @@ class Association:
 
     Attributes:
         bits: Mutual information [bit].
-        expected_bits: Its mean over the permutations: what chance alone gives.
-        strength: 1 if one of the two follows from the other, 0 if they go together no more than by chance: the mutual
+        expected_bits: Its mean over the permutations, which is the value by chance.
+        strength: 1 if one variable determines the other, 0 if the association is not above chance: the mutual
             information less the expected one, over the smaller of the two entropies less the expected one.
         p_value: Share of the permutations, counting the data itself, with at least as much mutual information.
-        n: Observations.
+        n: Number of observations.
     """
 
     bits: float
@@ -39,7 +39,7 @@ class Association:
 
 
 def codes_of(values: Sequence[Hashable]) -> tuple[_Ints, int]:
-    """Return a number for each value, in order of their texts, and how many there are."""
+    """Return an index for each value, in the order of their texts, and the number of different values."""
     order = {value: i for i, value in enumerate(sorted(set(values), key=str))}
     return np.array([order[value] for value in values], dtype=np.int64), len(order)
 
@@ -55,11 +55,11 @@ class PermutationTest:
     """Permutation test of one question: the observed counts, and the distribution under permutations.
 
     Attributes:
-        x: (n,) number of the first value of each observation.
-        y: (n,) number of the second one.
+        x: (n,) index of the first value of each observation.
+        y: (n,) index of the second one.
         sizes: Numbers of different first and second values.
-        block: (n,) number of the demonstration of each observation.
-        within: Whether first values are exchanged inside each demonstration.
+        block: (n,) index of the demonstration of each observation.
+        within: Whether first values are permuted within each demonstration.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
         found: The association.
     """
@@ -87,9 +87,10 @@ def association(
         first: A value per observation.
         second: The other value per observation.
         draw: Random generator of the permutations.
-        blocks: To which demonstration each observation belongs. Without ``within``, whole demonstrations exchange their
-            first values, so that what one demonstration repeats is no evidence; all its first values must be equal.
-        within: Exchange the first values inside each block instead: of the steps of a demonstration.
+        blocks: Index of the demonstration of each observation. Without ``within``, the first values are permuted
+            between whole demonstrations, so that repetition within one demonstration is not evidence; all its first
+            values must be equal.
+        within: Permute the first values within each block instead, for the steps of a demonstration.
     """
     return permutation_test(first, second, draw, blocks=blocks, within=within).found
 
@@ -131,7 +132,7 @@ def permutation_test(
 
 def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator) -> _Ints:
     """Return rows of values that are shuffled inside each block, shape (rows, n)."""
-    keys = draw.random((rows, len(x))) + block  # sorting by these shuffles inside each block
+    keys = draw.random((rows, len(x))) + block  # sorting by these keys shuffles within each block
     mixed = np.empty((rows, len(x)), dtype=np.int64)
     mixed[:, np.argsort(block, kind="stable")] = x[np.argsort(keys, axis=1)]
     return mixed
@@ -145,7 +146,7 @@ def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
 
 
 def counts_log_counts(n: int) -> _Floats:
-    """Return c log2 c for the counts c from 0 to n: entropies of counts follow from sums of these."""
+    """Return c log2 c for the counts c from 0 to n: entropies of counts are sums of these."""
     logs = np.zeros(n + 1)
     logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
     return logs
@@ -176,7 +177,7 @@ def _permuted_bits(
         else:
             mixed = per_block[np.argsort(draw.random((rows, len(per_block))), axis=1)][:, block]
         joint = joint_counts(mixed, y, (nx, ny))
-        if varying_margin:  # demonstrations of different lengths move the counts of x
+        if varying_margin:  # demonstrations of different lengths change the counts of x
             margin = logs[joint.sum(axis=2)].sum(axis=1) + logs[np.bincount(y, minlength=ny)].sum()
         else:
             margin = np.full(rows, margins)
@@ -198,8 +199,8 @@ def features_test(
 ) -> tuple[list[Association], _Floats]:
     """Return the association of each of several features with an outcome; p-values account for all features.
 
-    The p-value is the share of the permutations of the outcome in which any feature reaches as much (Westfall and
-    Young's single-step maximum).
+    The p-value is the share of the permutations of the outcome in which any feature reaches as much mutual information
+    (Westfall and Young's single-step maximum).
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
@@ -207,7 +208,7 @@ def features_test(
         draw: Random generator of the permutations.
 
     Returns:
-        The associations, and per permutation the most mutual information of any feature [bit], (PERMUTATIONS,).
+        The associations, and the largest mutual information of any feature [bit] per permutation, (PERMUTATIONS,).
     """
     y, ny = codes_of(outcome)
     n = len(y)

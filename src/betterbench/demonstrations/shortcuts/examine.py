@@ -65,27 +65,27 @@ from betterbench.tasks import get_task, task_names
 from betterbench.tasks.interventions import resolve_condition
 
 ALPHA = 0.05
-"""Level of the tests, over all questions of an audit together (Bonferroni).
+"""Significance level over all questions of an audit together (Bonferroni).
 
-In sets of our own, whose states are known, the questions about pairs of words and whole instructions are corrected
-among themselves, and so are all others."""
+In sets of betterbench, whose states are known, the questions about pairs of words and whole instructions are corrected
+separately from all others."""
 STRONG = 0.5
-"""Strength from which a finding counts: half of what could be known of one thing follows from the other. A finding also
-counts if one value alone, such as a single word, always goes with the same other value, or if two words or a whole
-instruction tell half of what their words alone leave open."""
+"""Strength from which a finding counts: one variable determines half of the uncertainty of the other. A finding also
+counts if one value alone, such as a single word, always occurs with the same other value, or if two words or a whole
+instruction determine half of the uncertainty that their single words leave."""
 RARE = 0.05
-"""Share below which something counts as not shown by the data."""
+"""Share below which a value counts as not shown by the data."""
 FEWEST = 8
-"""Fewest demonstrations of a group for which anything is said."""
+"""Minimum number of demonstrations of a group for an audit."""
 NEARLY_ALWAYS = 0.9
-"""Share of what is open about an outcome that a word tells where it is said, from which it counts as a sure sign."""
+"""Share of an outcome's uncertainty that a word must resolve where it occurs to count as a certain sign."""
 MOST_LINES = 8
 MOST_WORDS = 1000
-"""Most words of a group that are asked about: those that the most episodes tell apart."""
+"""Maximum number of words of a group that are tested: those that distinguish the most episodes."""
 MOST_PAIRS = 20
 _NAMED = "the words name the objects; the whole instruction is compared among those that name them in the same order"
 _MOST_SHOWN = 80
-"""Most characters of an instruction in a finding."""
+"""Maximum characters of an instruction in a finding."""
 
 Verdict = Literal["shortcut", "regularity", "none"]
 """Verdict on a question.
@@ -96,29 +96,29 @@ chance and :data:`STRONG`.
 """
 
 Rules = Mapping[str, Counter[str]]
-"""Per first value how often each second value was seen with it."""
+"""Counts of each second value, by first value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Answer of the data to one question: test statistics, verdict and the rules found.
+    """Result of one question: test statistics, verdict and the rules found.
 
     Attributes:
         question: Name of the question.
         title: The question in words.
-        subject: The word that it is about, "" for questions about all objects.
+        subject: The word of the question, "" for questions about all objects.
         bits: Mutual information [bit].
-        strength: 0 to 1, see :class:`~betterbench.demonstrations.shortcuts.association.Association`; of whole
+        strength: 0 to 1, see :class:`~betterbench.demonstrations.shortcuts.association.Association`; for whole
         instructions, see
             :class:`~betterbench.demonstrations.shortcuts.instructions.WholeTest`.
-        p_value: Of the permutation test; None where there is nothing to permute.
-        p_adjusted: The same, times the number of questions that were tested and are corrected together.
-        n: Observations.
+        p_value: p-value of the permutation test; None if there is nothing to permute.
+        p_adjusted: The p-value times the number of questions that are corrected together.
+        n: Number of observations.
         verdict: Conclusion, see :data:`Verdict`.
         rules: Rules that a learner could follow, in words.
-        seen: The same as counts: how often each second value was seen with each first one.
-        separating: Variations whose right behavior breaks the rule, with the observation that does.
-        meaning: Reason why the words mean this outcome, so that the rule is a regularity; "" if no reason is known.
+        seen: The rules as counts: frequency of each second value, by first value.
+        separating: Variations whose right behavior breaks the rule, with the observation that breaks it.
+        meaning: Reason why the words mean this outcome, so that the rule is a regularity; "" if none is known.
     """
 
     question: str
@@ -142,10 +142,10 @@ class GroupAudit:
 
     Attributes:
         group: Name of the task or of the dataset.
-        episodes: Demonstrations, or segments of some.
-        findings: Answers of the data, one per question.
-        notes: Questions that could not be asked, with the reason.
-        smallest: Per question the smallest rule that would have been found with so many demonstrations.
+        episodes: Number of demonstrations, or of their segments.
+        findings: One per question.
+        notes: Questions that could not be tested, with the reason.
+        smallest: The smallest rule per question that would have been found with this number of demonstrations.
         asked: Tested and untested questions.
     """
 
@@ -162,7 +162,7 @@ class GroupAudit:
 
     @property
     def not_shown(self) -> tuple[SmallestRule, ...]:
-        """The questions to which so few demonstrations could not have shown every strong rule."""
+        """The questions for which there are too few demonstrations to find every strong rule."""
         return tuple(rule for rule in self.smallest if rule.too_few)
 
     @property
@@ -177,9 +177,9 @@ class ShortcutAudit:
 
     Attributes:
         source: The audited data.
-        facts_sha256: Hash of the facts that it rests on.
+        facts_sha256: Hash of the underlying facts.
         groups: One per task.
-        reading: Description of the data that were read.
+        reading: Description of how the data were read.
     """
 
     source: str
@@ -188,7 +188,7 @@ class ShortcutAudit:
     reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; how the data were read comes first."""
+        """Return the JSON form; the description of the reading comes first."""
         form = asdict(self)
         del form["reading"]
         read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
@@ -207,9 +207,9 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
     Args:
         source: Name of the audited data.
         episodes: Facts of its demonstrations.
-        reading: Description of the data that were read; it becomes part of the audit.
+        reading: Description of how the data were read; it becomes part of the audit.
 
-    Raises InvalidInputError if there is no group with enough demonstrations.
+        Raises InvalidInputError if no group has enough demonstrations.
     """
     groups: dict[str, list[EpisodeFacts]] = {}
     for facts in sorted(episodes, key=lambda f: (f.group, f.episode)):
@@ -218,7 +218,7 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
     if not audited:
         most = max(map(len, groups.values()), default=0)
         number = f"{most} demonstration{'' if most == 1 else 's'}"
-        problem = f"the largest group has {number}, and {FEWEST} are needed to say anything"
+        problem = f"the largest group has {number}, but at least {FEWEST} are needed"
         raise InvalidInputError(source, problem, "Give more demonstrations")
     judged = list(_judged(audited))
     few = {name: len(found) for name, found in groups.items() if len(found) < FEWEST}
@@ -230,14 +230,14 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """A finding before the correction.
+    """A finding before the correction for multiple tests.
 
     Attributes:
         finding: The finding, with the uncorrected p-value.
-        rules: Counts on which it rests.
-        certain: Whether one of the rules holds always, or nearly.
-        parts: Of a question about words, the words of the one or of the two that it is about.
-        columns: Numbers of these words.
+        rules: Counts of the finding.
+        certain: Whether one of the rules is always true, or nearly.
+        parts: For a question about words, its word or its two words.
+        columns: Indices of these words.
     """
 
     finding: Finding
@@ -268,7 +268,7 @@ class _Group:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """A question that was tested, for the smallest rule that would have been found."""
+    """A tested question, as input for the smallest rule that would have been found."""
 
     question: str
     title: str
@@ -303,11 +303,11 @@ def _draw(group: str, question: str) -> np.random.Generator:
 
 
 def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
-    """Return the answer to a question about named objects; None if one of the two variables never differs."""
+    """Return the answer to a question about named objects; None if one of the two variables is constant."""
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         named = any(facts.privileged for facts in group.episodes)
-        reason = "it never differs" if seen else "no demonstration has it" if named else "objects have no names"
+        reason = "it is constant" if seen else "no demonstration has it" if named else "objects have no names"
         group.asked.append(AskedQuestion(q.name, q.title, len(seen), untested=reason))
         return None
     group.asked.append(AskedQuestion(q.name, q.title, len(seen)))
@@ -330,12 +330,12 @@ def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
 
 @dataclass(frozen=True, slots=True)
 class _Said:
-    """Words of the instructions: those that are always said together are one.
+    """Words of the instructions; words that always occur together are one entry.
 
     Attributes:
-        words: The words of each, apart.
-        shown: Text of each.
-        presence: (episodes, words) in which episodes each is said.
+        words: The single words of each entry.
+        shown: Text of each entry.
+        presence: (episodes, words) whether an episode contains the entry.
     """
 
     words: tuple[tuple[str, ...], ...]
@@ -344,7 +344,7 @@ class _Said:
 
 
 def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
-    """Return the words that some demonstrations say and some do not; a note tells if some are left out."""
+    """Return the words that occur in some demonstrations and not in others; a note tells if some are left out."""
     texts = {text: i for i, text in enumerate(sorted({facts.instruction for facts in known}))}
     of_text = np.array([texts[facts.instruction] for facts in known], dtype=np.int64)
     sizes = np.bincount(of_text, minlength=len(texts))
@@ -361,7 +361,7 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
     told = [where for where in alike if 2 <= counts[where] <= len(known) - 2]
     if len(told) > MOST_WORDS:
         ranked = sorted(told, key=lambda where: -min(counts[where], len(known) - counts[where]))[:MOST_WORDS]
-        note = f"of {len(told):,} words, the {MOST_WORDS:,} that tell the most episodes apart were asked about"
+        note = f"of {len(told):,} words, the {MOST_WORDS:,} that distinguish the most episodes were tested"
         notes.extend([note] if note not in notes else [])
         kept = set(ranked)
         told = [where for where in told if where in kept]
@@ -390,7 +390,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
     if outcome.is_place or not _picking_words(known):
         raw += _answers_about_single_words(group, outcome, said, outcomes)
         raw += _answers_about_pairs(group, outcome, said, outcomes)
-    else:  # words that name objects mean them: only what the instruction says beside their order can be a shortcut
+    else:  # words for objects mean these objects: only the other words can be shortcuts
         for level in (WORDS, PAIRS):
             question = AskedQuestion(outcome.question(level), outcome.title(level), len(known), untested=_NAMED)
             group.asked.append(question)
@@ -403,7 +403,7 @@ def _answers_about_single_words(
     """Return the finding of each word on an outcome; words that always occur together count as one."""
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
-        reason = "no word is said in some demonstrations and not in others"
+        reason = "no word occurs in some demonstrations and not in others"
         group.asked.append(AskedQuestion(question, title, len(outcomes), untested=reason))
         return []
     raw, every = [], Counter(outcomes)
@@ -421,12 +421,12 @@ def _answers_about_single_words(
 
 
 def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]) -> list[_Raw]:
-    """Return the pairs of words that tell an outcome where neither word does."""
+    """Return the pairs of words that together determine an outcome which neither word determines alone."""
     question, title = outcome.question(PAIRS), outcome.title(PAIRS)
     codes, kinds = codes_of(outcomes)
     pairs = telling_pairs(said.presence, codes, fewest=FEWEST) if len(said.words) > 1 else []
     if not pairs:
-        reason = f"no two words are said together in {FEWEST} demonstrations or more, and apart too"
+        reason = f"no two words occur together in {FEWEST} demonstrations or more, and also apart"
         group.asked.append(AskedQuestion(question, title, len(outcomes), untested=reason))
     else:
         compared = plural(len(pairs), "pair of words", "pairs of words")
@@ -434,7 +434,7 @@ def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outco
     if len(said.words) > 1:
         group.pairs.append(_AskedPairs(question, title, len(outcomes), len(pairs), kinds))
     every = Counter(outcomes)
-    # Of pairs that are said in the same episodes, that with the longer words is shown.
+    # Of several pairs in the same episodes, the one with the longer words is shown.
     length = [max(map(len, words)) for words in said.words]
     pairs.sort(key=lambda pair: (pair.p_value, -min(length[pair.first], length[pair.second])))
     raw: list[_Raw] = []
@@ -465,7 +465,7 @@ def _answers_about_instructions(
     Args:
         group: The group.
         outcome: The outcome.
-        data: The demonstrations that have it, the words that they say, and the outcome of each.
+        data: The demonstrations with the outcome, their words, and the outcome of each.
         found: Findings on words and pairs.
     """
     question, title = outcome.question(WHOLE), outcome.title(WHOLE)
@@ -479,12 +479,12 @@ def _answers_about_instructions(
     ]
     whole = whole_test(texts, outcomes, strata, _draw(group.name, question))
     if whole is None:
-        reason = "every instruction is given once" if len(set(texts)) > 1 else "there is one instruction"
+        reason = "every instruction occurs once" if len(set(texts)) > 1 else "there is one instruction"
         group.asked.append(AskedQuestion(question, title, len(known), untested=reason))
         return []
     compared = plural(whole.instructions, "instruction")
     if len(known) > len(whole.rows):
-        compared += f", {plural(len(known) - len(whole.rows), 'demonstration')} with an instruction of its own left out"
+        compared += f", {plural(len(known) - len(whole.rows), 'demonstration')} with a unique instruction left out"
     group.asked.append(AskedQuestion(question, title, len(whole.rows), compared))
     counts = RuleCounts(math.inf, lambda joint: share_told(joint) >= STRONG)
     group.planted.append(_Asked(question, title, planted_question(whole.test), counts))
@@ -501,10 +501,10 @@ def _answers_about_instructions(
 
 
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
-    """Return for each instruction what it says of an outcome by what its words mean.
+    """Return for each instruction the part of its meaning that determines an outcome.
 
-    Words for places mean places, where no variation tells otherwise. Words that pick objects out, in the order in which
-    they are said, mean which object comes first.
+    Words for places mean places, unless a variation shows otherwise. Words that identify objects, in their order in the
+    instruction, mean the order of the objects.
     """
     texts = {facts.instruction for facts in known}
     if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
@@ -515,7 +515,7 @@ def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str
 
 
 def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
-    """Return the words of instructions that pick objects out."""
+    """Return the words of instructions that identify objects."""
     return frozenset(word for facts in episodes for step in facts.steps for word in instruction_words(step.word))
 
 
@@ -528,26 +528,40 @@ def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: 
 
 
 def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
-    """Tell whether an outcome follows from what was seen: at least :data:`NEARLY_ALWAYS` of what was open about it."""
+    """Tell whether counts determine an outcome: at least :data:`NEARLY_ALWAYS` of its uncertainty."""
     (value, count), n = seen.most_common(1)[0], sum(seen.values())
     usual = every[value] / sum(every.values())
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
 
 
-def _certain_word(joint: npt.NDArray[np.int64]) -> bool:
-    """Tell whether a word is a sure sign; ``joint`` holds the outcomes without and with it, (2, outcomes)."""
-    seen, every = (Counter({str(y): int(c) for y, c in enumerate(row)}) for row in (joint[1], joint.sum(axis=0)))
-    return _nearly_always(seen, every)
+def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Tell in which tables a word is a sure sign, as :func:`_nearly_always` does.
+
+    Args:
+        joint: (tables, 2, outcomes) the outcomes without and with the word.
+    """
+    seen, every = joint[:, 1], joint.sum(axis=1)
+    n, value = seen.sum(axis=1), seen.argmax(axis=1)
+    rows = np.arange(len(joint))
+    usual = every[rows, value] / every.sum(axis=1)
+    told = seen[rows, value] / np.maximum(n, 1) - usual
+    return np.asarray((n >= FEWEST) & (told >= NEARLY_ALWAYS * (1.0 - usual)))
 
 
-def _certain_rule(joint: npt.NDArray[np.int64]) -> bool:
-    """Tell whether some value always goes with the same other one; ``joint`` holds how often each two go together."""
-    return _certain({str(x): Counter({str(y): int(c) for y, c in enumerate(row) if c}) for x, row in enumerate(joint)})
+def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Tell in which tables some value always goes with the same other one, as :func:`_certain` does.
+
+    Args:
+        joint: (tables, nx, ny) how often each two values go together.
+    """
+    several = joint.any(axis=1).sum(axis=1) >= 2
+    single = ((joint > 0).sum(axis=2) == 1) & (joint.sum(axis=2) >= FEWEST)
+    return np.asarray(several & single.any(axis=1))
 
 
 _STRONG_SHARE = 0.8
-"""Share of demonstrations that a rule of strength :data:`STRONG` between two even words and two even places decides,
-in steps of :data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`."""
+"""Share of demonstrations decided by a rule of strength :data:`STRONG` between two equally frequent words and two
+equally frequent places, in steps of :data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`."""
 
 
 def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
@@ -569,18 +583,18 @@ def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule
 
 
 def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
-    """Return the smallest share of demonstrations that two even words together have to decide to be found."""
+    """Return the smallest share of demonstrations that two equally frequent words must decide together to be found."""
     if asked.n // 4 < FEWEST:
         return None
-    # Of two even words, the rule is tested in the half that has the first one: with and without the second.
+    # With two equally frequent words, the rule is tested in the half with the first one: with and without the second.
     corrected = tests * max(1, asked.pairs) * asked.outcomes
     followed = least_share(asked.n // 2, corrected, ALPHA)
-    # Chance decides for one of two even outcomes: a share s that a rule decides makes (1 + s) / 2 follow it.
+    # Chance decides one of two equally frequent outcomes: if a rule decides a share s, (1 + s) / 2 follow it.
     return None if followed is None else max(_STRONG_SHARE, math.ceil(STEPS * (2.0 * followed - 1.0)) / STEPS)
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return findings on constants: the place of a landmark, the number of objects, or the first place of all."""
+    """Return findings on constants: the slot of a landmark, the number of objects, or the first slot of all."""
     raw = []
     slots: dict[str, Counter[str]] = {}
     for facts in episodes:
@@ -592,11 +606,11 @@ def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
             raw.append(_constant(LANDMARK, "place of the target", kind, line, {kind: found}))
     counts = Counter(str(len(f.standing)) for f in episodes if f.privileged)
     if len(counts) == 1:
-        line = f"{next(iter(counts))} loose things stand on the table at the start"
-        raw.append(_constant(COUNT, "number of things at the start", "", line, {"": counts}))
+        line = f"{next(iter(counts))} loose objects are on the table at the start"
+        raw.append(_constant(COUNT, "number of objects at the start", "", line, {"": counts}))
     places = Counter(f.steps[0].origin for f in episodes if not f.privileged and f.steps and f.steps[0].origin)
     if len(places) == 1 and len({f.instruction for f in episodes}) > 1:
-        line = f"whatever is asked for, the gripper first closes at {next(iter(places))}"
+        line = f"whatever the instruction, the gripper first closes at {next(iter(places))}"
         raw.append(_constant(FIRST_PLACE, "first place", "", line, {"": places}))
     return raw
 
@@ -625,7 +639,7 @@ def _shares(seen: Counter[str]) -> str:
 
 
 def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
-    """Correct the p-values of all groups together, and give the verdicts."""
+    """Correct the p-values of all groups together, and set the verdicts."""
     counts = Counter(_family(g, q.question) for g in groups for q in g.asked if not q.untested)
     judged = []
     for group in groups:
@@ -647,16 +661,16 @@ def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
 def _family(group: _Group, question: str) -> str:
     """Return the family of questions whose p-values are corrected together.
 
-    In data of betterbench, questions about several words are a family of their own.
+    In data of betterbench, questions about several words form a separate family.
     """
     own = any(facts.privileged for facts in group.episodes)
     return "several words" if own and question.endswith((PAIRS, WHOLE)) else ""
 
 
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
-    """Return the findings; what is found of a run of characters that is part of a clearer one's is none.
+    """Return the findings without those on a run of characters that is part of a clearer one.
 
-    In a script without spaces a part of a word, and a run that has a word in it, tell in part what the word tells.
+    In a script without spaces, a part of a word, and a run that contains a word, carry part of the word's information.
     """
     verdicts = [finding.verdict for finding in findings]
     ranked = sorted(
@@ -677,7 +691,7 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 
 
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
-    """Tell whether each of the words of those overlaps with another one of these, and one at least by characters."""
+    """Tell whether each word of ``those`` overlaps with another one of ``these``, and at least one by characters."""
     if len(those) > len(these):
         return False
     return any(
@@ -688,7 +702,7 @@ def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> 
 
 
 def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
-    """Return the facts of correct behavior in each variation of a task; None if betterbench has no such task."""
+    """Return the facts of correct behavior in each variation of a task; None if the task is unknown."""
     if group not in task_names():
         return None
     names = [variation.name for variation in get_task(group).variations]
@@ -696,7 +710,7 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
 
 
 def _counts(raw: _Raw, p_value: float | None) -> bool:
-    """Tell whether something that was found is significant, and strong or a sure sign."""
+    """Tell whether a finding is significant, and strong or a certain sign."""
     if p_value is not None and p_value > ALPHA:
         return False
     always = not raw.finding.question.endswith(WHOLE) and _certain(raw.rules)
@@ -717,7 +731,7 @@ def _verdict(
 
 
 def _names_its_place(finding: Finding, raw: _Raw) -> bool:
-    """Tell whether one of two words that go with a place is in the name of that place, such as "upper"."""
+    """Tell whether one of two words associated with a place is in the name of that place, such as "upper"."""
     if not finding.question.endswith(PAIRS):
         return False
     place = next(iter(raw.rules.values())).most_common(1)[0][0]
@@ -726,7 +740,7 @@ def _names_its_place(finding: Finding, raw: _Raw) -> bool:
 
 
 def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> str:
-    """Return why the words of a finding mean what they go with, "" if no reason is known."""
+    """Return why the words of a finding mean their outcome, "" if no reason is known."""
     outcome = WORD_OUTCOMES.get(base_of(finding.question))
     if outcome is None or not raw.parts:
         return ""
@@ -737,14 +751,14 @@ def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> s
 
 
 def _certain(rules: Rules) -> bool:
-    """Tell whether some value always goes with the same other one, of several that there are."""
+    """Tell whether some value always occurs with the same other value, if there are several."""
     if len({y for ys in rules.values() for y in ys}) < 2:
         return False
     return any(len(ys) == 1 and sum(ys.values()) >= FEWEST for ys in rules.values())
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Return the part of a test that breaks a rule, in words; "" if nothing does."""
+    """Return the part of a test that breaks a rule, in words; "" if no part does."""
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))

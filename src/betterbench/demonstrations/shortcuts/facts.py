@@ -1,7 +1,8 @@
 """Facts of each demonstration for the audit: instruction, objects moved with origin and target, and initial layout.
 
-Facts of records come from their states, facts of a condition from what it asks for, and facts of a stranger's dataset
-from actions, instruction and proprioception: then objects have no names, and places are named by their positions.
+Facts of records come from their states, facts of a condition from its specification, and facts of an external dataset
+from actions, instruction and proprioception. In external datasets, objects have no names, and places are named by their
+positions.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from betterbench.tasks import Condition
 from betterbench.tasks.relations import RELATIONS
 
 HANDLED_ROLES = ("item", "distractor")
-"""Roles of what stands loose on the table; everything else is a landmark."""
+"""Roles of loose objects on the table; all other objects are landmarks."""
 
 SET_OUT_M = 0.05
-"""Way of the tool after which the direction in which it set out is taken [m]."""
+"""Length of the tool's path after which its first direction is determined [m]."""
 HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and right", "right", "away and right")
 """Directions seen from the robot, counterclockwise from above: x points away from it, y to its left."""
 
@@ -34,13 +35,13 @@ HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ShownStep:
-    """One manipulation: the object, its origin and its target; a drawer that was moved has no origin.
+    """One manipulation: the object, its origin and its target; a drawer has no origin.
 
     Attributes:
-        thing: Kind of the object, "" where it is not known.
-        word: The word of the instruction that picks it out, "" where that is not known.
-        origin: Place that it was taken from.
-        target: Place that it was brought to.
+        thing: Kind of the object, "" if unknown.
+        word: The word of the instruction that identifies it, "" if unknown.
+        origin: Slot from which it was taken.
+        target: Target to which it was brought.
     """
 
     thing: str
@@ -55,13 +56,13 @@ class EpisodeFacts:
     """Facts of one demonstration.
 
     Attributes:
-        episode: Its name.
-        group: Group of demonstrations that it is compared with: its task.
+        episode: Name of the episode.
+        group: Group of demonstrations for comparison: its task.
         instruction: Its instruction.
-        steps: Objects moved, in order of time.
-        standing: Kind and place of every loose object on the table at the start.
-        landmarks: Kind and place of every object in a slot that cannot be picked.
-        heading: Direction in which the gripper set out, "" where it is not known.
+        steps: Manipulations, in order of time.
+        standing: Kind and slot of every loose object on the table at the start.
+        landmarks: Kind and slot of every object in a slot that cannot be picked.
+        heading: First direction of the gripper, "" if unknown.
     """
 
     episode: str
@@ -91,12 +92,12 @@ _FACTS = TypeAdapter(EpisodeFacts)
 
 
 def read_facts(form: object, where: str) -> EpisodeFacts:
-    """Return the facts that a JSON form stands for; RecordError if it stands for none."""
+    """Return the facts of a JSON form; RecordError if it is invalid."""
     return read_form(_FACTS, form, where=where, cure="Delete the file to derive it again", raises=RecordError)
 
 
 def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
-    """Return the facts of a record, from its states and the slots of the condition that it was found to match.
+    """Return the facts of a record, from its states and the slots of its condition.
 
     Args:
         record: The record.
@@ -113,12 +114,12 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
 
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
-    """Return the facts of a correct episode of a condition; of several objects that a word can mean, the first."""
+    """Return the facts of a correct episode of a condition; if a word can mean several objects, of the first one."""
     steps = []
     taken: set[str] = set()
     for goal in condition.instruction.subgoals:
         names = [n for n in condition.resolve(goal.reference) if n not in taken]
-        # What is done already at the start is no step.
+        # A subgoal that is met at the start is not a step.
         done = [n for n in condition.resolve(goal.reference) if n in condition.preplaced]
         if not names or (done and goal.count <= len(done)):
             continue
@@ -130,7 +131,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
 
 
 def heading_of(positions: npt.NDArray[np.float64]) -> str:
-    """Return in which of eight directions, seen from above, a tool sets out, or "" if it stays where it is.
+    """Return the first direction of a tool, one of eight seen from above, or "" if it does not move.
 
     Args:
         positions: (T, 3) positions of the tool [m].
@@ -151,7 +152,7 @@ def _step(condition: Condition, name: str, target: str, region: str, word: str) 
 
 def _facts(condition: Condition, name: str, said: str, steps: Iterable[ShownStep], heading: str) -> EpisodeFacts:
     loose = {o.name for o in condition.objects if o.role in HANDLED_ROLES}
-    # A plate on which plates are put is picked nowhere: it is a landmark like a rack.
+    # A plate on which plates are put is never picked: it is a landmark like a rack.
     goals = condition.instruction.subgoals
     anchors = {g.target for g in goals} - {n for g in goals for n in condition.resolve(g.reference)}
     stands = [(n, slot) for n, slot in condition.layout.items()]

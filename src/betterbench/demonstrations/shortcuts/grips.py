@@ -14,15 +14,15 @@ from betterbench.demonstrations.shortcuts.numbers import tokens
 from betterbench.errors import InvalidInputError
 
 SHORTEST_S = 0.3
-"""Time for which a gripper is closed or open at least [s]: shorter commands, as teleoperators give, are no grasps."""
+"""Minimum time for which a gripper is closed or open [s]: shorter commands of teleoperators are not grasps."""
 AGREEING = 0.9
-"""Share of the episodes that begin on one side from which that side counts as open."""
+"""Share of the episodes that must begin on one side for that side to count as open."""
 WIDTH_M = (0.005, 0.15)
-"""Least and largest opening of a gripper whose numbers count as a width in meters [m]."""
+"""Range of gripper openings that count as a width in meters [m]."""
 IDLE_SHARE = 0.1
-"""Range of a gripper, as a share of the largest one of the same column, below which it is the noise of an idle arm."""
+"""Relative range of a gripper, against the largest of the same column, below which it is noise of an idle arm."""
 _BETWEEN = 0.1
-"""Share of the frames in the middle third of a range below which a gripper is at two ends, and not at rest."""
+"""Share of the frames in the middle third of a range below which a gripper is in two positions, not at rest."""
 _LEAST_RANGE = 1e-6
 
 _Floats = npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ class Jaws:
         high: Largest value, without the highest 1 %.
         between: Value between open and closed.
         closed: ``low`` or ``high``.
-        because: Reason why that side is the closed one.
+        because: Reason for this polarity.
         warning: Evidence against it, "" if there is none.
     """
 
@@ -52,7 +52,7 @@ class Jaws:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Range of a gripper that counts as one that never moves, and the reason, "" if it is constant."""
+    """Range of a gripper that counts as never moving, and the reason, "" if it is constant."""
 
     low: float
     high: float
@@ -60,20 +60,20 @@ class Still:
 
     @property
     def told(self) -> str:
-        """The reason, for people."""
+        """The reason, as text."""
         return f"which never moves (range {self.low:.3g} to {self.high:.3g}{self.reason})"
 
 
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
-    """Return the grippers that never move, with the reason: they are constant, or belong to an idle arm with noise.
+    """Return the grippers that never move, with the reason: constant values, or the noise of an idle arm.
 
     Noise has less than :data:`IDLE_SHARE` of the range of another gripper of the same column (or of one whose name
-    differs in the side alone), or less than that range and changes sides faster than a gripper is closed and opened.
-    A gripper that is held at two ends moves however small its range is: its numbers may have other units.
+    differs only in the side), or has a smaller range and changes sides faster than a gripper closes and opens. A
+    gripper with two positions moves however small its range is: its unit may be different.
 
     Args:
-        grips: Each gripper with its numbers (T,) by episode.
-        shortest: Rows for which a gripper is closed or open at least.
+        grips: Each gripper with its values (T,) by episode.
+        shortest: Minimum number of rows for which a gripper is closed or open.
     """
     ends = [_ends(np.concatenate(episodes)) for _, episodes in grips]
     found: list[Still | None] = []
@@ -109,7 +109,7 @@ def _sideless(column: str) -> tuple[str, ...]:
 
 
 def _ends(values: _Floats) -> tuple[float, float]:
-    """Return the range of numbers without the lowest and the highest 1 %; all of it if nearly all are equal."""
+    """Return the range of values without the lowest and the highest 1 %; the whole range if nearly all are equal."""
     low, high = (float(value) for value in np.quantile(values, [0.01, 0.99]))
     if high - low < _LEAST_RANGE:
         low, high = float(values.min()), float(values.max())
@@ -119,17 +119,18 @@ def _ends(values: _Floats) -> tuple[float, float]:
 def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws:
     """Return the range, threshold and polarity of a gripper that moves.
 
-    The closed end is told by the name ("width", "closed"), by numbers that are a width in meters, by LeRobot's rule for
-    ``gripper.pos`` (0 closed, 100 open), or by where episodes begin. The last two have to agree if both speak.
+    The closed end follows from the name ("width", "closed"), from values that are a width in meters, from LeRobot's
+    rule for ``gripper.pos`` (0 closed, 100 open), or from the first values of episodes. The last two must agree if both
+    apply.
 
     Args:
         grip: The gripper.
-        episodes: Its numbers (T,) by episode.
-        side: The closed end as a user gives it, ``low`` or ``high``.
-        where: File that a message names.
+        episodes: Its values (T,) by episode.
+        side: The closed end given by the user, ``low`` or ``high``.
+        where: File name for messages.
 
     Raises:
-        InvalidInputError: If nothing tells which end is the closed one, or two sources differ.
+        InvalidInputError: If the closed end cannot be determined, or two sources differ.
     """
     values = np.concatenate(episodes)
     low, high = _ends(values)
@@ -158,7 +159,7 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
         told = f"{low:.3g} to {high:.3g}, and {100.0 * share:.0f} % of the episodes begin at the high end"
         if len(weak) > 1:
             told = f"{weak[1][0]} by LeRobot's rule, and {weak[0][0]} if episodes begin open ({weak[0][1]})"
-        problem = f"which end of {grip.number.shown} is closed cannot be told ({told})"
+        problem = f"the closed end of {grip.number.shown} cannot be determined ({told})"
         raise InvalidInputError(where, problem, _cure("low"))
     return Jaws(low, high, between, weak[0][0], "; ".join(why for _, why in weak))
 
@@ -168,19 +169,19 @@ def _cure(side: str) -> str:
 
 
 def _width(low: float, high: float) -> tuple[str, str] | None:
-    """Return that low is closed if numbers are openings in meters, or None."""
+    """Return that ``low`` is closed if values are openings in meters, or None."""
     least, most = WIDTH_M
     ok = high <= most and low >= -0.01 and high - low >= least
     return ("low", "the numbers are a width in meters") if ok else None
 
 
 def _is_percent(grip: Grip, low: float, high: float) -> bool:
-    """Tell whether numbers are LeRobot's ``gripper.pos``, in percent of the calibrated range."""
+    """Tell whether values are LeRobot's ``gripper.pos``, in percent of the calibrated range."""
     return tokens(grip.number.name)[-2:] == ["gripper", "pos"] and low >= -1.0 and 2.0 < high <= 101.0
 
 
 def _between(values: _Floats, low: float, high: float) -> float:
-    """Return the value that divides numbers into the two sets with the least variance within (Otsu)."""
+    """Return the threshold that divides values into the two sets with the least variance within (Otsu)."""
     counts, edges = np.histogram(np.clip(values, low, high), bins=64, range=(low, high))
     middles = (edges[:-1] + edges[1:]) / 2.0
     below = np.cumsum(counts)[:-1].astype(np.float64)
@@ -190,12 +191,12 @@ def _between(values: _Floats, low: float, high: float) -> float:
         spread = below * above * (sums[:-1] / below - (sums[-1] - sums[:-1]) / above) ** 2
     spread = np.nan_to_num(spread, nan=0.0)
     best = np.flatnonzero(spread >= spread.max() * (1.0 - 1e-9))
-    cut = float(edges[1:-1][best].mean())  # the middle of an empty gap
+    cut = float(edges[1:-1][best].mean())  # the center of an empty gap
     return min(max(cut, low + 0.25 * (high - low)), low + 0.75 * (high - low))
 
 
 def held(values: _Floats) -> _Floats:
-    """Return commands (T,) in which a 0 among nothing but -1, 0 and 1 keeps the last command, as relative ones do."""
+    """Return commands (T,) in which a 0 among only -1, 0 and 1 is replaced by the last command, which it keeps."""
     if not np.isin(values, (-1.0, 0.0, 1.0)).all() or not (values == 0.0).any() or not (values < 0.0).any():
         return np.array(values)
     last = np.maximum.accumulate(np.where(values != 0.0, np.arange(len(values)), -1))
@@ -204,9 +205,9 @@ def held(values: _Floats) -> _Floats:
 
 
 def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
-    """Return in which rows (T,) a gripper is closed; what is shorter than ``shortest`` rows counts as what was before.
+    """Return the rows (T,) in which a gripper is closed; phases shorter than ``shortest`` rows are ignored.
 
-    At the beginning and the end of an episode nothing is too short.
+    Phases at the beginning and the end of an episode are never too short.
     """
     closed = (values < jaws.between) if jaws.closed == "low" else (values > jaws.between)
     for begin, end in runs(closed.astype(np.int64)):

@@ -1,8 +1,8 @@
 """Whole instructions as categories: information about an outcome beyond that of single words and pairs of words.
 
-Three or more words may fix an outcome together, or two words in so few demonstrations that no pair can be tested. A
-test of the whole instruction shows both. Where words or pairs already tell an outcome, demonstrations are compared
-only with those that agree in these words, so that no rule is found twice.
+Three or more words may determine an outcome together, or two words in too few demonstrations to test the pair. A test
+of the whole instruction covers both. If words or pairs already determine an outcome, demonstrations are compared only
+with those that agree in these words, so that no rule is found twice.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import numpy.typing as npt
 from betterbench.demonstrations.shortcuts.association import Association, PermutationTest, codes_of, permutation_test
 
 FEWEST_SAID = 2
-"""Fewest demonstrations with one instruction for it to be compared: an instruction that is given once tells nothing."""
+"""Minimum number of demonstrations with one instruction: an instruction that occurs once has no information."""
 
 _Ints = npt.NDArray[np.int64]
+_Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +28,11 @@ class WholeTest:
     """The test of whole instructions against an outcome.
 
     Attributes:
-        test: The association without any condition, which planted rules are compared with.
-        beyond: The association among demonstrations that agree in the words that already tell the outcome.
+        test: The unconditional association, with which planted rules are compared.
+        beyond: The association among demonstrations that agree in the words already found.
         share_told: Share of the errors of the best guess from these words that the instruction avoids.
-        rows: Numbers of the demonstrations that were compared.
-        instructions: Number of different instructions that they have.
+        rows: Indices of the demonstrations that were compared.
+        instructions: Number of different instructions among them.
     """
 
     test: PermutationTest
@@ -49,7 +50,7 @@ def whole_test(
     Args:
         instructions: Instruction of each demonstration.
         outcomes: Outcome of each demonstration.
-        known: For each demonstration, which of the words that already tell the outcome it has, as a text.
+        known: For each demonstration, the words already found that it contains, as a text.
         draw: Random generator of the permutations.
     """
     times = Counter(instructions)
@@ -61,31 +62,35 @@ def whole_test(
     several = len(set(strata)) > 1
     beyond = permutation_test(texts, ends, draw, blocks=strata, within=True).found if several else test.found
     usual = _joint(*codes_of(strata), test.y, test.sizes[1])
-    told = _avoided(_joint(test.x, test.sizes[0], test.y, test.sizes[1]), int(usual.max(axis=1).sum()))
+    told = float(_avoided(_joint(test.x, test.sizes[0], test.y, test.sizes[1]), usual.max(axis=1).sum()))
     return WholeTest(test, beyond, told, tuple(rows), test.sizes[0])
 
 
-def share_told(joint: _Ints) -> float:
+def share_told(joint: _Ints) -> _Floats:
     """Return the share of the errors of always guessing the most frequent outcome that knowing the category avoids.
 
-    Each demonstration is guessed from the others of its category (leave one out); ties are half right.
+    Each demonstration is guessed from the others of its category (leave-one-out); ties count as half right.
 
     Args:
-        joint: (categories, outcomes) how often each category goes with each outcome.
+        joint: (..., categories, outcomes) how often each category goes with each outcome, in one table or in many.
+
+    Returns:
+        The share of each table, shape (...).
     """
-    return _avoided(joint, int(joint.sum(axis=0).max()))
+    return _avoided(joint, joint.sum(axis=-2).max(axis=-1))
 
 
 def _joint(x: _Ints, nx: int, y: _Ints, ny: int) -> _Ints:
     return np.asarray(np.bincount(x * ny + y, minlength=nx * ny).reshape(nx, ny), dtype=np.int64)
 
 
-def _avoided(joint: _Ints, usual: int) -> float:
+def _avoided(joint: _Ints, usual: _Ints) -> _Floats:
     """Return the share of errors that guesses from the category avoid, of a guess that is ``usual`` times right."""
-    ranked = np.sort(joint, axis=1)
-    most, second = ranked[:, -1:], ranked[:, -2:-1]
+    ranked = np.sort(joint, axis=-1)
+    most, second = ranked[..., -1:], ranked[..., -2:-1]
     rest = np.where((joint == most) & (second < most), second, most)  # most frequent other outcome of the category
     others = joint - 1
     right = np.where(others > rest, 1.0, np.where((others == rest) & (others > 0), 0.5, 0.0))
-    n = int(joint.sum())
-    return (float((joint * right).sum()) - usual) / (n - usual) if usual < n else 0.0
+    wrong = joint.sum(axis=(-2, -1)) - usual
+    avoided: _Floats = ((joint * right).sum(axis=(-2, -1)) - usual) / np.maximum(wrong, 1)
+    return np.where(wrong > 0, avoided, 0.0)

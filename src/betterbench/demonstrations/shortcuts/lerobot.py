@@ -1,8 +1,8 @@
 """Facts of an external LeRobot dataset, versions 2.0 to 3.0, from instruction, actions and proprioception.
 
 Such a dataset has no simulator state, so objects have no names, and a place is a point at which a gripper closes or
-opens. The columns of instruction, gripper and place are recognized by their names; a dataset is refused if these are
-not clear. :class:`DataReading` lists the columns that were chosen.
+opens. The columns of instruction, gripper and place are recognized by name; a dataset with ambiguous names is refused.
+:class:`DataReading` lists the chosen columns.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import parse_json, read_bounded
 
 MOST_NUMBER = 1e6
-"""Largest number of a state or an action that is read.
+"""Largest accepted value of a state or an action.
 
-Meters, radians and degrees stay far below it, as do millimeters and the ticks of an encoder (4,096 to 65,536 a turn).
+Meters, radians and degrees are far smaller, as are millimeters and encoder ticks (4,096 to 65,536 per turn).
 """
 NOT_FINITE = "a number that is not finite"
-BEYOND = f"a number beyond {MOST_NUMBER:,.0f} on either side of 0"
+BEYOND = f"a number with an absolute value above {MOST_NUMBER:,.0f}"
 MOST_EPISODES = 5000
-"""Most episodes that are read; the test needs no more."""
+"""Maximum number of episodes that are read; the test needs no more."""
 USUAL_FPS = 10.0
 _MOST_FPS = 1e4
 _MOST_COUNT = 10**9
@@ -69,14 +69,14 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Columns and conventions that a user gives for a data set; the others are recognized by their names.
+    """Columns and conventions given by the user for a data set; the others are recognized by name.
 
     Attributes:
         instruction: Column with the instruction, of the frames or of the file of tasks.
-        grippers: Numbers of the grippers, one per arm.
-        places: Numbers of the places, as many for each gripper.
-        closed: End at which the grippers are closed.
-        seed: Seed of the sample that is taken of more than :data:`MOST_EPISODES` episodes.
+        grippers: Gripper components, one per arm.
+        places: Position components, the same number for each gripper.
+        closed: End of the range at which the grippers are closed.
+        seed: Seed of the sample from more than :data:`MOST_EPISODES` episodes.
     """
 
     instruction: str | None = None
@@ -100,23 +100,23 @@ def is_lerobot_dataset(path: Path) -> bool:
 
 
 def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
-    """Return the facts of each episode of a LeRobot dataset, as :func:`read_lerobot` does without choices."""
+    """Return the facts of each episode of a LeRobot dataset, as :func:`read_lerobot` without choices."""
     return read_lerobot(path).facts
 
 
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
-    """Return the facts of each episode of a LeRobot dataset, or of each segment where the instruction changes.
+    """Return the facts of each episode of a LeRobot dataset, or of each segment if the instruction changes.
 
-    With two arms there is a group of facts for each, and one about which of them closes its gripper first.
+    With two arms there is a group of facts for each arm, and one about which arm closes its gripper first.
 
     Args:
         path: Folder of the data set.
-        choices: Columns and conventions that the user gives.
+        choices: Columns and conventions given by the user.
 
     Raises:
-        InvalidInputError: If the folder is no such dataset, or instruction, gripper or places cannot be told.
-        UnknownNameError: If a user names a column that there is not.
-        RecordError: If a file of it cannot be read.
+        InvalidInputError: If the folder is not such a dataset, or instruction, gripper or places are ambiguous.
+        UnknownNameError: If a column named by the user does not exist.
+        RecordError: If a file cannot be read.
     """
     given = choices if choices is not None else Choices()
     info = read_info(path)
@@ -146,7 +146,7 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
             still.append(f"the gripper {grip.number.shown}, {idle.told}")
     if not arms:
         shown = ", ".join(grip.number.shown for grip in grips)
-        raise InvalidInputError(str(path), f"the gripper ({shown}) never moves", "Say which it is with --gripper")
+        raise InvalidInputError(str(path), f"the gripper ({shown}) never moves", "Name the gripper with --gripper")
     name = f"LeRobot dataset {one_line(path.absolute().name, most=80)}"
     facts: list[EpisodeFacts] = []
     for arm in arms:
@@ -164,7 +164,7 @@ def _modality(path: Path) -> Mapping[str, Any]:
 
 
 def _says_steps(path: Path) -> bool:
-    """Tell whether ``meta/betterbench.json`` says that the actions are steps of the tool."""
+    """Tell whether ``meta/betterbench.json`` declares that the actions are steps of the tool."""
     file = path / "meta" / "betterbench.json"
     if not file.is_file() or is_pointer(file):
         return False
@@ -181,8 +181,8 @@ class _Said:
 
     Attributes:
         column: Column of the frames.
-        tasks: The texts of its numbers, None if it holds the texts themselves.
-        others: Further columns that may hold instructions.
+        tasks: The texts by index, None if the column contains the texts themselves.
+        others: Further columns that may contain instructions.
     """
 
     column: str
@@ -191,7 +191,7 @@ class _Said:
 
     @classmethod
     def of(cls, path: Path, info: Mapping[str, Any], named: str | None) -> _Said:
-        """Return the location of the instructions: the file of tasks, or the column that the user names."""
+        """Return the location of the instructions: the file of tasks, or the column named by the user."""
         features = info["features"]
         texts = [
             name
@@ -219,9 +219,9 @@ class _Said:
         return f"{self.tasks.source}, by {self.column} of the frames"
 
     def codes(self, file: Path, column: FrameColumn, known: dict[str | None, int]) -> _Ints:
-        """Return the number of each row's instruction in ``known``, to which new ones are added.
+        """Return the index of each row's instruction in ``known``, to which new instructions are added.
 
-        It is -1 where the column has a number that is not finite. Raises RecordError if a number has no text.
+        It is -1 if the column has a non-finite value. Raises RecordError if a task index has no text.
         """
         texts = texts_in(file, self.column, column)
         if texts is not None:
@@ -237,7 +237,7 @@ class _Said:
             unknown = [int(n) for n in unique if int(n) not in self.tasks.texts]
             if unknown:
                 raise RecordError(
-                    f"{file}: {self.column} has {unknown[0]}, and {self.tasks.source} names no such task. "
+                    f"{file}: {self.column} has {unknown[0]}, but {self.tasks.source} has no such task. "
                     "Write the file of tasks again."
                 )
             listed = [self.tasks.texts[int(n)] for n in unique]
@@ -250,7 +250,7 @@ class _Said:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """An episode: its rows by file in the order of its frames, and its segments (rows from its start, instruction)."""
+    """An episode: its rows by file in frame order, and its segments (rows from its start, instruction)."""
 
     index: int
     parts: tuple[EpisodePart, ...]
@@ -264,15 +264,15 @@ class _Stretch:
 
 @dataclass(slots=True)
 class _Scanned:
-    """Readable episodes of all files, with the counts of those that cannot be used.
+    """Readable episodes of all files, with the counts of unusable ones.
 
     Attributes:
         episodes: The readable ones.
         orders: The files whose rows had to be sorted, with their order.
-        short: Episodes of less than two frames.
-        silent: Episodes without an instruction.
-        pointers: Files that are pointers of Git LFS.
-        odd: Numbers of the episodes with numbers that cannot be used, by the reason.
+        short: Number of episodes with fewer than two frames.
+        silent: Number of episodes without an instruction.
+        pointers: Number of files that are Git LFS pointers.
+        odd: Indices of the episodes with unusable values, by reason.
     """
 
     episodes: list[_Stretch] = field(default_factory=list)
@@ -289,7 +289,7 @@ class _Scanned:
 
 
 def _scan(path: Path, said: _Said) -> _Scanned:
-    """Return the episodes of all files with their instructions; RecordError if one stands there twice."""
+    """Return the episodes of all files with their instructions; RecordError if an episode occurs twice."""
     frames = Frames.of(path)
     frames.require_some(path)
     found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()
@@ -320,12 +320,12 @@ def _scan(path: Path, said: _Said) -> _Scanned:
         problem = f"none of {how_many(found.silent, 'episode')} has an instruction"
         raise InvalidInputError(str(path), f"{problem} in {said.source}", "Name another column with --instruction")
     if not found.episodes:
-        raise InvalidInputError(str(path / "data"), "it holds no episode of two frames or more", CURE)
+        raise InvalidInputError(str(path / "data"), "it contains no episode of two frames or more", CURE)
     return found
 
 
 def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int) -> None:
-    """Raise InvalidInputError if more than half of the episodes have numbers that cannot be used."""
+    """Raise InvalidInputError if more than half of the episodes have unusable values."""
     count = sum(map(len, odd.values()))
     if 2 * count > of:
         reason = next(iter(odd))
@@ -335,7 +335,7 @@ def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int
 
 
 def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -> tuple[tuple[int, int, str], ...]:
-    """Return the segments of two frames or more that have an instruction, of runs of frames and the codes of texts."""
+    """Return the segments of at least two frames with an instruction, from run lengths and the codes of texts."""
     found, at = [], 0
     for code, group in itertools.groupby(lengths, key=lambda run: run[1]):
         size, text = sum(length for length, _ in group), texts[code] if code >= 0 else None
@@ -346,7 +346,7 @@ def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -
 
 
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
-    """Return at most :data:`MOST_EPISODES` episodes, each instruction in proportion, drawn by their rank."""
+    """Return at most :data:`MOST_EPISODES` episodes, drawn by rank with each instruction in proportion."""
     if len(episodes) <= MOST_EPISODES:
         return list(episodes)
     by_text: dict[str, list[_Stretch]] = {}
@@ -368,7 +368,7 @@ def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """The numbers of an episode: by arm those of the gripper (T,), and those of the place (T, d)."""
+    """The values of an episode by arm: of the gripper (T,), and of the place (T, d)."""
 
     stretch: _Stretch
     grips: Mapping[str, _Floats]
@@ -382,7 +382,7 @@ def _read(
     places: Sequence[ArmPlace],
     widths: Mapping[str, int],
 ) -> tuple[list[_Episode], dict[str, list[int]]]:
-    """Return the numbers of some episodes, and which of them have numbers that cannot be used, by the reason."""
+    """Return the values of some episodes, and the episodes with unusable values, by reason."""
     odd: dict[str, list[int]] = {}
     by_file: dict[Path, list[tuple[_Stretch, int]]] = {}
     for stretch in chosen:
@@ -412,7 +412,7 @@ def _read(
 
 
 def _odd(column: str, values: _Floats) -> str:
-    """Return why numbers cannot be used, "" if they can."""
+    """Return why values are unusable, "" if they are usable."""
     if not np.isfinite(values).all():
         return f"{NOT_FINITE} (in {column})"
     return f"{BEYOND} (in {column})" if (np.abs(values) > MOST_NUMBER).any() else ""
@@ -425,7 +425,7 @@ def _episode(
     cut: Mapping[str, _Floats],
     used: Mapping[str, Sequence[int]],
 ) -> _Episode:
-    """Return the numbers of an episode: ``cut`` has those (T, n) of each column that ``used`` lists."""
+    """Return the values of an episode: ``cut`` has the values (T, n) of each column in ``used``."""
 
     def of(number: NamedNumber) -> _Floats:
         return cut[number.column][:, used[number.column].index(number.index)]
@@ -448,12 +448,12 @@ class _Arm:
 
     Attributes:
         grip: Its gripper.
-        place: The numbers that give its position.
+        place: The components of its position.
         jaws: Range and polarity of its gripper.
         closings: Rows in which the gripper closes, by episode.
-        openings: Rows in which it opens.
+        openings: Rows in which it opens, by episode.
         share_closed: Share of all rows in which it is closed.
-        points: Its positions by episode; principal components of its numbers if these are not positions.
+        points: Its positions by episode; principal components if its values are not positions.
         span: Range of these points.
     """
 
@@ -475,7 +475,7 @@ class _Arm:
             chosen: Its gripper and its place.
             jaws: Range and polarity of its gripper.
             episodes: The numbers of all episodes.
-            shortest: Rows for which a gripper is closed or open at least.
+            shortest: Minimum number of rows for which a gripper is closed or open.
         """
         grip, place = chosen
         grips, ways = [e.grips[grip.arm] for e in episodes], [e.ways[grip.arm] for e in episodes]
@@ -508,19 +508,19 @@ class _Arm:
 
 
 def _shortest(info: Mapping[str, Any]) -> int:
-    """Return the least number of frames in which a gripper is closed or open."""
+    """Return the minimum number of frames for which a gripper is closed or open."""
     return max(1, round(SHORTEST_S * (_rate(info) or USUAL_FPS)))
 
 
 def _rate(info: Mapping[str, Any]) -> float | None:
-    """Return the frames per second that a data set says it has, None if it says nothing that can be."""
+    """Return the declared frame rate of a data set, None if it is missing or invalid."""
     fps = info.get("fps")
     known = isinstance(fps, int | float) and not isinstance(fps, bool) and 0.0 < fps < _MOST_FPS
     return float(fps) if known and fps is not None else None
 
 
 def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield what one arm does in each segment of each episode."""
+    """Yield the facts of one arm in each segment of each episode."""
     exact = arm.place.space in ("position", "steps")
     names = []
     for edges in (arm.closings, arm.openings):
@@ -533,7 +533,7 @@ def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[Epis
             origins = [name for row, name in names[0][i] if begin <= row < end]
             targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
             count = max(len(origins), len(targets))
-            # The first origin is that of the first step, and the last target that of the last one.
+            # The first origin is that of the first step, and the last target is that of the last one.
             origins += [""] * (count - len(origins))
             targets = [""] * (count - len(targets)) + targets
             steps = tuple(ShownStep("", "", a, b) for a, b in zip(origins, targets, strict=True))
@@ -547,7 +547,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield which arm closes its gripper first in each segment of each episode."""
+    """Yield the arm that closes its gripper first in each segment of each episode."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
@@ -561,8 +561,8 @@ class _Read:
 
     Attributes:
         still: The grippers that never move, with the reason.
-        odd: Episodes that were left out for their numbers, by the reason.
-        not_drawn: Number of episodes that were left out by the sample.
+        odd: Episodes that were left out because of their values, by reason.
+        not_drawn: Number of episodes outside the sample.
     """
 
     info: Mapping[str, Any]
@@ -577,7 +577,7 @@ class _Read:
 
     @property
     def listed(self) -> int | None:
-        """Episodes that the data set says it has, None if it says nothing that can be."""
+        """Declared number of episodes of the data set, None if it is missing or invalid."""
         total = self.info.get("total_episodes")
         known = isinstance(total, int) and not isinstance(total, bool) and 0 < total <= _MOST_COUNT
         return total if known else None
@@ -609,9 +609,9 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield how the frames were put in order, where their files did not have them so."""
+    """Yield how the frames were sorted, for files in another order."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
-        by = f"by episode_index and {key}" if key else "by episode_index alone: no column tells the order of the frames"
+        by = f"by episode_index and {key}" if key else "by episode_index alone: no column has the order of the frames"
         yield f"Order of the frames: the rows of {how_many(group, 'file')} had to be sorted, {by}"
     split = sum(len(stretch.parts) > 1 for stretch in scanned.episodes)
     if split:
@@ -619,7 +619,7 @@ def _about(scanned: _Scanned) -> Iterator[str]:
 
 
 def _left_out(read: _Read) -> Iterator[str]:
-    """Yield what was not read, and why."""
+    """Yield the data that were not read, with the reason."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
         yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
@@ -627,7 +627,7 @@ def _left_out(read: _Read) -> Iterator[str]:
         what = "file that is a pointer" if scanned.pointers == 1 else "files that are pointers"
         yield f"{scanned.pointers:,} {what} of Git LFS (run git lfs pull to fetch them)"
     if scanned.short:
-        yield f"{how_many(scanned.short, 'episode')} of less than two frames"
+        yield f"{how_many(scanned.short, 'episode')} of fewer than two frames"
     if scanned.silent:
         yield f"{how_many(scanned.silent, 'episode')} without an instruction"
     for reason, left in sorted(read.odd.items()):
@@ -642,15 +642,15 @@ def _left_out(read: _Read) -> Iterator[str]:
 
 
 def _warnings(read: _Read) -> Iterator[str]:
-    """Yield what may make the findings wrong."""
+    """Yield possible reasons for wrong findings."""
     total = read.info.get("total_episodes")
     if read.listed is None and total is not None:
-        yield "total_episodes in meta/info.json is no count of episodes"
+        yield "total_episodes in meta/info.json is not a number of episodes"
     elif 0 < (read.listed or 0) < read.scanned.there:
-        yield f"meta/info.json says {how_many(read.listed or 0, 'episode')}, and the files hold {read.scanned.there:,}"
+        yield f"meta/info.json says {how_many(read.listed or 0, 'episode')}, but the files have {read.scanned.there:,}"
     if _rate(read.info) is None:
         fps = read.info.get("fps")
-        found = "is missing" if fps is None else f"is {one_line(repr(fps), most=40)}, which is no rate"
+        found = "is missing" if fps is None else f"is {one_line(repr(fps), most=40)}, which is not a rate"
         yield f"fps in meta/info.json {found}; {USUAL_FPS:.0f} frames per second were assumed"
     for arm in read.arms:
         of_arm = f" of the {arm.grip.arm} arm" if len(read.arms) > 1 else ""

@@ -1,6 +1,6 @@
-"""Choice of the numbers of a LeRobot dataset that give its grippers and the positions of its arms, by their names.
+"""Choice of the gripper and position components of a LeRobot dataset, by their names.
 
-The dataset is refused if the names are not clear.
+The dataset is refused if the names are ambiguous.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 MOST_SHOWN = 8
 STEPS = "+"
-"""Prefix of a number of ``--place`` that is a step: its sum over time is the position."""
+"""Prefix of a component of ``--place`` that is a step: its sum over time is the position."""
 
 _ACTIONS = ("action", "actions")
 _STATES = ("observation.state", "state")
@@ -31,12 +31,12 @@ _NO_STATE = {"environment", "env", "images", "image", "goal", "target", "object"
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Numbers of a data set, with the role of each of them.
+    """Components of a data set with their roles.
 
     Attributes:
-        numbers: By column.
-        parts: Their roles, likewise.
-        where: File that names them.
+        numbers: Components by column.
+        parts: Their roles by column.
+        where: File with their names.
         steps: Whether the actions are known to be steps of the tool, so that their sums are places.
     """
 
@@ -47,30 +47,30 @@ class Columns:
 
     @classmethod
     def of(cls, numbers: Mapping[str, tuple[NamedNumber, ...]], where: str, *, steps: bool) -> Columns:
-        """Return the columns with what their numbers are."""
+        """Return the columns with the roles of their components."""
         return cls(numbers, {name: parts_of(found) for name, found in numbers.items()}, where, steps)
 
     @property
     def actions(self) -> list[str]:
-        """Columns of actions, those for all numbers first."""
+        """Columns of actions; a column with all components comes first."""
         other = [name for name in self.numbers if name.startswith(("action.", "actions."))]
         return [name for name in _ACTIONS if name in self.numbers] + sorted(other)
 
     @property
     def states(self) -> list[str]:
-        """Columns of proprioception, those for all numbers first."""
+        """Columns of proprioception; a column with all components comes first."""
         usual = [name for name in _STATES if name in self.numbers]
         left = self.numbers.keys() - {*usual, *self.actions, "timestamp"}
         return usual + sorted(name for name in left if not _NO_STATE & set(tokens(name)))
 
     def pairs(self, column: str) -> list[tuple[NamedNumber, NumberRole]]:
-        """Return the numbers of a column with what they are."""
+        """Return the components of a column with their roles."""
         return list(zip(self.numbers[column], self.parts[column], strict=True))
 
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Number that measures how far the gripper of an arm is closed, with the reason for its choice."""
+    """Component that measures how far the gripper of an arm is closed, with the reason for its choice."""
 
     arm: str
     number: NamedNumber
@@ -79,7 +79,7 @@ class Grip:
 
 @dataclass(frozen=True, slots=True)
 class ArmPlace:
-    """Numbers that give the position of an arm, their kind (as in ``PlaceReading``), and the reason for the choice."""
+    """Components of an arm's position, their kind (as in ``PlaceReading``), and the reason for the choice."""
 
     arm: str
     numbers: tuple[NamedNumber, ...]
@@ -88,11 +88,11 @@ class ArmPlace:
 
 
 def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
-    """Return one gripper per arm: those that a user names, or those that have such a name.
+    """Return one gripper per arm: those named by the user, or those recognized by name.
 
     Raises:
-        InvalidInputError: If none has such a name, or two of one arm have.
-        UnknownNameError: If a user names a number that there is not.
+        InvalidInputError: If no component is recognized as a gripper, or two for one arm.
+        UnknownNameError: If a component named by the user does not exist.
     """
     if named:
         return _named_grippers(columns, named)
@@ -141,15 +141,15 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
     for arm, group in by_arm.items():
         bases = {re.sub(r"[\W_]*\d+\]?$", "", number.labels[0].lower()) for number, _ in group}
         if kind == "finger" and len(group) > 2:
-            continue  # a hand of several fingers is no gripper
-        # Two fingers have one name with two numbers, and stand side by side.
+            continue  # a hand with several fingers is not a gripper
+        # Two fingers have one name with two indices, and are adjacent.
         apart = (
             len({number.labels[0] for number, _ in group}) < len(group) or group[-1][0].index > group[0][0].index + 1
         )
         if len(group) > 2 or (len(group) == 2 and (len(bases) > 1 or apart)):
             shown = ", ".join(f"{number.name} ({number.index})".strip() for number, _ in group[:MOST_SHOWN])
             problem = f"{len(group)} numbers of {column} have the name of a gripper: {shown}"
-            cure = f"Say which one with --gripper '{column}[N]', where N is its number, as in brackets"
+            cure = f"Choose one with --gripper '{column}[N]', where N is its index in brackets"
             raise InvalidInputError(columns.where, problem, cure)
         number, part = group[0]
         _require_agreement(columns, number, part)
@@ -158,17 +158,17 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
 
 
 def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) -> None:
-    """Raise InvalidInputError if two names of a number say different things."""
+    """Raise InvalidInputError if two names of a component contradict each other."""
     for label, by, kind in zip(number.labels, number.by, part.kinds, strict=True):
         if kind in ("body", "hand", "x", "y", "z") or (kind == "joint" and part.kinds[0] == "gripper"):
             problem = (
                 f"{number.column}[{number.index}] is a gripper by {part.by}, and {one_line(label, most=80)!r} by {by}"
             )
-            raise InvalidInputError(columns.where, problem, "Correct one of them, or say which number with --gripper")
+            raise InvalidInputError(columns.where, problem, "Correct one of them, or choose one with --gripper")
 
 
 def _why_no_gripper(columns: Columns) -> str:
-    """Return why no number can be taken for a gripper."""
+    """Return why no component is recognized as a gripper."""
     pool = columns.actions or columns.states
     if not pool:
         return "the dataset has no column action and no proprioception"
@@ -178,7 +178,7 @@ def _why_no_gripper(columns: Columns) -> str:
         shown = ", ".join(hands[:3]) + (" and more" if len(hands) > 3 else "")
         return f"no number has the name of a gripper; {shown} belong to hands with several joints"
     unnamed = not any(n.name for n in numbers)
-    tail = "its numbers have no names" if unnamed else f"none of the names of its {len(numbers)} numbers says so"
+    tail = "its numbers have no names" if unnamed else f"none of its {len(numbers)} names means a gripper"
     return f"no number has the name of a gripper; {pool[0]} was looked at first, and {tail}"
 
 
@@ -187,7 +187,7 @@ def _cure_gripper(columns: Columns) -> str:
     column = pool[0] if pool else "COLUMN"
     counted = f" ({_span(len(columns.numbers[column]))})" if pool else ", counted from 0"
     told = f"--gripper '{column}[N]', where N is the number that closes the gripper{counted}"
-    return f"Say which number it is with {told}, or with --gripper '{column}:NAME'"
+    return f"Choose the gripper with {told}, or with --gripper '{column}:NAME'"
 
 
 def _span(count: int) -> str:
@@ -195,11 +195,11 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return the numbers that locate the arm of each gripper: the user's, end-effector positions, or joints.
+    """Return the position components of each gripper's arm: the user's, end-effector positions, or joints.
 
     Raises:
-        InvalidInputError: If an arm has no such numbers, or two sets of them.
-        UnknownNameError: If a user names a number that there is not.
+        InvalidInputError: If an arm has no such components, or two sets of them.
+        UnknownNameError: If a component named by the user does not exist.
     """
     if named:
         return _named_places(columns, grips, named)
@@ -221,7 +221,7 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
 
 
 def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return the place of one arm."""
+    """Return the position components of one arm."""
     states = columns.states
     for column in states:
         for arm in _arms(columns, column, "xyz", grip.arm, alone=alone):
@@ -244,7 +244,7 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm of a column that belongs to a gripper, none if that cannot be told."""
+    """Return the arm of a column that belongs to a gripper, none if it is ambiguous."""
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)
@@ -254,7 +254,7 @@ def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alon
 
 
 def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, ...], str] | None:
-    """Return x, y and, if there is one, z of an arm; InvalidInputError if one stands twice."""
+    """Return x, y and, if present, z of an arm; InvalidInputError if an axis occurs twice."""
     found = {
         axis: [(n, part) for n, part in columns.pairs(column) if part.kind == axis and part.arm == arm]
         for axis in "xyz"
@@ -266,14 +266,14 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
             shown = ", ".join(f"{column}[{n.index}]" for n, _ in numbers[:MOST_SHOWN])
             of = f" of the {arm} arm" if arm else ""
             problem = f"{len(numbers)} numbers{of} are called {axis}: {shown}"
-            raise InvalidInputError(columns.where, problem, "Say which ones with --place, x first, then y")
+            raise InvalidInputError(columns.where, problem, "Choose the numbers with --place, x first, then y")
     return tuple(n for axis in "xyz" for n, _ in found[axis]), found["x"][0][1].by
 
 
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return all numbers of the state if it has no names, and there is one gripper; InvalidInputError otherwise."""
+    """Return all components of an unnamed state if there is one gripper; InvalidInputError otherwise."""
     syntax = "with its own column and numbers, x first, counted from 0"
-    cure = f"Say where the gripper is with --place 'COLUMN[0,1,2]', {syntax}"
+    cure = f"Give the gripper's position with --place 'COLUMN[0,1,2]', {syntax}"
     if not columns.states:
         problem = "the dataset has no proprioception (observation.state)"
         more = f", or --place '+COLUMN[0,1,2]', {syntax}, if the actions are steps of the tool"
@@ -286,16 +286,16 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     telling = [(n, part) for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
     if not alone or telling:
         of = f"the {grip.arm} arm" if grip.arm else "the gripper"
-        problem = f"no names tell where {of} is ({grip.number.shown} is its gripper)"
+        problem = f"no names show the position of {of} ({grip.number.shown} is its gripper)"
         own = [n for n, part in telling if part.arm in (grip.arm, "") or not grip.arm]
         if own:
             problem += f"; {column} has {', '.join(n.shown for n in own[:MOST_SHOWN])}"
         raise InvalidInputError(columns.where, problem, cure)
-    return ArmPlace(grip.arm, tuple(left), "numbers", f"{column} has no names that tell")
+    return ArmPlace(grip.arm, tuple(left), "numbers", f"{column} has no usable names")
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return on which side a gripper is closed by its name, ``low`` or ``high``, and the word that says so."""
+    """Return the closed end of a gripper by its name, ``low`` or ``high``, and the word that implies it."""
     for label in number.labels:
         words = set(tokens(label))
         opened = words & {"open", "opened", "opening", "openness", "width", "aperture", "gap", "distance"}

@@ -1,7 +1,7 @@
 """Files of a LeRobot dataset, versions 2.0 to 3.0: its description, instructions and frames.
 
-Files are laid out as huggingface/lerobot 0.4 writes them. They are a stranger's: their sizes are bounded before they
-are read, a pipe is not waited for, and a pointer of Git LFS in the place of a file is named as such.
+The file layout is that of huggingface/lerobot 0.4. The files are untrusted: sizes are bounded before reading, a named
+pipe is not waited for, and a Git LFS pointer in place of a file is reported as such.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_
 CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
 POINTER = b"version https://git-lfs.github.com/spec/"
 """First bytes of a Git LFS pointer file."""
-FETCH = "It is a pointer of Git LFS, and the file itself was not fetched. Run git lfs pull in the dataset"
+FETCH = "It is a Git LFS pointer; the file itself was not fetched. Run git lfs pull in the dataset"
 
 MOST_ROWS = 20_000_000
-"""Most frames of a file."""
+"""Maximum number of frames of a file."""
 MOST_VALUES = 400_000_000
-"""Most numbers of the columns of a file that are read."""
+"""Maximum number of values in the columns read from a file."""
 MOST_BYTES = 8 << 30
-"""Most bytes to which the columns of a file unpack that are read."""
+"""Maximum unpacked size of the columns read from a file [byte]."""
 MOST_TASKS = 1_000_000
-"""Most instructions."""
+"""Maximum number of instructions."""
 MOST_TEXT = 2_000
-"""Characters of an instruction that are looked at."""
+"""Number of characters of an instruction that are read."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
 _HAS_DIGITS = "set_int_max_str_digits"
-"""Part of Python's error about a whole number with more digits than it reads; its advice is about Python."""
-_TOO_LONG = "it holds a whole number of more than 4,300 digits"
+"""Part of Python's error about an integer with too many digits, whose advice concerns Python."""
+_TOO_LONG = "it contains an integer of more than 4,300 digits"
 _INDEX = re.compile(r"__index_level_\d+__")
 _TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_description", "prompt")
-"""Columns of ``tasks.parquet`` that hold the instruction, the first one that is there."""
+"""Columns of ``tasks.parquet`` that may contain the instruction; the first existing one is used."""
 
 FrameColumn = pa.ChunkedArray
 """A column of a file of frames."""
@@ -65,7 +65,7 @@ def is_pointer(path: Path) -> bool:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the JSON object of a file of ``meta``; InvalidInputError if it holds none."""
+    """Return the JSON object in a file of ``meta``; InvalidInputError if it contains none."""
     if is_pointer(path):
         raise InvalidInputError(str(path), "the file cannot be read", FETCH)
     try:
@@ -77,26 +77,26 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_info(path: Path) -> Mapping[str, Any]:
-    """Return ``meta/info.json``; InvalidInputError if it is none of a version that is read."""
+    """Return ``meta/info.json``; InvalidInputError if its version is not supported."""
     file = path / "meta" / "info.json"
     info = read_json(file)
     if not isinstance(info.get("features"), dict):
         raise InvalidInputError(str(file), "it lists no features", CURE)
     version = info.get("codebase_version", "v3.0")
     if not re.match(r"v[23]\.", str(version)):
-        problem = f"codebase_version is {one_line(version, most=40)!r}, and 2.0 to 3.0 are read"
+        problem = f"codebase_version is {one_line(version, most=40)!r}; supported are 2.0 to 3.0"
         raise InvalidInputError(str(file), problem, "Convert the dataset with lerobot's own scripts")
     return info
 
 
 @dataclass(frozen=True, slots=True)
 class Tasks:
-    """The instructions of a data set by their number.
+    """The instructions of a data set by index.
 
     Attributes:
-        texts: By number; None where a number has no text.
-        source: File that they were read from.
-        others: Columns beside the one that was read.
+        texts: Instructions by index; None for an index without a text.
+        source: File of the instructions.
+        others: Columns other than the one that was read.
     """
 
     texts: Mapping[int, str | None]
@@ -105,15 +105,15 @@ class Tasks:
 
 
 def read_tasks(path: Path, column: str | None = None) -> Tasks:
-    """Return the instructions: of version 3 from ``tasks.parquet``, of version 2 from ``tasks.jsonl``.
+    """Return the instructions: for version 3 from ``tasks.parquet``, for version 2 from ``tasks.jsonl``.
 
     Args:
         path: Folder of the data set.
         column: Column to read instead of ``task``.
 
     Raises:
-        RecordError: If the file cannot be read, or no column of it is known to hold the instructions.
-        UnknownNameError: If there is no such column.
+        RecordError: If the file cannot be read, or none of its columns is known to contain the instructions.
+        UnknownNameError: If the column does not exist.
     """
     where, rows = _task_rows(path)
     with _one_line(where):
@@ -121,13 +121,13 @@ def read_tasks(path: Path, column: str | None = None) -> Tasks:
 
 
 def task_columns(path: Path) -> tuple[str, ...]:
-    """Return the columns of texts beside the numbers of the instructions; RecordError if the file cannot be read."""
+    """Return the text columns of the file of instructions; RecordError if the file cannot be read."""
     _, rows = _task_rows(path)
     return tuple(name for name, values in rows.items() if name != "task_index" and _hold_texts(values))
 
 
 def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
-    """Return the file with the instructions, and its columns; RecordError if it cannot be read."""
+    """Return the file of instructions and its columns; RecordError if it cannot be read."""
     lines, table = path / "meta" / "tasks.jsonl", path / "meta" / "tasks.parquet"
     where = table if table.exists() or (not lines.exists() and table.is_symlink()) else lines
     if is_pointer(where):
@@ -138,7 +138,7 @@ def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
 
 @contextmanager
 def _one_line(where: Path) -> Iterator[None]:
-    """Turn what is raised while the instructions are read into one line."""
+    """Turn errors from reading the instructions into one line."""
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
@@ -147,10 +147,10 @@ def _one_line(where: Path) -> Iterator[None]:
 
 
 def _parquet_rows(file: Path) -> dict[str, list[Any]]:
-    """Return the columns of ``tasks.parquet`` by name, the index of pandas among them."""
+    """Return the columns of ``tasks.parquet`` by name, including the index of pandas."""
     with _table_of(file) as table:
         if table.metadata.num_rows > MOST_TASKS:
-            msg = f"it has {table.metadata.num_rows} rows, and at most {MOST_TASKS} are read"
+            msg = f"it has {table.metadata.num_rows} rows; at most {MOST_TASKS} are supported"
             raise ValueError(msg)
         schema = table.schema_arrow
         flat = [f.name for f in schema if _is_text(f.type) or pa.types.is_integer(f.type)]
@@ -161,7 +161,7 @@ def _parquet_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _listed(column: pa.ChunkedArray) -> list[Any]:
-    """Return the values of a column; a text that stands there often is one object."""
+    """Return the values of a column; equal texts share one object."""
     flat = column.combine_chunks()
     if not pa.types.is_dictionary(flat.type):
         return list(flat.to_pylist())
@@ -170,24 +170,24 @@ def _listed(column: pa.ChunkedArray) -> list[Any]:
 
 
 def _json_rows(file: Path) -> dict[str, list[Any]]:
-    """Return the fields of ``tasks.jsonl`` by name; its objects may take several lines."""
+    """Return the fields of ``tasks.jsonl`` by name; its objects may span several lines."""
     data = read_bounded(file, max_bytes=_MAX_JSON_BYTES, cure=CURE)
     text = data.decode(json.detect_encoding(data)).lstrip("\ufeff")
     forms = list(_objects(text))
     if len(forms) > MOST_TASKS:
-        msg = f"it has {len(forms)} instructions, and at most {MOST_TASKS} are read"
+        msg = f"it has {len(forms)} instructions; at most {MOST_TASKS} are supported"
         raise ValueError(msg)
     names = dict.fromkeys(name for form in forms for name in form)
     return {name: [form.get(name) for form in forms] for name in names}
 
 
 def _objects(text: str) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects of a text one after the other, also those of a list."""
+    """Yield the JSON objects of a text one after the other, including those in a list."""
     decoder, at = json.JSONDecoder(), 0
     if text.lstrip()[:1] == "[":
         found = parse_json(text)
         if not all(isinstance(form, dict) for form in found):
-            raise ValueError("it holds something else than objects")
+            raise ValueError("it contains values other than objects")
         yield from found
         return
     while True:
@@ -200,7 +200,7 @@ def _objects(text: str) -> Iterator[dict[str, Any]]:
         except RecursionError as error:
             raise ValueError("it is nested too deep") from error
         if not isinstance(form, dict):
-            raise TypeError("it holds something else than objects")
+            raise TypeError("it contains values other than objects")
         yield form
 
 
@@ -212,10 +212,10 @@ def _tasks(where: Path, rows: Mapping[str, list[Any]], column: str | None) -> Ta
     if column is not None and column not in texts:
         raise UnknownNameError("column with instructions", column, texts)
     if chosen is None and texts:
-        problem = f"no column is called task, and {', '.join(map(one_line, texts[:8]))} may hold them"
-        raise RecordError(f"{where}: {problem}. Say which with --instruction COLUMN.")
+        problem = f"there is no column task; candidates are {', '.join(map(one_line, texts[:8]))}"
+        raise RecordError(f"{where}: {problem}. Choose one with --instruction COLUMN.")
     if chosen is None:
-        raise ValueError("it has no column with them")
+        raise ValueError("it has no column with instructions")
     if "task_index" not in rows:
         raise ValueError("it has no column task_index")
     found: dict[int, str | None] = {}
@@ -223,7 +223,7 @@ def _tasks(where: Path, rows: Mapping[str, list[Any]], column: str | None) -> Ta
         key = int(number)
         said = str(text) if text is not None else None
         if key in found and found[key] != said:
-            msg = f"task {key} stands there twice with different texts"
+            msg = f"task {key} occurs twice with different texts"
             raise ValueError(msg)
         found[key] = said
     index = " (the index of pandas)" if _INDEX.fullmatch(chosen) else ""
@@ -246,7 +246,7 @@ def _is_text(kind: pa.DataType) -> bool:
 
 def _require_file(file: Path) -> None:
     if not stat.S_ISREG(file.stat().st_mode):
-        raise OSError("it is no ordinary file")
+        raise OSError("it is not an ordinary file")
 
 
 @dataclass(slots=True)
@@ -254,8 +254,8 @@ class Frames:
     """The files with the frames of a data set.
 
     Attributes:
-        files: Those that can be read, in the order of their names.
-        pointers: Those that are pointers of Git LFS.
+        files: Readable files, in the order of their names.
+        pointers: Files that are Git LFS pointers.
     """
 
     files: list[Path] = field(default_factory=list)
@@ -270,28 +270,31 @@ class Frames:
         return found
 
     def require_some(self, path: Path) -> None:
-        """Raise if there is no file that can be read."""
+        """Raise an error if no file can be read."""
         if not self.files and self.pointers:
             raise RecordError(f"{self.pointers[0]}: it cannot be read. {FETCH}.")
         if not self.files:
-            raise InvalidInputError(str(path / "data"), "it holds no episode", CURE)
+            raise InvalidInputError(str(path / "data"), "it contains no episode", CURE)
 
 
 @contextmanager
 def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
-    """Open a table of external data; a text that many rows share is stored once, not once per row."""
+    """Open a table of external data; a text shared by many rows is stored once."""
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:
             paths = [table.schema.column(i).path for i in range(len(table.schema))]
             names = tuple(field.name for field in table.schema_arrow if _holds_texts(field.type))
             texts = [path for path in paths if path in names or path.startswith(tuple(f"{name}." for name in names))]
+            if not texts:
+                yield table
+                return
         with pq.ParquetFile(opened, read_dictionary=texts) as table:
             yield table
 
 
 def column_names(file: Path) -> frozenset[str]:
-    """Return the names of the columns of a file of frames; RecordError if it cannot be read."""
+    """Return the column names of a file of frames; RecordError if it cannot be read."""
     try:
         _require_file(file)
         with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
@@ -301,9 +304,9 @@ def column_names(file: Path) -> frozenset[str]:
 
 
 def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedArray]:
-    """Return columns of a file of frames; ``widths`` says how many numbers each has per frame at most.
+    """Return columns of a file of frames; ``widths`` has the maximum number of values per frame of each column.
 
-    Raises RecordError if a column is missing, or the file is none, or larger than what is read.
+    Raises RecordError if a column is missing, the file is invalid, or it exceeds the limits.
     """
     try:
         with _table_of(file) as table:
@@ -318,9 +321,9 @@ def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedA
 
 
 def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
-    """Raise ValueError if a file says that it holds more than is read."""
+    """Raise ValueError if the declared sizes of a file exceed the limits."""
     if meta.num_rows > MOST_ROWS:
-        msg = f"it says that it has {meta.num_rows} rows, and at most {MOST_ROWS} are read"
+        msg = f"it declares {meta.num_rows} rows; at most {MOST_ROWS} are supported"
         raise ValueError(msg)
     values = size = 0
     for group in range(meta.num_row_groups):
@@ -331,15 +334,15 @@ def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
                 values += column.num_values
                 size += column.total_uncompressed_size
     if values > MOST_VALUES:
-        msg = f"its columns have {values} numbers, and at most {MOST_VALUES} are read"
+        msg = f"its columns have {values} numbers; at most {MOST_VALUES} are supported"
         raise ValueError(msg)
     if size > MOST_BYTES:
-        msg = f"its columns unpack to {size} bytes, and at most {MOST_BYTES} are read"
+        msg = f"its columns unpack to {size} bytes; at most {MOST_BYTES} are supported"
         raise ValueError(msg)
 
 
 def numbers_in(file: Path, name: str, column: pa.ChunkedArray, width: int) -> _Floats:
-    """Return a column as numbers, (rows,) of ``width`` 1 and (rows, width) otherwise.
+    """Return a column as numbers, (rows,) for ``width`` 1 and (rows, width) otherwise.
 
     Raises RecordError if it does not have ``width`` numbers per row.
     """
@@ -358,27 +361,27 @@ def _numbers(column: pa.ChunkedArray, width: int) -> _Floats:
     if not (
         pa.types.is_null(kind) or pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)
     ):
-        msg = f"it holds {one_line(kind, most=80)} and no numbers"
+        msg = f"it contains {one_line(kind, most=80)} instead of numbers"
         raise ValueError(msg)
     if listed and any(count != width for count in pc.unique(pc.list_value_length(flat)).to_pylist()):
         msg = f"it does not have {width} numbers in each row"
         raise ValueError(msg)
     values = np.asarray((flat.flatten() if listed else flat).to_numpy(zero_copy_only=False), dtype=np.float64)
     if len(values) != width * len(flat):
-        msg = f"it has {len(values)} numbers in {len(flat)} rows, and not {width} in each"
+        msg = f"it has {len(values)} numbers in {len(flat)} rows, expected {width} in each"
         raise ValueError(msg)
     return values if width == 1 else values.reshape(len(flat), width)
 
 
 def require_finite_column(file: Path, name: str, values: _Floats) -> None:
-    """Raise RecordError if some number of a column is not finite."""
+    """Raise RecordError if a column has a non-finite value."""
     bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
     if bad.size:
-        raise RecordError(f"{file}: {name} is no finite number in row {bad[0]}. Correct or remove this row.")
+        raise RecordError(f"{file}: {name} is not a finite number in row {bad[0]}. Correct or remove this row.")
 
 
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:
-    """Return a column of texts as numbers of texts, and the texts; None if it holds no texts.
+    """Return a column of texts as indices, and the texts; None if it contains no texts.
 
     A list of one text per row counts as that text. Raises RecordError if a row lists several.
     """

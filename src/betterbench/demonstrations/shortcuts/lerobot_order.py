@@ -1,4 +1,4 @@
-"""The order of the frames of a LeRobot dataset: a file may hold its rows in any order, and an episode several files."""
+"""Order of the frames of a LeRobot dataset: rows of a file may be in any order, and an episode in several files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.demonstrations.shortcuts.lerobot_files import (
 from betterbench.errors import RecordError
 
 _KEYS = ("frame_index", "timestamp")
-"""Columns that tell the order of the frames of an episode, the first one that is there."""
+"""Columns with the frame order of an episode; the first existing one is used."""
 _MOST_INDEX = 2**53
 
 ScalarT = TypeVar("ScalarT", bound=np.generic)
@@ -34,9 +34,9 @@ class FileOrder:
     """The rows of a file, sorted by episode and by frame.
 
     Attributes:
-        episodes: (rows,) number of the episode of each sorted row.
+        episodes: (rows,) index of the episode of each sorted row.
         frames: (rows,) value of ``key`` of each sorted row, zeros without a key.
-        key: Column that tells the order within an episode, "" if none does: then it is the order of the file.
+        key: Column with the order within an episode, "" if there is none: then the order of the file is used.
         rows: (rows,) row of the file of each sorted row, None if the file is sorted.
     """
 
@@ -79,10 +79,10 @@ class EpisodePart:
         file: File.
         start: First row.
         stop: Row after the last one.
-        key: Column that tells the order of its frames, "" if none does.
+        key: Column with the order of its frames, "" if there is none.
         first: Value of this column in the first row.
         last: Value in the last row.
-        finite: Whether it is a finite number in all of them.
+        finite: Whether all values are finite.
     """
 
     file: Path
@@ -95,12 +95,12 @@ class EpisodePart:
 
     @classmethod
     def of(cls, file: Path, order: FileOrder, start: int, stop: int) -> EpisodePart:
-        """Return a part of an episode; RecordError if a frame stands there twice."""
+        """Return a part of an episode; RecordError if a frame occurs twice."""
         frames = order.frames[start:stop]
         same = np.flatnonzero(np.diff(frames) == 0.0) if order.key == "frame_index" else np.zeros(0, dtype=np.int64)
         if same.size:
             frame = f"(frame_index {frames[same[0]]:.0f})"
-            raise RecordError(f"{file}: episode {order.episodes[start]} stands in the data twice {frame}. {_CURE}.")
+            raise RecordError(f"{file}: episode {order.episodes[start]} occurs twice in the data {frame}. {_CURE}.")
         return cls(file, start, stop, order.key, float(frames[0]), float(frames[-1]), bool(np.isfinite(frames).all()))
 
     def __len__(self) -> int:
@@ -108,16 +108,16 @@ class EpisodePart:
         return self.stop - self.start
 
 
-_CURE = "Fetch the files again, or remove the rows that are there twice"
+_CURE = "Fetch the files again, or remove the duplicate rows"
 
 
 def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
-    """Return the order of the parts of an episode; RecordError if two of them hold frames of the same time."""
+    """Return the order of the parts of an episode; RecordError if two parts overlap in time."""
     order = sorted(range(len(parts)), key=lambda i: (parts[i].first, i))
     for a, b in itertools.pairwise(order):
         before, after = parts[a], parts[b]
         if not (before.finite and after.finite):
             continue  # such an episode is left out
         if not before.key or before.key != after.key or not before.last < after.first:
-            raise RecordError(f"{parts[max(a, b)].file}: episode {episode} stands in the data twice. {_CURE}.")
+            raise RecordError(f"{parts[max(a, b)].file}: episode {episode} occurs twice in the data. {_CURE}.")
     return order

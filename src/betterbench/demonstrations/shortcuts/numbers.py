@@ -1,7 +1,7 @@
-"""Recognition of the numbers of an external data set by name: gripper, end-effector position, or joint.
+"""Recognition of the components of an external data set by name: gripper, end-effector position, or joint.
 
-A number is told by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by the name of its column,
-in this order. Position in a vector tells nothing: the last number may be a waist or a thumb.
+A component is identified by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by the name of
+its column, in this order. The position in a vector is not used: the last component may be a waist or a thumb.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 from betterbench.errors import InvalidInputError, UnknownNameError, one_line
 
 MOST_NUMBERS = 10_000
-"""Most numbers of a column per frame."""
+"""Maximum number of components of a column."""
 _MOST_DIGITS = 9
 
 _GRIPPER = re.compile(r"grip|claw$|jaws?$")
@@ -48,13 +48,13 @@ _NUMBERED = re.compile(r"(?:arm|robot|gripper|agent|follower)[_.\s]?(\d+)")
 
 @dataclass(frozen=True, slots=True)
 class NamedNumber:
-    """One number of a column.
+    """One component of a column.
 
     Attributes:
         column: Name of the column.
-        index: Position of the number in the column.
+        index: Index of the component in the column.
         name: Its name in ``meta/info.json``, "" if it has none.
-        labels: Its names, the one that says most first.
+        labels: Its names, the most specific one first.
         by: Source of each of these names.
     """
 
@@ -66,18 +66,17 @@ class NamedNumber:
 
     @property
     def shown(self) -> str:
-        """The number as ``--gripper`` and ``--place`` take it."""
+        """The component in the notation of ``--gripper`` and ``--place``."""
         return f"{self.column}:{self.name}" if self.name else f"{self.column}[{self.index}]"
 
 
 @dataclass(frozen=True, slots=True)
 class NumberRole:
-    """Physical quantity of a number, and the arm that it belongs to.
+    """Physical quantity of a component, and its arm.
 
     Attributes:
-        kind: ``gripper``, ``finger``, ``hand``, ``x``, ``y``, ``z``, ``joint``, ``body``, ``other``; "" if no name
-            tells.
-        arm: ``left``, ``right``, a number as text, or "" if no name tells.
+        kind: ``gripper``, ``finger``, ``hand``, ``x``, ``y``, ``z``, ``joint``, ``body``, ``other``; "" if unknown.
+        arm: ``left``, ``right``, a number as text, or "" if unknown.
         by: Source of the name.
         kinds: Kind by each of its labels.
     """
@@ -95,7 +94,7 @@ def tokens(name: str) -> list[str]:
 
 
 def arm_in(name: str) -> str:
-    """Return the arm that a name speaks of: ``left``, ``right``, a number as text, or "" for none."""
+    """Return the arm in a name: ``left``, ``right``, a number as text, or "" for none."""
     found = {_SIDES[token] for token in tokens(name) if token in _SIDES}
     if len(found) == 1:
         return found.pop()
@@ -104,7 +103,7 @@ def arm_in(name: str) -> str:
 
 
 def size_of(feature: object) -> int:
-    """Return how many numbers a column has per frame; 0 for images, texts, whole numbers and what has more axes."""
+    """Return the number of components of a column; 0 for images, texts, integers and arrays with more axes."""
     if not isinstance(feature, dict) or not str(feature.get("dtype")).startswith("float"):
         return 0
     shape = feature.get("shape")
@@ -115,7 +114,7 @@ def size_of(feature: object) -> int:
 
 
 def names_of(feature: object) -> list[str]:
-    """Return the names of the numbers of a column, of lists and maps within each other in their order."""
+    """Return the names of the components of a column from nested lists and maps, in order."""
     found = list(_names(feature.get("names") if isinstance(feature, dict) else None, "", 0))
     return [one_line(name, most=80) for name in found[:MOST_NUMBERS]]
 
@@ -136,14 +135,14 @@ def _names(form: object, prefix: str, depth: int) -> Iterable[str]:
 
 
 def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict[str, tuple[NamedNumber, ...]]:
-    """Return the numbers of each column of floating-point numbers."""
+    """Return the components of each floating-point column."""
     spans = _spans(modality)
     found = {}
     for column, feature in features.items():
         size = size_of(feature)
         names = names_of(feature)
         if (len(names) == 1 and size > 1) or len(names) > size:
-            names = []  # one name for the whole column, as openpi's sets have it, or names of something else
+            names = []  # one name for the whole column, as in openpi's sets, or names of other data
         numbers = []
         for index in range(size):
             name = names[index] if index < len(names) else ""
@@ -160,7 +159,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
 
 
 def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
-    """Return the names in ``meta/modality.json`` by column and number."""
+    """Return the names in ``meta/modality.json`` by column and index."""
     found: dict[tuple[str, int], str] = {}
     for kind, usual in (("state", "observation.state"), ("action", "action")):
         entries = modality.get(kind)
@@ -177,13 +176,13 @@ def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
 
 
 def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
-    """Return the role of each number of a column."""
+    """Return the role of each component of a column."""
     sets = [_parts(numbers, level) for level in range(3)]
     parts = []
     for i, number in enumerate(numbers):
         found = [sets[level][i] for level in range(len(number.labels))]
         said = [(kind, by) for kind, by in zip(found, number.by, strict=True) if kind]
-        # The gripper at the end of a slice called "left_arm" is told by its own name.
+        # The gripper at the end of a slice "left_arm" is identified by its own name.
         named = next((one for one in said if one[0] == "gripper" and said[0][0] == "joint"), None)
         kind, by = named or (said[0] if said else ("", ""))
         arm = next((arm for label in (*number.labels, number.column) if (arm := arm_in(label))), "")
@@ -192,10 +191,10 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return the kind of each number by its label of one level."""
+    """Return the kind of each component by its label of one level."""
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
-    # Positions that are numbered and not named: the first three of a row with the same name are x, y and z.
+    # Numbered but unnamed positions: the first three of a group with the same name are x, y and z.
     start = 0
     for base, group in itertools.groupby(labels, key=lambda label: re.sub(r"[\W_]*\d+\]?$", "", label)):
         size = len(list(group))
@@ -235,7 +234,7 @@ def _kind(label: str) -> str:
 
 
 def find_column(option: str, name: str, known: Iterable[str]) -> str:
-    """Return a column that an option names; UnknownNameError with the closest names if there is none."""
+    """Return the column named by an option; UnknownNameError with the closest names if it does not exist."""
     columns = list(known)
     if name not in columns:
         raise UnknownNameError(f"column of {option}", name, columns)
@@ -243,11 +242,11 @@ def find_column(option: str, name: str, known: Iterable[str]) -> str:
 
 
 def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNumber]]) -> tuple[NamedNumber, ...]:
-    """Return the numbers that a user names: ``COLUMN``, ``COLUMN[2]``, ``COLUMN[0,1,2]`` or ``COLUMN:NAME``.
+    """Return the components named by the user: ``COLUMN``, ``COLUMN[2]``, ``COLUMN[0,1,2]`` or ``COLUMN:NAME``.
 
     Raises:
-        UnknownNameError: If there is no such column or name.
-        InvalidInputError: If a number is out of range, or stands twice.
+        UnknownNameError: If the column or the name does not exist.
+        InvalidInputError: If an index is out of range, or occurs twice.
     """
     if text in columns:
         return tuple(columns[text])
@@ -257,7 +256,7 @@ def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNu
         chosen = re.findall(r"\d+", indexed.group(2))
         for i in chosen:
             if len(i) > _MOST_DIGITS or int(i) >= len(numbers):
-                problem = f"{indexed.group(1)} has {len(numbers)} numbers, and {one_line(i, most=20)} is asked for"
+                problem = f"{indexed.group(1)} has {len(numbers)} numbers; {one_line(i, most=20)} does not exist"
                 raise InvalidInputError(option, problem, f"They count from 0 to {len(numbers) - 1}")
         return tuple(numbers[int(i)] for i in chosen)
     column, colon, name = text.partition(":")

@@ -13,20 +13,20 @@ from betterbench.quoting import markdown_table, markdown_text
 from betterbench.statistics.wording import plural
 
 ABOUT = (
-    "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is a rule "
-    "that all variations keep, such as what a word means. Strength is mutual information above chance, as a share of "
-    f"what one of the two can tell of the other. A rule counts from {STRONG:g}, or if one value always goes with the "
-    "same other one, or if two words tell half of what each alone leaves open; and if its test, corrected for all "
-    f"questions, gives p ≤ {ALPHA:g}. Of whole instructions, strength is the share of wrong guesses that it avoids; "
-    "they are compared among demonstrations that agree in the words that already tell the outcome. Words that "
-    "name the place that they go with are no shortcut."
+    "A **shortcut** is a rule that a learner of the data could use and that some variation breaks; a regularity is a "
+    "rule that all variations keep, such as the meaning of a word. Strength is mutual information above chance, "
+    f"relative to the largest possible value. A rule counts from a strength of {STRONG:g}, or if one value always "
+    "occurs with the same other value, or if two words determine half of the uncertainty that each alone leaves; and "
+    f"if its test, corrected for all questions, gives p ≤ {ALPHA:g}. For whole instructions, strength is the share of "
+    "wrong guesses that they avoid; they are compared among demonstrations that agree in the words already found. "
+    "Words that name their own place are not shortcuts."
 )
 
 
 SMALLEST = (
-    "Smallest rule that the same test would have found: the share of the demonstrations that it decides, where chance "
-    f"decides the others, so that it is found in at least {100.0 * POWER:.0f} % of all data sets with these counts. "
-    "A weaker rule may be there and stay unseen."
+    "Smallest rule that the same test would have found: the share of the demonstrations that it decides, with the "
+    f"others random, such that it is found in at least {100.0 * POWER:.0f} % of all data sets with these counts. "
+    "A weaker rule may exist without being found."
 )
 
 
@@ -40,7 +40,7 @@ def audit_lines(audit: ShortcutAudit) -> list[str]:
 
 
 def _reading_lines(reading: DataReading) -> list[str]:
-    """Return the paragraph with which an audit begins; names from external data are escaped."""
+    """Return the first paragraph of an audit; names from external data are escaped."""
     return [markdown_text(reading.paragraph)]
 
 
@@ -63,14 +63,14 @@ def _group_lines(group: GroupAudit) -> Iterator[str]:
         yield from _finding_lines(found)
     if group.smallest:
         yield from ("", SMALLEST, "")
-        head = ("what goes together", "compared", "smallest rule that would be found")
+        head = ("association", "compared", "smallest rule that would be found")
         rows = ((r.title, f"{r.n} {r.noun}", share_text(r.least_share)) for r in group.smallest)
         yield from markdown_table(head, (tuple(map(markdown_text, row)) for row in rows))
 
 
 def _finding_lines(found: list[Finding]) -> Iterator[str]:
     yield ""
-    head = ("what goes together", "verdict", "bits", "strength", "p", "what a learner can go by", "broken by")
+    head = ("association", "verdict", "bits", "strength", "p", "rule for a learner", "broken by")
     ordered = sorted(found, key=lambda f: (f.verdict != "shortcut", -f.strength, f.question, f.subject))
     yield from markdown_table(head, (tuple(map(markdown_text, _cells(f))) for f in ordered))
 
@@ -82,7 +82,7 @@ def _cells(f: Finding) -> tuple[str, ...]:
 
 
 def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
-    """Return that variations which break no found rule are not shown to be safe, or an empty text."""
+    """Return the note that variations without a found rule are not shown to be safe, or an empty text."""
     safe = sum(forecast.risk == 0.0 for forecast in prediction.variations)
     unseen = {group.group: len(group.not_shown) for group in audit.groups if group.not_shown}
     if not safe or not unseen:
@@ -95,10 +95,10 @@ def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
 
 
 def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
-    """Return the ranking of the variations, the likeliest failures first; the first ``most`` of them."""
+    """Return the ranking of the variations, the most likely failures first; the first ``most`` of them."""
     rows = []
     for f in prediction.variations[:most]:
-        because = "; ".join(f.because) or "it breaks no rule that was found"
+        because = "; ".join(f.because) or "it breaks none of the rules found"
         cells = (str(f.rank), f"{f.task}/{f.variation}", f"{f.risk:.2f}", f.label or "–", because)
         rows.append(tuple(map(markdown_text, cells)))
     return markdown_table(("rank", "variation", "risk", "label", "because"), rows)

@@ -1,4 +1,4 @@
-"""Pairs of words that together tell an outcome, where neither of them does alone."""
+"""Pairs of words that together determine an outcome, although neither word does alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_WORDS = 200
-"""Most words whose pairs are looked at: those that the most episodes tell apart."""
+"""Maximum number of words whose pairs are tested: those that distinguish the most episodes."""
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -20,16 +20,16 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class WordPair:
-    """Two features that together go with an outcome.
+    """Two features that together are associated with an outcome.
 
     Attributes:
-        first: Number of the one feature.
-        second: Number of the other one.
-        outcome: Number of the outcome that is the most frequent where both are.
-        p_value: The larger of the p-values of two exact tests: that where the one feature is the outcome is no more
-            frequent with the other one than without, and the reverse. Corrected for the number of outcomes, and for
-            that of pairs by Holm (1979).
-        gain: Share of what is open about the outcome where one feature is without the other that both tell.
+        first: Index of one feature.
+        second: Index of the other one.
+        outcome: Index of the most frequent outcome where both occur.
+        p_value: The larger of the p-values of two exact tests: that, among episodes with one feature, the outcome is
+            not more frequent with the other feature than without, and vice versa. Corrected for the number of outcomes,
+            and for the number of pairs by Holm (1979).
+        gain: Share of the outcome's uncertainty, where only one feature occurs, that both together resolve.
     """
 
     first: int
@@ -40,14 +40,14 @@ class WordPair:
 
 
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
-    """Return the pairs of features that can be tested with their outcome, the clearest first.
+    """Return the testable pairs of features with their outcome, the clearest first.
 
-    A feature that is where two others are together is left out: it is such a pair itself.
+    A feature that occurs exactly where two others occur together is left out: it is such a pair itself.
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
-        outcome: (episodes,) number of the outcome of each episode, from 0.
-        fewest: Fewest episodes with both features.
+        outcome: (episodes,) index of the outcome of each episode, from 0.
+        fewest: Minimum number of episodes with both features.
     """
     kept = _elements(presence)
     counts = presence[:, kept].sum(axis=0)
@@ -76,7 +76,7 @@ def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[Word
 
 
 def _corrected(pairs: Sequence[WordPair]) -> list[WordPair]:
-    """Return pairs, the clearest first, with p-values that are corrected for their number by Holm's procedure."""
+    """Return pairs, the clearest first, with p-values corrected for their number by Holm's procedure."""
     corrected, least = [], 0.0
     for rank, pair in enumerate(pairs):
         least = max(least, min(1.0, pair.p_value * (len(pairs) - rank)))
@@ -99,11 +99,11 @@ def _elements(presence: _Bools) -> _Ints:
 
 
 def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _Floats) -> float:
-    """Return the one-sided p-value of Fisher's exact test that an outcome is more frequent with something.
+    """Return the one-sided p-value of Fisher's exact test that an outcome is more frequent with a feature.
 
     Args:
-        with_it: Episodes with the outcome, and all, of those with it.
-        without: The same of those without.
+        with_it: Number of episodes with the outcome, and of all, among those with the feature.
+        without: The same among those without.
         logs: Logarithms of the factorials.
     """
     (k, n), (k_out, n_out) = with_it, without
@@ -123,10 +123,10 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
 
 
 def least_share(n: int, tests: int, level: float) -> float | None:
-    """Return the least share of episodes that follow a rule which a test of some episodes can show.
+    """Return the smallest share of episodes following a rule at which a test can be significant.
 
-    The rule is between a word that half of the episodes have and two outcomes that are equally frequent; the test is
-    Fisher's, one-sided, corrected for the number of tests (pairs and outcomes). None if no share is enough.
+    The rule is between a word in half of the episodes and two equally frequent outcomes. The test is Fisher's,
+    one-sided, corrected for the number of tests (pairs and outcomes). None if no share is enough.
     """
     logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, n + 1)))])
     half = n // 2

@@ -1,4 +1,4 @@
-"""Places without names: cells of the space in which an arm moves, cut at the gaps between the points that are there."""
+"""Unnamed places: cells of the space in which an arm moves, cut at the gaps between observed points."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 GAP_SHARE = 0.08
-"""Gap between neighboring values, as a share of the range of the longest axis, at which an axis is cut into cells."""
+"""Gap between neighboring values at which an axis is cut into cells, relative to the range of the longest axis."""
 NARROW_SHARE = 0.2
-"""Range of an axis, as a share of that of the longest one, below which it is not cut."""
+"""Range of an axis below which it is not cut, relative to that of the longest axis."""
 LEAST_SHARE = 0.05
-"""Least share of all values in a cell."""
+"""Minimum share of all values in a cell."""
 CELLS = 3
-"""Cells of an axis without gaps, each with as many values."""
+"""Number of cells of an axis without gaps, each with the same number of values."""
 SET_OUT_SHARE = 0.1
-"""Way of the tool, as a share of the range of all its positions, after which its direction is taken."""
+"""Length of the tool's path, relative to the range of its positions, after which its direction is determined."""
 DIRECTIONS = 8
 _MOST_POINTS = 200_000
 
@@ -26,12 +26,12 @@ _Ints = npt.NDArray[np.int64]
 
 
 def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
-    """Return the middle of some points (n, d), and the two directions (2, d) in which they differ most."""
+    """Return the mean of some points (n, d), and the two directions (2, d) of largest variance."""
     used = points[:: max(1, len(points) // _MOST_POINTS)]
     middle = used.mean(axis=0)
     _, _, ways = np.linalg.svd(used - middle, full_matrices=False)
     strongest = np.abs(ways).argmax(axis=1)[:, None]
-    ways *= np.sign(np.take_along_axis(ways, strongest, axis=1))  # the sign of a way is arbitrary
+    ways *= np.sign(np.take_along_axis(ways, strongest, axis=1))  # the sign of a direction is arbitrary
     if len(ways) < 2:
         ways = np.vstack([ways, np.zeros((2 - len(ways), points.shape[1]))])
     return middle, ways[:2]
@@ -44,11 +44,11 @@ def in_plane(points: _Floats, plane: tuple[_Floats, _Floats]) -> _Floats:
 
 
 def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
-    """Return the name of the place of each point: the middle of the points of its cell.
+    """Return the name of the place of each point: the center of its cell's points.
 
     Args:
-        points: Points (d,) each, d from 2 to 3; the third coordinate, a height, is cut at gaps alone.
-        exact: Whether the points are positions; otherwise their two principal components are taken.
+        points: Points (d,) each, d from 2 to 3; the third coordinate, a height, is cut at gaps only.
+        exact: Whether the points are positions; otherwise their two principal components are used.
     """
     if not points:
         return []
@@ -67,13 +67,13 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
 
 
 def _written(point: _Floats, span: float) -> str:
-    """Return a point with as many digits as tell the cells of a span apart."""
+    """Return a point with enough digits to distinguish the cells of a span."""
     digits = max(0, min(6, 1 - math.floor(math.log10(span / 2.0)))) if span > 0.0 else 2
     return f"({', '.join(f'{value + 0.0:.{digits}f}' for value in point)})"
 
 
 def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
-    """Return the cell of each value: cut at gaps, or where there are none into cells of as many values."""
+    """Return the cell of each value: cut at gaps or, without gaps, into cells of equal counts."""
     ordered = np.sort(values)
     low, high = np.quantile(ordered, [0.01, 0.99])
     if high - low <= NARROW_SHARE * span:
@@ -91,7 +91,7 @@ def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
 
 
 def direction(points: _Floats, span: float) -> str:
-    """Return in which of eight directions of the plane a way sets out, "" if it stays where it begins.
+    """Return the first direction of a path, one of eight in the plane, "" if it does not move.
 
     Args:
         points: (T, 2) positions.

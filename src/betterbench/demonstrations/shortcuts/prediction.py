@@ -1,7 +1,7 @@
-"""Prediction of the variations that a learner of a dataset fails and of the failure labels, made before training.
+"""Prediction, before training, of the variations that a learner of a dataset fails and of the failure labels.
 
-It follows from the audit alone. A variation that breaks what the data let a learner go by is at risk, the more rules it
-breaks and the stronger they are; one that breaks none is not.
+It follows from the audit only. The risk of a variation increases with the number and strength of the learnable rules
+that it breaks; a variation that breaks none is not at risk.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ WEIGHTS = {
     "bystander_place": 0.2,
     COUNT: 0.3,
 }
-"""Chance that a learner goes by a rule of full strength, per question: our guess, and not a measurement. Rules of two
-words and of whole instructions have the weight of those of single words.
+"""Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules of two words
+and of whole instructions have the weight of those of single words.
 
-A rule about what a word or a thing is tied to costs the whole trial; one about what stands around seldom matters."""
+A rule about the word or object of a pick costs the whole trial; one about bystanders seldom matters."""
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
 _INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE
@@ -77,15 +77,15 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
-"""Labels of the failures of a learner that follows a rule, by question, the likeliest first.
+"""Labels of the failures of a learner that follows a rule, by question, the most likely first.
 
-A variation is given only those labels that it can bring out.
+A variation gets only labels that it can bring out.
 """
 
 NAMESPACE = "betterbench-prediction"
 """Namespace of signatures made by ``ssh-keygen -Y``."""
 _MAX_BYTES = 8 * 1024 * 1024
-_CURE = "Give a file that better dataset or better shortcuts wrote"
+_CURE = "Give a file written by better dataset or better shortcuts"
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -97,10 +97,10 @@ class Forecast:
     """Prediction for one variation.
 
     Attributes:
-        rank: Place in the ranking, from 1: the likeliest failure.
-        risk: 0 to 1; 0 where the data hold no rule that the variation breaks, or no demonstration of the task.
-        label: The likeliest label of the failures, "" where the risk is 0.
-        because: The rules that it breaks, each with what breaks it.
+        rank: Rank from 1, the most likely failure.
+        risk: 0 to 1; 0 if the variation breaks no rule in the data, or the task has no demonstrations.
+        label: The most likely failure label, "" if the risk is 0.
+        because: The rules that it breaks, each with the reason.
     """
 
     rank: int
@@ -119,11 +119,11 @@ class Prediction:
 
     Attributes:
         source: The audited data.
-        facts_sha256: Hash of the facts that were found in it.
-        dataset_sha256: Hash of the demonstrations, "" where there is none.
-        tasks: Tasks that the data demonstrate.
+        facts_sha256: Hash of the facts of the data.
+        dataset_sha256: Hash of the demonstrations, "" if there is none.
+        tasks: Tasks in the data.
         variations: One per variation of these tasks, in the order of the ranking.
-        sha256: Hash of everything else.
+        sha256: Hash of all other fields.
     """
 
     format: Literal["betterbench-prediction"]
@@ -148,7 +148,7 @@ class Prediction:
         return (json_text(asdict(self), indent=1) + "\n").encode()
 
     def of(self, task: str, variation: str) -> Forecast:
-        """Return the forecast of one variation; KeyError if there is none."""
+        """Return the forecast of one variation; KeyError if it does not exist."""
         return {(f.task, f.variation): f for f in self.variations}[task, variation]
 
 
@@ -156,14 +156,14 @@ _FORM = TypeAdapter(Prediction)
 
 
 def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
-    """Return the predicted failures of a learner of the dataset on the audited tasks, the likeliest first.
+    """Return the predicted failures of a learner of the dataset on the audited tasks, the most likely first.
 
-    Raises InvalidInputError if no audited group is a task that is known here.
+    Raises InvalidInputError if no audited group is a known task.
     """
     groups = {group.group: group for group in audit.groups if group.group in task_names()}
     if not groups:
         cure = "A prediction needs demonstrations of tasks of the suite"
-        raise InvalidInputError(audit.source, "none of what it demonstrates is a task known here", cure)
+        raise InvalidInputError(audit.source, "none of its tasks is known here", cure)
     found = []
     for name, group in groups.items():
         for variation in get_task(name).variations:
@@ -193,7 +193,7 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
 
 
 def _label(task: str, variation: str, broken: list[Finding]) -> str:
-    """Return the label that the broken rules speak for most, of those that the variation can bring out."""
+    """Return the label with the most weight from the broken rules, among those that the variation can bring out."""
     if not broken:
         return ""
     exposed = exposed_labels(task, variation)
@@ -212,17 +212,17 @@ def _label(task: str, variation: str, broken: list[Finding]) -> str:
 def read_prediction(path: Path) -> Prediction:
     """Return a prediction from its file.
 
-    Raises RecordError if the file is no prediction, or was changed after it was written.
+    Raises RecordError if the file is not a prediction, or was changed after it was written.
     """
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     found = read_form(_FORM, data, where=str(path), cure=_CURE, raises=RecordError)
     if found.sealed().sha256 != found.sha256:
-        raise RecordError(f"{path}: it was changed after it was written: its hash does not fit. {_CURE}.")
+        raise RecordError(f"{path}: it was changed after it was written: its hash differs. {_CURE}.")
     return found
 
 
 def write_prediction(path: Path, prediction: Prediction) -> None:
-    """Write a prediction, and remove a signature beside it that is of another one: it would call this one forged."""
+    """Write a prediction, and remove the signature of an older one beside it, which would not match any more."""
     data = prediction.file_bytes()
     if not path.exists() or read_ordinary(path) != data:
         _signature_of(path).unlink(missing_ok=True)
@@ -237,12 +237,12 @@ def sign(path: Path, key: Path) -> Path:
     """Sign a file with an SSH key, as ``ssh-keygen -Y sign`` does, and return the file of the signature.
 
     Raises:
-        MissingDependencyError: If there is no ssh-keygen.
+        MissingDependencyError: If ssh-keygen is not installed.
         InvalidInputError: If the key cannot be used.
     """
     signature = _signature_of(path)
     try:
-        open_ordinary(key).close()  # ssh-keygen would wait for a pipe
+        open_ordinary(key).close()  # ssh-keygen would wait for a named pipe
     except (OSError, ValueError) as error:
         problem = f"{key} cannot be read ({getattr(error, 'strerror', None) or error})"
         raise InvalidInputError("--sign", problem, "Give the file of a private SSH key") from error

@@ -9,7 +9,7 @@ from betterbench.demonstrations.shortcuts.facts import EpisodeFacts
 from betterbench.demonstrations.shortcuts.words import instruction_words
 
 Pair = tuple[str, str]
-"""Values of the two variables of a question in one observation."""
+"""Values of a question's two variables in one observation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,10 +19,10 @@ class Question:
     Attributes:
         name: Its name in files.
         title: The question in words.
-        rule: Text of a finding, with the first value as ``{x}`` and the second, which follows from it, as ``{y}``.
-        pairs: The observations of a demonstration; the kinds that are ever handled, or None to leave out none.
-        within: Whether observations are exchanged within a demonstration and not between demonstrations.
-        either_way: Whether the second value also tells the first.
+        rule: Text of a finding, with the first value as ``{x}`` and the second, inferred one as ``{y}``.
+        pairs: The observations of a demonstration; its second argument is the kinds ever handled, None for all kinds.
+        within: Whether observations are permuted within a demonstration instead of between demonstrations.
+        either_way: Whether the first value can also be inferred from the second.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Question:
 
 
 def handled_kinds(episodes: Iterable[EpisodeFacts]) -> frozenset[str]:
-    """Return the kinds of object that are ever taken from a place."""
+    """Return the kinds of object that are ever picked."""
     return frozenset(step.thing for facts in episodes for step in facts.steps if step.thing and step.origin)
 
 
@@ -94,10 +94,10 @@ QUESTIONS = (
     Question(
         "bystander_place", "bystander and place", "{x} stands at {y}", _bystander_place, within=True, either_way=True
     ),
-    Question("first_step", "thing and step", "{x} is handled {y}", _first_step, within=True),
-    Question("order", "order of two things", "of {x} is handled {y}", _order, within=True),
-    Question("thing_target", "thing and target", "{x} is brought to {y}", _thing_target),
-    Question("landmark_place", "place of the target and of things", "with {x}, things stand at {y}", _landmark_place),
+    Question("first_step", "object and step", "{x} is handled {y}", _first_step, within=True),
+    Question("order", "order of two objects", "of {x} is handled {y}", _order, within=True),
+    Question("thing_target", "object and target", "{x} is brought to {y}", _thing_target),
+    Question("landmark_place", "place of the target and of objects", "with {x}, objects stand at {y}", _landmark_place),
 )
 """The questions about named objects; in an external dataset objects have no names, so only its words are tested."""
 
@@ -111,8 +111,8 @@ class WordOutcome:
         what: The outcome in words.
         rule: Text of a finding, with the outcome as ``{y}``.
         of: The outcome of a demonstration, "" if it has none.
-        missing: Reason why no demonstration may have the outcome.
-        is_place: Whether it is a place, a direction or a side, which a word such as "left" may mean.
+        missing: Reason for a message if no demonstration has the outcome.
+        is_place: Whether it is a place, a direction or a side, which a word such as "left" can mean.
     """
 
     name: str
@@ -132,39 +132,39 @@ class WordOutcome:
 
 
 def _arm(facts: EpisodeFacts) -> str:
-    """Return the arm that acts first; facts about arms alone have steps without places."""
+    """Return the arm that acts first; facts about arms have steps without places."""
     step = facts.steps[0] if facts.steps and not facts.privileged else None
     return step.thing if step is not None and not step.origin and not step.target else ""
 
 
 def _is_named(facts: EpisodeFacts) -> bool:
-    """Tell whether the objects have names; facts about arms alone have arms in their place."""
+    """Tell whether the objects have names; in facts about arms, the arms replace the objects."""
     return facts.privileged or any(step.thing and step.origin for step in facts.steps)
 
 
 def _first_object(facts: EpisodeFacts) -> str:
-    """Return the object that is taken first, of several; of a single one, if the instruction does not name it."""
+    """Return the object that is picked first of several, or a single object that the instruction does not name."""
     taken = [step for step in facts.steps if step.thing and step.origin]
     several = len({step.thing for step in taken}) > 1
     return taken[0].thing if taken and (several or not instruction_words(taken[0].word) & facts.words) else ""
 
 
 def _sequence(facts: EpisodeFacts) -> str:
-    """Return the order of the objects of a demonstration, or of the places that they are taken from if unnamed."""
+    """Return the order of the objects of a demonstration, or of their origins if they are unnamed."""
     taken = [step.thing if _is_named(facts) else step.origin for step in facts.steps if step.origin]
     order = list(dict.fromkeys(name for name in taken if name))
     return ", then ".join(order) if len(order) > 1 else ""
 
 
 COUNT, LANDMARK = "count", "landmark"
-"""Names of the questions whether the number of objects at the start, or the place of a landmark, ever differs.
+"""Names of the questions whether the number of objects at the start, or the slot of a landmark, is constant.
 
-They are no associations and need no test.
+They are not associations and need no test.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
 FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
-"""Questions about every word of the instructions: where the gripper goes first and last, how it sets out, which object
-comes first, in which order, and which arm."""
+"""Questions about every word of the instructions: first and last position of the gripper's actions, its first
+direction, the first object, the order of objects, and the arm."""
 
 WORDS, PAIRS, WHOLE = "", "_together", "_whole"
 """Suffixes of the names of questions about single words, pairs of words and whole instructions."""
@@ -194,9 +194,9 @@ WORD_OUTCOMES = {
         WordOutcome(ARM, "arm", "the {y} closes its gripper first", _arm, "no arms are compared"),
     )
 }
-"""The outcomes that words, pairs of words and whole instructions are held against."""
+"""The outcomes with which words, pairs of words and whole instructions are compared."""
 
 
 def base_of(question: str) -> str:
-    """Return the name of the question about single words for one about pairs or whole instructions; others stay."""
+    """Return the question about single words for one about pairs or whole instructions; others unchanged."""
     return question.removesuffix(PAIRS).removesuffix(WHOLE)

@@ -13,14 +13,14 @@ class GripperReading:
     """Source, range and polarity of the values of one gripper.
 
     Attributes:
-        arm: Arm that it belongs to, "" if there is one alone.
-        source: Column and number that were read, and why these.
+        arm: Its arm, "" if there is only one.
+        source: Column and component that were read, with the reason.
         low: Least value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
-        closed: Side on which the gripper is closed: ``low`` or ``high``.
+        closed: Closed end of the range: ``low`` or ``high``.
         because: Reason for that side.
         share_closed: Share of all frames in which it is closed.
-        never: Episodes in which it never closes.
+        never: Number of episodes in which it never closes.
     """
 
     arm: str
@@ -38,10 +38,10 @@ class PlaceReading:
     """Source of the places of one arm.
 
     Attributes:
-        arm: Arm that they belong to, "" if there is one alone.
-        source: Columns and numbers that were read, and why these.
-        space: Kind of the numbers of a place: ``position``, ``joints`` (two principal components of the joints),
-            ``numbers`` (likewise, of numbers without names) or ``steps`` (sums of the actions).
+        arm: Their arm, "" if there is only one.
+        source: Columns and components that were read, with the reason.
+        space: Kind of the values of a place: ``position``, ``joints`` (two principal components of the joints),
+            ``numbers`` (two principal components of unnamed values) or ``steps`` (sums of the actions).
     """
 
     arm: str
@@ -54,13 +54,13 @@ class DataReading:
     """Description of the data that an audit read.
 
     Attributes:
-        episodes: Episodes that were read.
-        of: Episodes that the data set says it has.
-        observations: Unit of comparison: episodes, or segments of them with one instruction each.
+        episodes: Number of episodes that were read.
+        of: Declared number of episodes of the data set.
+        observations: Unit of comparison: episodes, or their segments with one instruction each.
         instruction: Source of the instructions, and their number.
-        grippers: One per arm; of our own records none, because their states tell what was grasped.
+        grippers: One per arm; none for records of betterbench, because their states contain the grasps.
         places: One per arm.
-        about: Sentences on sources that need none of these.
+        about: Further sentences about the sources.
         left_out: Data that were not read, with the reason.
         warnings: Possible reasons for wrong findings.
     """
@@ -76,7 +76,7 @@ class DataReading:
     warnings: tuple[str, ...] = ()
 
     def sentences(self) -> Iterator[str]:
-        """Yield the sentences of the paragraph with which every audit begins."""
+        """Yield the sentences of the first paragraph of every audit."""
         yield f"Read: {self.episodes:,} of {how_many(self.of, 'episode')}{self.observations}."
         yield f"Instruction: {self.instruction}."
         for found in self.grippers:
@@ -92,7 +92,7 @@ class DataReading:
 
     @property
     def paragraph(self) -> str:
-        """The paragraph with which every audit begins."""
+        """The first paragraph of every audit."""
         return " ".join(self.sentences())
 
 

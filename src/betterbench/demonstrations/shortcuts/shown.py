@@ -1,4 +1,4 @@
-"""Facts of a record, from its first state and its instruction and not from the name of its condition."""
+"""Facts of a record, from its first state and its instruction instead of the name of its condition."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks.relations.closed import GAP, opening_m
 SETTLED_M = 0.005
 """Largest distance of a settled object from the jitter region of its slot [m]."""
 AT_TARGET_M = 0.20
-"""Horizontal distance from its target within which something that was put there before lies [m]."""
+"""Horizontal distance from its target within which a pre-placed object counts as at the target [m]."""
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
@@ -31,10 +31,10 @@ def every_condition(task: Task) -> tuple[Condition, ...]:
 
 
 def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[Condition, ...]:
-    """Return those of some conditions whose instruction a record has and whose start its first state is.
+    """Return the conditions that match a record's instruction and first state.
 
-    A start is the kinds of thing that there are, the slot in which each stands, what lies at a target already, and
-    which drawers are drawn out. Names play no part.
+    A start consists of the kinds of objects, the slot of each, the objects already at a target, and the open drawers.
+    Names are not compared.
     """
     task = get_task(record.metadata.task)
     said = [c for c in conditions if c.instruction.text == record.metadata.instruction]
@@ -84,9 +84,9 @@ def _is_near_one(state: WorldState, targets: Sequence[str], name: str) -> bool:
 def facts_of_run(
     run: RunFolder, trials: Sequence[TrialId], *, conditions: Callable[[Task], tuple[Condition, ...]] = every_condition
 ) -> Iterator[tuple[TrialId, EpisodeFacts]]:
-    """Yield what each of some records shows, with the conditions that it may be of.
+    """Yield the facts of each record, with its possible conditions.
 
-    Raises RecordError if a record cannot be read, or shows none of them.
+    Raises RecordError if a record cannot be read, or matches no condition.
     """
     known: dict[str, tuple[Condition, ...]] = {}
     for trial in trials:
@@ -95,18 +95,18 @@ def facts_of_run(
         shown = conditions_shown(record, candidates)
         if not shown:
             where = run.record_path(trial.task, trial.condition, trial.seed)
-            raise RecordError(f"{where}: it shows no condition of {trial.task}. Record it again with this version.")
+            raise RecordError(f"{where}: it matches no condition of {trial.task}. Record it again with this version.")
         yield trial, facts_of_record(record, shown[0])
 
 
 def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
-    """Return the description of the data of a run, of which some trials were successful."""
+    """Return the description of the data of a run from its successful trials."""
     left = trials - len(facts)
     return DataReading(
         len(facts),
         trials,
         "",
         f"the record of each trial, {len({f.instruction for f in facts}):,} different",
-        about=("Gripper and places: the states of the records, which tell what was taken from which slot to where",),
+        about=("Gripper and places: the states of the records, which show each object's slot and target",),
         left_out=(f"{left:,} trials without success",) if left else (),
     )

@@ -1,8 +1,8 @@
-"""Smallest rule that an audit would have found: the sensitivity that the number of demonstrations allows.
+"""Smallest rule that an audit would have found: its sensitivity with the given number of demonstrations.
 
-Planted data answer it. They keep the counts of the real ones (who says what how often, what happens how often) and so
-the same permutations, the same correction and the same threshold. In a share of the demonstrations the outcome follows
-from the word or the object, in the others chance decides. The smallest share that is found often enough is reported.
+It is estimated with planted data. They keep the frequencies of words and outcomes in the real data, and therefore the
+same permutations, correction and threshold. In a share of the demonstrations the outcome follows from the word or the
+object, in the others it is random. The smallest share that is found often enough is reported.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from betterbench.demonstrations.shortcuts.association import (
 )
 
 POWER = 0.8
-"""Share of planted data sets in which a rule has to be found."""
+"""Share of planted data sets in which a rule must be found."""
 REPLICATES = 400
-"""Planted data sets per size of a rule."""
+"""Number of planted data sets per size of a rule."""
 _ENOUGH = POWER + 1.645 * math.sqrt(POWER * (1.0 - POWER) / REPLICATES)
-"""Share of the planted data sets from which the true share is at least :data:`POWER`, with a confidence of 95 %."""
+"""Observed share at which the true share is at least :data:`POWER` with a confidence of 95 %."""
 STEPS = 20
-"""Sizes that are tried: a rule that decides 1/20, 2/20, ... of the demonstrations."""
+"""Number of tested sizes: rules that decide 1/20, 2/20, ... of the demonstrations."""
 _MOST_WORDS = 20
-"""Most frequencies of words that are tried as the best placed one."""
+"""Maximum number of word frequencies that are tried."""
 _CHUNK = 2_000_000
-"""Numbers that are planted at once."""
+"""Maximum number of values that are planted at once."""
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
-Certain = Callable[[_Ints], bool]
-"""Test on joint counts (nx, ny): whether a weak association counts because some value is a sure sign."""
+Certain = Callable[[_Ints], _Bools]
+"""Test on joint counts (tables, nx, ny): in which tables a weak association counts because a value is a sure sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class RuleCounts:
 
     Attributes:
         strong: Strength from which every association counts.
-        certain: Test whether a weaker one counts.
+        certain: Test which weaker ones count.
     """
 
     strong: float
@@ -66,13 +66,13 @@ class SmallestRule:
     Attributes:
         question: Name of the question.
         title: The question in words.
-        n: Demonstrations, or observations in them, that the test compares.
-        noun: Name of these observations.
-        least_share: Smallest share of them in which the rule decides the outcome, chance deciding the others, so that
-            the audit finds it in at least :data:`POWER` of all data sets with these counts; None if not even a rule
-            without an exception is found.
-        strong_share: Smallest share from which a rule is strong enough to count, as often, if nothing is asked of its
-            p-value: what more demonstrations would find.
+        n: Number of demonstrations, or observations in them, that the test compares.
+        noun: Noun for these observations.
+        least_share: Smallest share of them in which the rule decides the outcome, with the others random, such that the
+            audit finds it in at least :data:`POWER` of all data sets with these counts; None if not even a rule without
+            exceptions is found.
+        strong_share: Smallest share from which a rule is strong enough to count, with the same probability, whatever
+            its p-value: the limit with more demonstrations.
         sentence: Meaning of ``least_share``, in words.
     """
 
@@ -86,7 +86,7 @@ class SmallestRule:
 
     @property
     def too_few(self) -> bool:
-        """Whether there are too few demonstrations to find every strong rule, by more than a step."""
+        """Whether there are too few demonstrations to find every strong rule, by more than one step."""
         if self.least_share is None:
             return True
         return self.strong_share is not None and self.least_share - self.strong_share > 1.5 / STEPS
@@ -109,9 +109,9 @@ def said_of(share: float | None, of: str) -> str:
 
 
 def most_permutations(level: float, tests: int) -> int:
-    """Return how many permutations may reach as much as the data so that a corrected p-value is at most a level.
+    """Return how many permutations may reach the value of the data for a corrected p-value of at most a level.
 
-    Negative if even none is too many: the smallest p-value, times the number of tests, is above the level.
+    Negative if even zero is too many: the smallest p-value times the number of tests is above the level.
     """
     least = 1.0 / (1 + PERMUTATIONS)
     most = int(level / (least * tests)) + 1
@@ -122,15 +122,15 @@ def most_permutations(level: float, tests: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """Data with a planted rule: the counts of a question, and its outcomes arranged so that a rule holds.
+    """Data with a planted rule: the counts of a question, with its outcomes arranged so that a rule is true.
 
     Attributes:
         y: (n,) outcome of each observation.
-        perfect: (n,) first values arranged so that they decide the outcomes as far as their counts allow.
-        block: (n,) number of the unit of each observation: what the rule holds or does not hold for.
+        perfect: (n,) first values arranged so that they determine the outcomes as far as their counts allow.
+        block: (n,) index of the unit of each observation; the rule applies to whole units.
         sizes: Numbers of different first and second values.
-        within: Whether first values are exchanged inside each unit, or between units.
-        null: (PERMUTATIONS,) what the test compares with [bit].
+        within: Whether first values are permuted within each unit, or between units.
+        null: (PERMUTATIONS,) mutual information of the permutations [bit].
         expected: Mutual information by chance [bit].
     """
 
@@ -143,7 +143,7 @@ class Planted:
     expected: float
 
     def rows(self, share: float, rows: int, draw: np.random.Generator) -> _Ints:
-        """Return planted first values, (rows, n): those of a share of the units as they are, the others by chance."""
+        """Return planted first values, (rows, n): those of a share of the units unchanged, the others random."""
         units = int(self.block.max()) + 1
         free = units - round(share * units)
         chosen = np.argsort(draw.random((rows, units)), axis=1)[:, :free]
@@ -179,15 +179,15 @@ class Planted:
             significant = bits - 1e-9 > threshold
             strong = strength >= counts.strong
             found += int((significant & strong).sum())
-            found += sum(counts.certain(joint[row]) for row in np.flatnonzero(significant & ~strong))
+            found += int(counts.certain(joint[significant & ~strong]).sum())
         return found / replicates
 
     def least_share(self, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float | None:
-        """Return the smallest share of units that a rule has to decide to be found, in steps, or None if none is."""
+        """Return the smallest share of units that a rule must decide to be found, in steps, or None."""
         if self.share_found(1.0, threshold, counts, draw) < 1.0:
             return None
         units = int(self.block.max()) + 1
-        # A single unit that chance decides has none to exchange with: the rule would have no exception.
+        # A single random unit has no other unit to exchange with: the rule would have no exception.
         decided = {round(step / STEPS * units) for step in range(STEPS + 1)} - ({0, units - 1} if units > 1 else {0})
         shares = [number / units for number in sorted(decided)]
         low, high = -1, len(shares) - 1  # not enough, enough
@@ -199,19 +199,19 @@ class Planted:
 
 
 def planted_question(test: PermutationTest) -> Planted:
-    """Return the data of a question, arranged so that its first values decide the second ones."""
+    """Return the data of a question, arranged so that its first values determine the second ones."""
     perfect = _matched_inside(test) if test.within else _matched_between(test)
     return Planted(test.y, perfect, test.block, test.sizes, test.within, test.null, test.found.expected_bits)
 
 
 def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[Association], null: _Floats) -> Planted:
-    """Return the data of a question about words, arranged so that the word that can tell the most decides the outcome.
+    """Return the data of a question about words, arranged so that the most informative word determines the outcome.
 
     Args:
-        presence: (episodes, words) whether an episode says a word.
+        presence: (episodes, words) whether an episode contains a word.
         outcome: The outcome of each episode.
         found: Finding on each word.
-        null: (PERMUTATIONS,) the most mutual information of any word [bit].
+        null: (PERMUTATIONS,) the largest mutual information of any word [bit].
     """
     y, kinds = codes_of(outcome)
     counts = presence.sum(axis=0)
@@ -229,7 +229,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
 
 def _matched_between(test: PermutationTest) -> _Ints:
-    """Return first values that go with the outcomes of their demonstrations."""
+    """Return first values matched with the outcomes of their demonstrations."""
     units = int(test.block.max()) + 1
     x = test.x[np.unique(test.block, return_index=True)[1]]
     ranked = np.argsort(-np.bincount(x, minlength=test.sizes[0]), kind="stable")
@@ -249,9 +249,9 @@ def _best_order(
     y: _Ints,
     sizes: tuple[int, int],
 ) -> tuple[float, _Ints]:
-    """Return the most mutual information [bit] of sorted first values with sorted outcomes, and these values.
+    """Return the largest mutual information [bit] of sorted first values with sorted outcomes, and these values.
 
-    The outcomes are sorted by how frequent they are, beginning with any of the most frequent ones.
+    The outcomes are sorted by frequency, beginning with any of the most frequent ones.
     """
     frequent = Counter(outcomes)
     kinds = sorted(frequent, key=lambda kind: (-frequent[kind], kind))
@@ -268,7 +268,7 @@ def _best_order(
 
 
 def _matched_inside(test: PermutationTest) -> _Ints:
-    """Return first values that go with the second ones inside each demonstration, by one list for all of them."""
+    """Return first values matched with the second ones within each demonstration, by one mapping for all of them."""
 
     def by_count(values: _Ints, size: int) -> list[int]:
         return list(map(int, np.argsort(-np.bincount(values, minlength=size), kind="stable")))
@@ -302,7 +302,7 @@ def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
 
 
 def shares_line(rules: Iterable[SmallestRule]) -> str:
-    """Return the questions by their smallest rule in one line, those to which none could be found first."""
+    """Return the questions with their smallest rule in one line; those without any findable rule come first."""
     groups: dict[float | None, list[str]] = {}
     for rule in rules:
         groups.setdefault(rule.least_share, []).append(rule.title)

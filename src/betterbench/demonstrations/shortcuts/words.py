@@ -1,9 +1,9 @@
-"""The words of an instruction, in every script.
+"""The words of an instruction, in any script.
 
-Where a script puts spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao,
-Khmer and Burmese do not, and to know their words takes a dictionary; so every run of up to :data:`LONGEST` of their
-characters counts as a word there. One of these runs is the word itself, or tells it from the others as well as the word
-does, and runs that always occur together are one finding. Emoji and other symbols are words of their own.
+In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
+and Burmese have no such spaces, and finding words there needs a dictionary. Instead, every run of up to :data:`LONGEST`
+characters counts as a word. One of these runs is the word itself, or distinguishes it as well as the word does, and
+runs that always occur together are one finding. Emoji and other symbols are separate words.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 
 LONGEST = 4
-"""Characters of the longest run that counts as a word in a script without spaces."""
+"""Maximum length of a run that counts as a word in a script without spaces [characters]."""
 
 _NO_SPACES = re.compile(
     "[\u0e00-\u0e7f\u0e80-\u0eff\u1000-\u109f\u1780-\u17ff\u3005-\u3007\u3040-\u30ff\u31f0-\u31ff"
@@ -22,7 +22,7 @@ _NO_SPACES = re.compile(
 )
 """Thai, Lao, Burmese, Khmer, kana and Han characters, by the blocks of Unicode."""
 _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
-"""Variation selectors, joiners and spaces without width, which do not change what is said."""
+"""Variation selectors, joiners and zero-width spaces, which do not change the meaning."""
 
 
 def instruction_words(text: str) -> frozenset[str]:
@@ -31,14 +31,14 @@ def instruction_words(text: str) -> frozenset[str]:
 
 
 def is_spaced(word: str) -> bool:
-    """Tell whether a word is of a script with spaces, and no run of characters of one without."""
+    """Tell whether a word is from a script with spaces, and not a run of characters."""
     return not _NO_SPACES.search(word)
 
 
 def shown_as(words: Iterable[str], text: str) -> str:
-    """Return how some words of a text that are always said together are shown: in the order of the text.
+    """Return the text for some words that always occur together, in the order of the text.
 
-    Of runs of characters the short ones are shown, those that overlapping as one.
+    For runs of characters, the short ones are shown, with overlapping runs merged.
     """
     kept = frozenset(words)
     short = max(2, min((len(word) for word in kept if not is_spaced(word)), default=2))
@@ -57,12 +57,12 @@ def shown_as(words: Iterable[str], text: str) -> str:
 
 
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
-    """Return the words without the runs of characters that join two words, which say no more than the two together.
+    """Return the words without runs of characters that join two words and add no information.
 
-    Such a run is in exactly those texts that have both its beginning and its end, and each of these is in more texts.
+    Such a run occurs in exactly the texts that contain both its beginning and its end, and each of these in more texts.
 
     Args:
-        where: In which texts each word is: one bit per text.
+        where: The texts that contain each word: one bit per text.
     """
 
     def joins(word: str) -> bool:
@@ -78,7 +78,7 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
 
 
 def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
-    """Tell whether some run of characters of the one is part of one of the other; words with spaces never are."""
+    """Tell whether a run of characters of one is part of a run of the other; never for words with spaces."""
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])
 
@@ -203,20 +203,20 @@ _BESIDE_PLACES = frozenset(
         "most",
     ]
 )
-"""Words that may be said with those and name nothing."""
+"""Words that may accompany them and name nothing."""
 
 
 def names_a_place(words: Iterable[str]) -> bool:
-    """Tell whether words that are always said together name a place, such as "left", and nothing else.
+    """Tell whether words that always occur together name a place, such as "left", and nothing else.
 
-    Of runs of characters, one that names a place is enough: those around it are part of it.
+    For runs of characters, one run that names a place is enough: the runs around it are part of it.
     """
     kept = frozenset(words)
     return bool(kept & _PLACES) and {w for w in kept if is_spaced(w)} - _BESIDE_PLACES <= _PLACES
 
 
 def in_order(text: str, wanted: Iterable[str]) -> str:
-    """Return those of some words that a text says, in the order of the text, as one text."""
+    """Return the given words that a text contains, in the order of the text, as one text."""
     words = frozenset(wanted)
     unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
     found = list[str]()
@@ -234,7 +234,7 @@ def places_named(text: str) -> str:
 def _runs(text: str) -> tuple[tuple[str, bool], ...]:
     """Return the runs of a text, and whether its script puts spaces between words."""
     plain = unicodedata.normalize("NFKC", text)
-    # Unicode takes the vowel am of Thai and Lao apart, which people write as one.
+    # Unicode decomposes the Thai and Lao vowel am, which is written as one character.
     whole = plain.replace("\u0e4d\u0e32", "\u0e33").replace("\u0ecd\u0eb2", "\u0eb3")
     return tuple(_found(_VARIATION.sub("", whole).casefold()))
 
@@ -253,7 +253,7 @@ def _found(text: str) -> Iterator[tuple[str, bool]]:
 
 
 def _kind(character: str, before: str) -> str:
-    """Return what a character belongs to: a word, a run without spaces, a symbol, or nothing."""
+    """Return the class of a character: a word, a run without spaces, a symbol, or nothing."""
     if _NO_SPACES.match(character):
         return "unspaced"
     match unicodedata.category(character)[0]:

@@ -1,4 +1,4 @@
-"""Live camera images, drawn by a thread of its own, so that the loop never waits for them."""
+"""Live camera images, rendered in a separate thread, so that the control loop never waits for them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from betterbench.sim.scenes import Scene, StoredView
 logger = logging.getLogger(__name__)
 
 LONGEST_RATE_HZ = 10.0
-"""Most images of a camera per second: enough to look at, and it leaves the processor to the physics."""
+"""Maximum number of images of a camera per second: enough to watch, and it leaves processor time to the physics."""
 SIZE_PX = 256
 LATE_S = 1.0
-"""Age of a wanted image from which it is called late [s]."""
+"""Delay of an image from which it is reported as late [s]."""
 STOP_S = 0.5
-"""Longest wait for an image under way when the thread is closed [s]."""
+"""Longest wait for the current image when the thread is closed [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class _Frame:
 
 
 class CameraThread:
-    """Thread that draws the newest state that it was given, and drops the others."""
+    """Thread that renders the newest given state, and drops older ones."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class CameraThread:
         show: Callable[[str, np.ndarray], None],
         complain: Callable[[str], None],
     ) -> None:
-        """Start drawing; ``show`` gets the name of a camera and its image, (height, width, 3) uint8."""
+        """Start rendering; ``show`` gets the name of a camera and its image, (height, width, 3) uint8."""
         self._cameras, self._show, self._complain = tuple(cameras), show, complain
         self._newest: _Frame | None = None
         self._wake = threading.Condition()
@@ -50,7 +50,7 @@ class CameraThread:
             self._thread.start()
 
     def look(self, scene: Scene) -> None:
-        """Ask for images of the state of a scene as it is now."""
+        """Request images of the current state of a scene."""
         frame = _Frame(scene, scene.simulator_state()["qpos"].copy())
         with self._wake:
             self._newest = frame
@@ -60,7 +60,7 @@ class CameraThread:
 
     @property
     def late_s(self) -> float:
-        """Time that images have been waited for [s]; 0 while they come in time or none are drawn."""
+        """Delay of the images [s]; 0 if they are in time or none are rendered."""
         since = self._waits_since
         if since is None or not self._thread.is_alive():
             return 0.0
@@ -69,11 +69,11 @@ class CameraThread:
 
     @property
     def is_busy(self) -> bool:
-        """Whether it draws, or waits for something to draw."""
+        """Whether it renders, or waits for a state to render."""
         return self._thread.is_alive()
 
     def close(self) -> None:
-        """Stop drawing and free the renderer, unless the image under way takes longer than :data:`STOP_S`."""
+        """Stop rendering and free the renderer, unless the current image takes longer than :data:`STOP_S`."""
         with self._wake:
             self._is_over = True
             self._wake.notify()
@@ -97,7 +97,7 @@ class CameraThread:
                         if image is not None:
                             self._show(camera, image)
                 self._waits_since = None
-                # A slow renderer rests as long as it drew: the physics and the page need the processor, too.
+                # The renderer pauses as long as it rendered: the physics and the page need the processor, too.
                 took = time.monotonic() - began
                 time.sleep(max(took, 1.0 / LONGEST_RATE_HZ - took))
         except BetterError as problem:

@@ -1,7 +1,7 @@
 """Inputs of the operator, collected from browser and devices between control steps; callable from any thread.
 
-One page drives, the first that is opened; others look on until one of them takes over. Nothing that a page or a device
-sends can block or break the loop: unreadable input is reported in one line, and held keys that are not renewed lapse.
+One page drives, the first that is opened; others watch until one of them takes over. Input from a page or a device can
+neither block nor break the loop: unreadable input is reported in one line, and held keys that are not renewed expire.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from betterbench.geometry import Pose
 from betterbench.json_form import read_form
 
 Tap = Literal["gripper", "undo", "restart", "save", "discard"]
-"""Actions that a press of a button or key triggers once."""
+"""Actions triggered once by a button or key."""
 TAPS: tuple[str, ...] = get_args(Tap)
 
 HELD_FOR_S = 0.6
-"""Time after which held keys and axes that were not renewed count as let go [s]; the page renews them every 0.2 s."""
+"""Time after which held keys and axes count as released if not renewed [s]; the page renews them every 0.2 s."""
 MARK = "better-teleop:"
-"""Prefix of the text that the page sends."""
+"""Prefix of the texts that the page sends."""
 DEAD_ZONE = 0.12
-"""Deflection of an axis below which it counts as at rest."""
+"""Deflection of an axis below which it counts as zero."""
 MOST_TAPS = 32
-"""Presses that wait for a control step, at most; further ones come from no hand and are dropped."""
+"""Maximum number of presses waiting for a control step; more cannot come from a person and are dropped."""
 NO_PUSH = (0.0,) * 6
 
 KEYS: dict[str, tuple[int, float]] = {
@@ -47,10 +47,10 @@ KEYS: dict[str, tuple[int, float]] = {
     "KeyQ": (5, 1.0),
     "KeyE": (5, -1.0),
 }
-"""Component and sign of each key that pushes: forward, left, up, roll, pitch and yaw, seen from the viewer."""
+"""Component and sign of each motion key: forward, left, up, roll, pitch and yaw, seen from the viewer."""
 TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
 SLOW = 0.25
-"""Share of the speed while Shift is held."""
+"""Speed factor while Shift is held."""
 
 _Number = Annotated[float, Field(ge=-1.0, le=1.0)]
 
@@ -74,11 +74,11 @@ class ControlInput:
 
     Attributes:
         taps: Buttons and keys, in order.
-        drag: Pose to which the gizmo was dragged, or the pose of a leader arm; None without either.
+        drag: Pose to which the gizmo was dragged, or the pose of a leader arm; None without both.
         is_dragging: Whether the gizmo is still held.
-        push: Deflections that push the tool: forward, left, up, roll, pitch and yaw as the viewer sees it, each in
+        push: Deflections that move the tool: forward, left, up, roll, pitch and yaw as seen by the viewer, each in
             [-1, 1].
-        closed: Whether a leader arm holds its gripper closed; None without one.
+        closed: Whether a leader arm's gripper is closed; None without one.
         driver: Number of the page that drives; None while no page is open.
     """
 
@@ -116,7 +116,7 @@ class Controls:
     _tool: Pose | None = None
 
     def connected(self, page: int) -> bool:
-        """Note that a page was opened, and tell whether it drives."""
+        """Register a page that was opened, and return whether it drives."""
         with self._lock:
             self._pages.append(page)
             if self.driver is None:
@@ -124,7 +124,7 @@ class Controls:
             return self.driver == page
 
     def disconnected(self, page: int) -> bool:
-        """Note that a page was closed; whatever it held is let go. Tell whether it drove."""
+        """Unregister a page that was closed and release its keys; return whether it drove."""
         with self._lock:
             self._pages = [p for p in self._pages if p != page]
             self._counts.pop(page, None)
@@ -142,7 +142,7 @@ class Controls:
                 self.driver = page
 
     def tapped(self, page: int | None, tap: Tap) -> bool:
-        """Note a press of a button of a page, None for a device; False if the page does not drive."""
+        """Register a press on a page, None for a device; False if the page does not drive."""
         with self._lock:
             if page is not None and page != self.driver:
                 return False
@@ -150,18 +150,18 @@ class Controls:
             return True
 
     def dragged(self, page: int, pose: Pose, *, is_over: bool) -> bool:
-        """Note where the gizmo is; False if the page does not drive."""
+        """Register the pose of the gizmo; False if the page does not drive."""
         with self._lock:
             if page != self.driver:
                 return False
             if is_finite(pose):
                 self._drag, self._is_dragging = pose, not is_over
             else:
-                self._tell("the gizmo's pose is not finite and was left out")
+                self._tell("the gizmo's pose is not finite and was ignored")
             return True
 
     def sent(self, page: int, text: str, now_s: float) -> bool:
-        """Take in what the script of a page sends; False if the page does not drive and asks for something."""
+        """Process a message from the script of a page; False if the page does not drive but gives a command."""
         try:
             data = text.removeprefix(MARK).encode(errors="replace")
             form: _Sent = read_form(_SENT, data, where="page", cure="Reload the page")
@@ -170,7 +170,7 @@ class Controls:
                 self._tell(str(problem))
             return True
         with self._lock:
-            # What was tapped before the page drove is not done afterward.
+            # Taps from before the page drove are ignored.
             known = self._counts.setdefault(page, {})
             made: list[Tap] = [
                 tap for tap in get_args(Tap) for _ in range(min(8, max(0, form.taps.get(tap, 0) - known.get(tap, 0))))
@@ -184,35 +184,35 @@ class Controls:
             return True
 
     def pushed(self, device: str, values: Sequence[float], now_s: float) -> None:
-        """Take in how a device is deflected: six numbers in [-1, 1]; what is not finite is left out."""
+        """Register the deflection of a device: six numbers in [-1, 1]; non-finite values are ignored."""
         with self._lock:
             if len(values) != 6 or not all(map(math.isfinite, values)):
-                self._tell(f"{device}: a number is not finite and was left out; the arm holds still")
+                self._tell(f"{device}: a number is not finite and was ignored; the arm does not move")
                 self._pushes.pop(device, None)
                 return
             self._pushes[device] = _Push(tuple(calmed(v) for v in values), now_s)
 
     def led(self, pose: Pose, *, closed: bool) -> None:
-        """Take in where a leader arm is; what is not finite is left out."""
+        """Register the pose of a leader arm; non-finite values are ignored."""
         with self._lock:
             if is_finite(pose):
                 self._drag, self._closed = pose, closed
             else:
-                self._tell("leader arm: a number is not finite and was left out; the arm holds still")
+                self._tell("leader arm: a number is not finite and was ignored; the arm does not move")
 
     def complain(self, problem: str) -> None:
-        """Note what went wrong with a device, in one line."""
+        """Register a problem with a device, in one line."""
         with self._lock:
             self._tell(problem)
 
     def hold_from(self, tool: Pose) -> None:
-        """Let a leader arm take hold anew, from where the tool is sent now."""
+        """Let a leader arm take hold again, from the current target of the tool."""
         with self._lock:
             self._grip += 1
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm had to take hold, and the tool's target at that time; None before the start."""
+        """Return how often a leader arm had to take hold, and the tool's target then; None before the start."""
         with self._lock:
             return self._grip, self._tool
 

@@ -1,6 +1,6 @@
-"""Gamepads and SpaceMice that are plugged into the machine on which betterbench runs, read from the kernel.
+"""Gamepads and SpaceMice connected to the machine on which betterbench runs, read from the kernel.
 
-Those of the person's own computer are read by the page. What is written here follows the input protocol of Linux
+Devices at the user's own computer are read by the page. This module implements the input protocol of Linux
 (``linux/input.h``: events of 24 bytes) and its gamepad specification, so no library is needed.
 """
 
@@ -27,14 +27,14 @@ EVENT = struct.Struct("llHHi")
 """One event: seconds, microseconds, type, code, value."""
 EV_KEY, EV_REL, EV_ABS = 1, 2, 3
 SPACE_MOUSE_RANGE, GAMEPAD_RANGE = 350, 32767
-"""Largest deflection where the kernel does not tell it."""
+"""Default of the largest deflection if the kernel does not report it."""
 RENEW_S = 0.1
-"""Period at which an unchanged deflection is renewed [s]: the kernel reports changes only."""
+"""Period at which an unchanged deflection is renewed [s], because the kernel reports only changes."""
 SPRUNG_S = 0.15
-"""Time after which a relative axis that was not reported counts as let go [s]."""
+"""Time after which an unreported relative axis counts as released [s]."""
 
 _SPACE_MOUSE_VENDORS = {0x256F}
-_OLD_SPACE_MOUSE = (0x046D, range(0xC603, 0xC62C))  # made by 3Dconnexion as a part of Logitech
+_OLD_SPACE_MOUSE = (0x046D, range(0xC603, 0xC62C))  # 3Dconnexion devices with the vendor id of Logitech
 _GAMEPAD_KEY = 0x130  # BTN_SOUTH
 
 _SPACE_MOUSE_AXES = {0: (1, -1.0), 1: (0, -1.0), 2: (2, -1.0), 3: (3, 1.0), 4: (4, -1.0), 5: (5, -1.0)}
@@ -55,7 +55,7 @@ class Device:
 
 
 def find_devices(root: Path = Path("/sys/class/input")) -> tuple[Device, ...]:
-    """Return the gamepads and SpaceMice of this machine, by what the kernel says about its input devices."""
+    """Return the gamepads and SpaceMice of this machine, from the kernel's description of its input devices."""
     found = []
     for entry in sorted(root.glob("event*")):
         about = entry / "device"
@@ -74,7 +74,7 @@ def find_devices(root: Path = Path("/sys/class/input")) -> tuple[Device, ...]:
 
 
 def _has_key(words: Sequence[str], key: int) -> bool:
-    """Tell whether a bit is set in the words of a capability, the highest first, each of 64 bits in hexadecimal."""
+    """Tell whether a bit is set in the words of a capability: 64-bit hexadecimal words, the highest first."""
     index = len(words) - 1 - key // 64
     return index >= 0 and bool(int(words[index], 16) >> (key % 64) & 1)
 
@@ -91,7 +91,7 @@ class DeviceThread:
         try:
             self._file = os.open(device.path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as problem:
-            cure = "Join the group that may read it (usually input), or give --devices none"
+            cure = "Join the group with read access (usually input), or give --devices none"
             raise InvalidInputError(str(device.path), problem.strerror or str(problem), cure) from problem
         self._is_over = threading.Event()
         self._values = list(NO_PUSH)
@@ -127,7 +127,7 @@ class DeviceThread:
                 self._controls.complain(f"{self._device.name}: {problem.strerror or system_error_text(problem)}")
 
     def _read(self) -> bytes:
-        """Return the events that are there; OSError if the device is gone."""
+        """Return the available events; OSError if the device is gone."""
         data = os.read(self._file, 64 * EVENT.size)
         if not data:
             raise OSError(None, "it is gone")
@@ -153,7 +153,7 @@ class DeviceThread:
         self._values[component] = sign * max(-1.0, min(1.0, share))
 
     def _range(self, code: int, *, is_pad: bool) -> tuple[int, int]:
-        """Return the least and the largest value of an absolute axis (EVIOCGABS)."""
+        """Return the minimum and maximum of an absolute axis (EVIOCGABS)."""
         asked = bytearray(24)
         request = (2 << 30) | (len(asked) << 16) | (ord("E") << 8) | (0x40 + code)
         with contextlib.suppress(OSError):

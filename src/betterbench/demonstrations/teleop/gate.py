@@ -1,7 +1,7 @@
-"""Access control of the page: requests without the token of its address, or from another site, get one line.
+"""Access control of the page: requests without the token of its address, or from another site, are refused.
 
-The token is the first part of the path: the page's own connection goes to the address of the page, so it carries it
-too, and no cookie is needed, which a server on another port could read.
+The token is the first part of the path. The page's own connection uses the same address, so it contains the token too,
+and no cookie is needed, which a server on another port could read.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from betterbench.demonstrations.teleop.incoming import MAX_MESSAGE_BYTES, Incomi
 from betterbench.policies.serving.callers import is_own_host, is_own_origin
 
 OPEN_TIMEOUT_S = 5.0
-"""Longest time that a connection may take to send its request [s]."""
+"""Time limit for a new connection to send its request [s]."""
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Frame-Options": "DENY",
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
 }
-_REFUSED = "This page is not for you: open the address that better teleop has printed, with its token.\n"
+_REFUSED = "Access denied: open the address printed by better teleop, with its token.\n"
 
 
 _UNREADABLE = "This request cannot be read.\n"
 
 
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
-    """Return the answer of what stands behind the gate; a refusal where a request makes that raise an error.
+    """Return the answer of the inner server; a refusal if the request makes it raise an error.
 
-    A header that stands twice or a path of strange bytes would be a traceback of the server.
+    A duplicated header or a path with invalid bytes would otherwise be a traceback of the server.
     """
     try:
         return None if inner is None else inner(connection, request)
@@ -48,12 +48,12 @@ class Gate:
     """Filter of requests: only those with the token and from the page itself are admitted.
 
     Attributes:
-        token: Token with which the path of each request has to begin.
-        is_closed: Whether a server stands behind it. A server without it must not be used.
+        token: Token at the beginning of the path of each request.
+        is_closed: Whether a server is protected by the gate. A server without it must not be used.
     """
 
     def __init__(self, host: str, incoming: IncomingMessages) -> None:
-        """Draw a token for a server that listens on an interface, and reads only some messages."""
+        """Draw a token for a server that listens on an interface and accepts only some messages."""
         self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
         self._incoming = incoming
 
@@ -66,7 +66,7 @@ class Gate:
         return f"/{rest}{mark}{query}"
 
     def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
-        """Return the path of a request that may come in; None for one that may not."""
+        """Return the path of an admitted request; None for a refused one."""
         hosts = request.headers.get_all("Host")
         if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
             return None
@@ -74,7 +74,7 @@ class Gate:
 
     @contextmanager
     def before_servers(self) -> Iterator[None]:
-        """Stand before every websocket server that is started meanwhile; viser has no place for a gate."""
+        """Protect every websocket server started inside the context, because viser has no hook for a gate."""
         module = importlib.import_module("websockets.asyncio.server")
         serve = module.serve
 

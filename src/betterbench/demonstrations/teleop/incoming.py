@@ -1,8 +1,8 @@
-"""Filter of incoming messages: only those that the page sends reach viser, all others are left out.
+"""Filter of incoming messages: only the message types of the page reach viser.
 
-viser takes any property of any element from a message, and calls whatever a message names: a wrong value would end the
-session or keep every later page out, and one message shows the page to the whole internet. So each message is read
-through the schema of what the page sends. What viser does with the rest needs no check of its own.
+viser sets any property of any element from a message, and calls any function that a message names. A wrong value would
+end the session or lock out later pages, and one message would publish the page on the internet. Each message is
+therefore validated with the schema of the page's messages. viser itself checks the rest.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ MAX_MESSAGE_BYTES = 1 << 16
 """Largest message of a page; a connection that sends a larger one is closed."""
 LARGEST = 1e6
 """Largest number of a message: a length [m], a size [pixel] or a share."""
-LEFT_OUT = "a message that this page does not send was left out; reload the page"
+LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]
-"""Kind of the value of an element of the panel."""
+"""Type of the value of a panel element."""
 
 _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 _Vector = Annotated[list[_Number], Field(min_length=3, max_length=3)]
@@ -75,15 +75,15 @@ _TYPES: dict[InputKind, tuple[type, ...]] = {"button": (bool,), "number": (int, 
 
 
 class IncomingMessages:
-    """Rules by which messages are let in. A server without them must not be used."""
+    """Rules for accepted messages. A server without them must not be used."""
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        """Let nothing in for an element of the panel until it is named; ``complain`` is told what is left out."""
+        """Refuse messages for panel elements until they are registered; ``complain`` gets reports of refusals."""
         self._complain = complain
         self._kinds: dict[str, InputKind] = {}
 
     def expect(self, uuid: str, kind: InputKind) -> None:
-        """Let in the values of an element of the panel."""
+        """Accept values of a panel element."""
         if kind not in get_args(InputKind):
             raise AssertionError(kind)
         self._kinds[uuid] = kind
@@ -99,11 +99,11 @@ class IncomingMessages:
         if not isinstance(sent, _Update):
             return True
         kind, value = self._kinds.get(sent.uuid), sent.updates.value
-        # A boolean is a number to Python, and not to the slider.
+        # A boolean is a number in Python, but not for the slider.
         return kind is not None and isinstance(value, _TYPES[kind]) and isinstance(value, bool) == (kind == "button")
 
     def before(self, handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-        """Return a handler of connections that sees those messages alone."""
+        """Return a connection handler that gets only accepted messages."""
 
         async def handle(connection: Any) -> None:  # noqa: ANN401 - of websockets
             await handler(_Filtered(connection, self))
@@ -111,7 +111,7 @@ class IncomingMessages:
         return handle
 
     async def next_of(self, connection: Any) -> Any:  # noqa: ANN401
-        """Return the next message of a connection that may come in."""
+        """Return the next accepted message of a connection."""
         while True:
             raw = await connection.recv()
             if self.admits(raw):
@@ -120,7 +120,7 @@ class IncomingMessages:
 
 
 class _Filtered:
-    """Wrapper of a connection without the messages that are left out."""
+    """Wrapper of a connection without refused messages."""
 
     def __init__(self, connection: Any, incoming: IncomingMessages) -> None:  # noqa: ANN401
         self._connection, self._incoming = connection, incoming
@@ -129,5 +129,5 @@ class _Filtered:
         return getattr(self._connection, name)
 
     async def recv(self) -> Any:  # noqa: ANN401
-        """Return the next message that may come in."""
+        """Return the next accepted message."""
         return await self._incoming.next_of(self._connection)

@@ -1,7 +1,7 @@
-"""A LeRobot leader arm: read by lerobot's own teleoperator class, and followed by the tool of the simulated arm.
+"""A LeRobot leader arm, read by lerobot's own teleoperator class and followed by the simulated arm's tool.
 
-The leader is another arm than the robot, with five joints and another reach. So its tool is what is followed: where it
-was moved and turned since it took hold, in the frame of its base, is where the robot's tool is moved and turned.
+The leader differs from the robot: it has five joints and another reach. Therefore the tool is followed: the motion of
+the leader's tool since it took hold, in the frame of its base, is applied to the robot's tool.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from betterbench.geometry import Pose, Vector, from_axis_angle, multiply, normal
 from betterbench.installation import missing_packages
 
 LEADERS = ("so101_leader", "so100_leader")
-"""Leader arms whose kinematics are known here."""
+"""Leader arms with known kinematics."""
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 SCALE = 1.5
-"""Motion of the robot's tool per meter of the leader's motion: about the ratio of their reaches."""
+"""Motion of the robot's tool per motion of the leader's tool: about the ratio of their reaches."""
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
-"""Positions of the leader's gripper (0 closed to 100 open) at which that of the robot is told to close and to open."""
+"""Positions of the leader's gripper (0 closed to 100 open) at which the robot's gripper closes and opens."""
 RATE_HZ = 50.0
 MOST_FAILURES = 25
-"""Readings in a row that may fail before the leader counts as gone: half a second."""
+"""Maximum number of consecutive failed readings before the leader counts as disconnected: half a second."""
 
 # Screws of the SO-101 with all joints at zero, new calibration (TheRobotStudio SO-ARM100, so101_new_calib.xml,
-# Apache-2.0): a point on each axis [m] and its direction, and where the middle of the gripper then is.
+# Apache-2.0): a point on each axis [m] and its direction, and the resulting position of the gripper's center.
 _SCREWS: tuple[tuple[Vector, Vector], ...] = (
     ((0.03884, 0.0, 0.0624), (0.0, 0.0, -1.0)),
     ((0.06923, -0.01828, 0.1166), (0.0, 1.0, 0.0)),
@@ -41,10 +41,10 @@ _TOOL_AT_ZERO: Vector = (0.39136, -0.00001, 0.22647)
 
 
 def leader_tool(degrees: Mapping[str, float]) -> Pose:
-    """Return the pose of the tool of an SO-101 in the frame of its base, from its joint angles [degree] by name.
+    """Return the pose of an SO-101's tool in its base frame, from its joint angles [degree] by name.
 
-    The frame of the tool is parallel to that of the base where all joints are at zero. InvalidInputError if an angle is
-    missing or not finite.
+    The tool frame is parallel to the base frame if all joints are at zero. InvalidInputError if an angle is missing or
+    not finite.
     """
     pose = Pose()
     for name, (point, axis) in zip(JOINTS, _SCREWS, strict=True):
@@ -66,13 +66,14 @@ class Follower:
         self._closed = False
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Begin to follow from here: ``T_base_tcp`` of the robot, and the tool of the leader."""
+        """Start following from here: ``T_base_tcp`` of the robot, and the tool of the leader."""
         self._robot, self._leader = robot, leader
 
     def follow(self, leader: Pose, gripper: float) -> tuple[Pose, bool]:
-        """Return the target of the robot's tool, and whether its gripper is to be closed.
+        """Return the target of the robot's tool, and whether its gripper should be closed.
 
-        ``gripper`` is the position of the leader's, 0 closed to 100 open. InvalidInputError before it took hold.
+        ``gripper`` is the position of the leader's gripper, 0 closed to 100 open. InvalidInputError before
+        ``take_hold``.
         """
         if self._leader is None:
             raise InvalidInputError("leader arm", "it has not taken hold", "Call take_hold first")
@@ -93,7 +94,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
         name: Id under which lerobot keeps its calibration.
 
     Raises:
-        MissingDependencyError: If lerobot, or what it needs for these motors, is not installed.
+        MissingDependencyError: If lerobot, or a package that it needs for these motors, is not installed.
         InvalidInputError: If the arm is unknown, cannot be reached, or is not calibrated.
     """
     if kind not in LEADERS:
@@ -103,7 +104,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
     try:
         configs = importlib.import_module("lerobot.teleoperators.config")
         makers = importlib.import_module("lerobot.teleoperators.utils")
-        for module in (kind, "so_leader"):  # where lerobot 0.4 and 0.6 register them
+        for module in (kind, "so_leader"):  # modules of lerobot 0.4 and 0.6
             try:
                 importlib.import_module(f"lerobot.teleoperators.{module}")
                 break
@@ -113,7 +114,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
         made = makers.make_teleoperator_from_config(
             configs.TeleoperatorConfig.get_choice_class(kind)(port=port, id=name, use_degrees=True)
         )
-    except Exception as problem:  # an installation that does not fit together fails in many ways
+    except Exception as problem:  # inconsistent installations fail in many ways
         raise missing_packages(
             f"--leader needs lerobot with its Feetech motors ({one_line(problem)})", "lerobot[feetech]"
         ) from problem
@@ -157,12 +158,12 @@ class LeaderThread:
             try:
                 tool, gripper = self._read()
             except BetterError as problem:
-                self._controls.complain(f"{problem} The arm holds still.")
+                self._controls.complain(f"{problem} The arm does not move.")
                 continue
             except Exception as problem:  # noqa: BLE001 - what a bus of motors raises
                 failures += 1
                 if failures >= MOST_FAILURES:
-                    self._controls.complain(f"leader arm: {one_line(problem)}. It is not followed any more.")
+                    self._controls.complain(f"leader arm: {one_line(problem)}. It is no longer followed.")
                     return
                 continue
             failures = 0

@@ -1,4 +1,4 @@
-"""Preparation of the session of a start, which takes seconds: at once, or in a thread so that the loop goes on."""
+"""Preparation of the next session, which takes seconds: directly, or in a thread while the loop continues."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.demonstrations.teleop.session import TeleopSession
 class SessionLoader:
     """Loader that makes one session at a time.
 
-    A loader that works ``apart`` does so in a thread of its own, which is left alone when the command ends.
+    With ``apart``, a session is made in a separate thread, which is abandoned when the command ends.
     """
 
     def __init__(self, make: Callable[[Start], TeleopSession], *, apart: bool = False) -> None:
@@ -23,11 +23,11 @@ class SessionLoader:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a session is being made now."""
+        """Whether a session is being made."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, start: Start) -> None:
-        """Begin to make the session of a start; the one before has been taken."""
+        """Begin to make the session of a start, after the last one was taken."""
         if not self._apart:
             self._made = self._make(start)
             return
@@ -35,7 +35,7 @@ class SessionLoader:
         self._thread.start()
 
     def take(self) -> TeleopSession | None:
-        """Return the session once it is made, and raise what making it raised; None while it is not."""
+        """Return the finished session, or raise the error of making it; None while it is being made."""
         if self.is_busy:
             return None
         self._thread = None

@@ -1,8 +1,8 @@
-"""The page in the browser: the scene in three dimensions, the gizmo, the panel and the camera images.
+"""The page in the browser: the scene in 3-D, the gizmo, the panel and the camera images.
 
-viser serves the page and nothing else; the page asks nobody but this process for anything. What the person does goes
-into the :class:`~betterbench.demonstrations.teleop.controls.Controls`, and what is shown comes from the loop; neither
-waits for the other.
+viser only serves the page, and the page connects only to this process. Input goes into the
+:class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the loop; neither waits for
+the other.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ PANEL_PX, IMAGES_PX = 380, 300
 STOP_S = 0.5
 """Longest wait for pages to close at the end [s]."""
 TOLD_EVERY_S = 3.0
-"""Least time between two notices to a page that it does not drive [s]."""
+"""Minimum time between two notices to a page that it does not drive [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +52,13 @@ class PanelState:
     Attributes:
         title: Headline: the demonstration, and the number of saved ones.
         subgoals: Text of each subgoal, and whether it is done.
-        share: Share of the episode's steps that are used.
+        share: Used share of the episode's steps.
         status: State of the episode, in a few words.
         tone: "go", "wait", "good" or "bad": the color of the status.
         notice: Reason why the tool cannot follow or a request failed; "" if there is none.
         said: The last messages, newest last.
         undo_to: Name of the moment to which an undo returns.
-        closed: Whether the gripper is to be closed.
+        closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Height of the tool above the table, in words; "" if there is none.
         images: Note on camera images that are late; "" if they come in time.
@@ -81,19 +81,17 @@ class PanelState:
 
 
 def load_viser() -> Any:  # noqa: ANN401 - a module
-    """Return viser; MissingDependencyError without it."""
+    """Return viser; MissingDependencyError if it is not installed."""
     try:
         return importlib.import_module("viser")
     except ImportError as problem:
-        raise missing_extra(
-            "The page of teleoperation is shown with viser, which is not installed", "teleop"
-        ) from problem
+        raise missing_extra("The teleoperation page needs viser, which is not installed", "teleop") from problem
 
 
 def free_port(host: str, port: int) -> int:
-    """Return a port that can be listened on: the given one, or any for 0; InvalidInputError if it cannot be had."""
+    """Return a port to listen on: the given one, or any for 0; InvalidInputError if it is not available."""
     if not 0 <= port <= 65535:
-        raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 takes any free one")
+        raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 chooses a free port")
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -102,12 +100,12 @@ def free_port(host: str, port: int) -> int:
             return int(probe.getsockname()[1])
     except OSError as problem:
         reason = problem.strerror or str(problem)
-        cure = "Stop what listens there, or choose another: --port 0 takes any free one"
+        cure = "Stop the process that uses it, or choose another: --port 0 chooses a free port"
         raise InvalidInputError("--host, --port", f"cannot listen on {host}:{port} ({reason})", cure) from problem
 
 
 class Page:
-    """One viser server with the page of a teleoperation."""
+    """A viser server with the page of a teleoperation."""
 
     def __init__(self, controls: Controls, *, host: str, port: int, cameras: Sequence[str]) -> None:
         """Listen, and build the page.
@@ -119,7 +117,7 @@ class Page:
         viser = load_viser()
         self._controls, self._host = controls, host
         wanted = free_port(host, port)
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a tab that closes in the middle is no news
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # closed tabs are normal
         self._incoming = IncomingMessages(controls.complain)
         self._gate = Gate(host, self._incoming)
         with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
@@ -129,9 +127,9 @@ class Page:
             self._server.stop()
             raise MissingDependencyError(
                 f"this version of viser ({viser.__version__}) starts its server in a way that better teleop does not "
-                "know, so that anybody could drive. Install the version of the extra 'teleop'"
+                "support, so that access could not be controlled. Install the version of the extra 'teleop'"
             )
-        if self.port != wanted:  # somebody was faster, and viser took the next one
+        if self.port != wanted:  # the port was taken in the meantime, and viser chose the next one
             self._server.stop()
             raise InvalidInputError("--port", f"{wanted} was taken meanwhile", "Run the same command again")
         self._stopping = threading.Thread(target=self._server.stop, name="teleop page", daemon=True)
@@ -155,7 +153,7 @@ class Page:
 
     @property
     def view_yaw(self) -> float:
-        """Heading [rad] in which the page that drives looks, seen from above; 0 is away from the robot's base."""
+        """Heading [rad] in which the driving page looks, seen from above; 0 is away from the robot's base."""
         client = self._server.get_clients().get(self._controls.driver if self._controls.driver is not None else -1)
         if client is None:
             return 0.0
@@ -166,12 +164,12 @@ class Page:
 
     @property
     def speed(self) -> float:
-        """Share of the full speed that the slider asks for, within its limits."""
+        """Speed factor of the slider, within its limits."""
         return max(SLOWEST, min(1.0, float(self._speed.value) / 100.0))
 
     def close(self) -> None:
-        """Close all connections and stop listening; a page that does not answer is waited for for :data:`STOP_S`."""
-        with contextlib.redirect_stdout(io.StringIO()):  # viser says that it has stopped
+        """Close all connections and stop listening, waiting at most :data:`STOP_S` for a page that does not answer."""
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
             self._stopping.start()
             self._stopping.join(STOP_S)
 
@@ -181,7 +179,7 @@ class Page:
         return self._stopping.is_alive()
 
     def show_scene(self, files: Mapping[int, bytes]) -> None:
-        """Show the bodies of another scene, given as GLB by number."""
+        """Show the bodies of another scene, given as GLB by index."""
         with self._server.atomic():
             for node in self._bodies.values():
                 node.remove()
@@ -189,7 +187,7 @@ class Page:
             self._bodies = {n: self._server.scene.add_glb(f"/bodies/{n}", data) for n, data in files.items()}
 
     def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
-        """Show where the bodies are, (n, 3) [m] and (n, 4), and the gizmo; None leaves it to who is dragging it."""
+        """Show the poses of the bodies, (n, 3) [m] and (n, 4), and of the gizmo; None keeps the pose of a drag."""
         with self._server.atomic():
             for number, node in self._bodies.items():
                 pose = np.concatenate([positions[number], quaternions[number]]).round(5)
@@ -201,7 +199,7 @@ class Page:
             self._gizmo_at = gizmo
 
     def show(self, shown: PanelState) -> None:
-        """Show what the panel says."""
+        """Show the panel."""
         if shown == self._shown:
             return
         before, self._shown = self._shown, shown
@@ -230,7 +228,7 @@ class Page:
         self._controls.disconnected(client.client_id)
 
     def _tell(self, page: int, *, again: bool = False) -> None:
-        """Tell a page that it does not drive, but not at every motion of the mouse."""
+        """Tell a page that it does not drive, at most once per interval."""
         now = time.monotonic()
         client = self._server.get_clients().get(page)
         if client is None or (not again and now - self._told.get(page, 0.0) < TOLD_EVERY_S):
@@ -265,13 +263,13 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_PX)
         self._head = gui.add_html("")
-        self._gripper = self._button("Close gripper  ␣", "gripper", "blue", "Space does the same.")
-        self._undo = self._button("Undo", "undo", "orange", "Z does the same. What is undone is not in the record.")
+        self._gripper = self._button("Close gripper  ␣", "gripper", "blue", "Shortcut: Space.")
+        self._undo = self._button("Undo", "undo", "orange", "Shortcut: Z. Undone steps are not recorded.")
         self._foot = gui.add_html("")
-        self._save = self._button("Save  ⏎", "save", "green", "Writes the demonstration; the next start follows.")
+        self._save = self._button("Save  ⏎", "save", "green", "Saves the demonstration; the next start follows.")
         self._save.disabled = True
-        self._button("Reset to the start", "restart", "gray", "Begins this demonstration again.")
-        self._button("Discard, next start", "discard", "red", "Nothing is written; this start comes again later.")
+        self._button("Reset to the start", "restart", "gray", "Restarts this demonstration.")
+        self._button("Discard, next start", "discard", "red", "Saves nothing; this start comes again later.")
         self._speed = gui.add_slider(
             "speed [%]", min=round(100 * SLOWEST), max=100, step=5, initial_value=60, hint="Share of the full speed."
         )
@@ -307,7 +305,7 @@ class Page:
         return button
 
     def _expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401
-        """Let in the values of an element; viser tells its number to the page and not here."""
+        """Accept values of an element; viser sends its number only to the page."""
         self._incoming.expect(element._impl.uuid, kind)
 
     def _build_images(self, cameras: Sequence[str]) -> dict[str, Any]:
@@ -327,7 +325,7 @@ _COLORS = {"go": "#2e86de", "wait": "#8395a7", "good": "#20bf6b", "bad": "#eb3b5
 
 
 def _head(shown: PanelState) -> str:
-    """Return the upper part of the panel: what is asked for, and which subgoals are done."""
+    """Return the upper part of the panel: the instruction, and the state of the subgoals."""
     rows = "".join(
         f'<div style="padding:2px 0;color:{"#20bf6b" if done else "inherit"}">'
         f"<b>{'✔' if done else '○'}</b>&ensp;{markup_text(text)}</div>"
@@ -341,7 +339,7 @@ def _head(shown: PanelState) -> str:
 
 
 def _foot(shown: PanelState) -> str:
-    """Return the lower part of the panel: what is going on, and what was said."""
+    """Return the lower part of the panel: the status, and the messages."""
     color = _COLORS[shown.tone]
     notice = markup_text(shown.notice)
     said = "".join(f'<div style="opacity:.7">{markup_text(line)}</div>' for line in shown.said)
@@ -361,7 +359,7 @@ def _foot(shown: PanelState) -> str:
 def _script() -> str:
     """Return an element that runs the script of the page as soon as it is shown.
 
-    viser has no place for scripts, and those in its HTML elements are not run; an image that cannot be loaded is.
+    viser does not support scripts, and those in its HTML elements are not run, but the error handler of an image is.
     """
     source = resources.files("betterbench.demonstrations.teleop").joinpath("page.js").read_text()
     source = source.replace("__PUSH_KEYS__", json.dumps(list(KEYS))).replace("__TAP_KEYS__", json.dumps(TAP_KEYS))

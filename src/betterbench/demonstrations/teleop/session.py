@@ -1,8 +1,8 @@
-"""Teleoperated episode: commands of an operator in, states out, independent of clock, browser and devices.
+"""Teleoperated episode: operator commands in, states out, independent of clock, browser and devices.
 
-What the operator asks for goes through the same action space as any policy, so the record is an ordinary one. The
-session remembers the whole state at the start and at every moment at which a subgoal has been done. Undo comes back to
-the last of them, and what came after it never was: the record is the one of an episode in which it was not done.
+Commands use the same action space as any policy, so the record is an ordinary one. The session stores the complete
+state at the start and whenever a subgoal has been reached. Undo returns to the last of these moments and drops
+everything after it: the record is that of an episode without the undone steps.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from betterbench.tasks import GoalTracker, Truth
 from betterbench.tasks.relations import arm_still
 
 ARRIVED_M, ARRIVED_RAD = 0.002, 0.02
-"""Distance from its target within which the commanded pose counts as there [m, rad]."""
+"""Distance from its target within which the commanded pose counts as arrived [m, rad]."""
 RESTING_M_S = 0.01
 """Speed below which an object counts as resting while the session waits for the operator [m/s]."""
 FINGERS_STILL_M = 0.0005
-"""Change of the distance of the fingers within a control step below which they count as still [m]."""
+"""Change of the opening width per control step below which the fingers count as still [m]."""
 STUCK_M = 0.035
-"""Distance of the tool from where it is sent that counts as stuck [m]; the controller allows 0.05."""
+"""Distance of the tool from its goal that counts as stuck [m]; the controller allows 0.05."""
 STUCK_STEPS = 10
-"""Control steps in which that has to last: 0.5 s."""
+"""Duration of that distance in control steps: 0.5 s."""
 SAME_MOMENT_STEPS = 20
-"""Control steps within which the same subgoals done again are not another moment to come back to: 1 s."""
+"""Control steps within which reaching the same subgoals again is not a new undo moment: 1 s."""
 
 SessionPhase = Literal["going", "success", "step_limit"]
 
@@ -45,9 +45,9 @@ class Command:
     """Command of the operator at one control step.
 
     Attributes:
-        target: Target pose of the tool center point, in the base frame; None to keep the present one.
-        closed: Whether the gripper is to be closed.
-        speed: Share of the expert's full speed.
+        target: Target pose of the tool center point, in the base frame; None to keep the current one.
+        closed: Whether the gripper should be closed.
+        speed: Fraction of the expert's full speed.
     """
 
     target: Pose | None
@@ -57,7 +57,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return: the number of rows, and the whole state of scene and steering."""
+    """Moment to which an undo can return: the number of rows, and the complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -82,9 +82,9 @@ class TeleopSession:
     """One episode in one scene, driven by an operator."""
 
     def __init__(self, scene: Scene) -> None:
-        """Put the scene to the start of its trial; PremiseError if it does not show what the instruction presupposes.
+        """Set the scene to the start of its trial; PremiseError if it contradicts the premise of the instruction.
 
-        The scene should be new: what happened in it before may show in the last bits of its contact forces.
+        The scene should be new: earlier episodes in it can change the last bits of its contact forces.
         """
         self.scene = scene
         self.reach = Reach.of(scene.compiled.robot)
@@ -103,7 +103,7 @@ class TeleopSession:
 
     @property
     def state(self) -> WorldState:
-        """The state now."""
+        """The current state."""
         return self._rows[-1].state
 
     @property
@@ -118,7 +118,7 @@ class TeleopSession:
 
     @property
     def phase(self) -> SessionPhase:
-        """Whether the episode goes on; it has ended once it succeeded or its steps are used up."""
+        """Phase of the episode: it ends when it succeeds or its steps are used up."""
         if self.truth.success:
             return "success"
         return "step_limit" if self.steps >= self.limit else "going"
@@ -129,7 +129,7 @@ class TeleopSession:
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:
-        """Tell whether nothing would happen in a step: the arm is where it was sent, and nothing moves or is due."""
+        """Tell whether a step would change nothing: the arm is at its goal, and nothing moves or is due."""
         state, truth = self.state, self.truth
         fingers = [row.state.finger_width_m for row in self._rows[-2:]]
         if max(fingers) - min(fingers) > FINGERS_STILL_M or truth.goal or not arm_still(state):
@@ -146,10 +146,10 @@ class TeleopSession:
     def step(self, command: Command) -> WorldState:
         """Take one control step and return the state after it; nothing happens once the episode has ended.
 
-        Raises InvalidInputError if a number of the command is not finite; the session is then as it was.
+        Raises InvalidInputError if a number of the command is not finite; the session is then unchanged.
         """
         if (command.target is not None and not is_finite(command.target)) or not np.isfinite(command.speed):
-            raise InvalidInputError("command", "its pose is not finite", "Send finite numbers; the arm holds still")
+            raise InvalidInputError("command", "its pose is not finite", "Send finite numbers; the arm does not move")
         if self.phase != "going":
             return self.state
         now = self.state.commanded_pose
@@ -169,9 +169,9 @@ class TeleopSession:
         return state
 
     def undo(self) -> str:
-        """Come back to the last moment at which a subgoal was done, or to the start, and return its name.
+        """Return to the last moment at which a subgoal was reached, or to the start, and return its name.
 
-        Where nothing has happened since, it is the moment before that one.
+        If nothing has happened since, return to the moment before that one.
         """
         moment = self._last_moment()
         self._moments = self._moments[: self._moments.index(moment) + 1]
@@ -179,14 +179,14 @@ class TeleopSession:
         return moment.name
 
     def restart(self) -> None:
-        """Come back to the start."""
+        """Return to the start."""
         self._moments = self._moments[:1]
         self._come_back(self._moments[0])
 
     def record(self, name: str) -> Record:
-        """Return the record of the episode so far, demonstrated by ``name``; InvalidInputError if that cannot be text.
+        """Return the record of the episode so far, demonstrated by ``name``; InvalidInputError if the name is not text.
 
-        Its segments are missing as yet.
+        Its segments are not set yet.
         """
         demonstrator = Demonstrator("teleoperated", name, {"speed": self._speed()})
         context = TrialContext(TELEOPERATED, demonstrator=demonstrator)
@@ -213,9 +213,10 @@ class TeleopSession:
         return builder.finish(termination=termination, success=success, error=error, clipped_actions=clipped)
 
     def finished(self, name: str) -> DemonstrationAttempt:
-        """Return the record with its segments, and whether it is all that a set of demonstrations promises.
+        """Return the record with its segments, and whether it meets all conditions of a set of demonstrations.
 
-        For that the scene goes on a little off the record; it comes back to where it was. Raises as :meth:`record`.
+        For this check the scene continues briefly without recording, and then returns. Raises the errors of
+        :meth:`record`.
         """
         record = self.record(name)
         if self.phase != "success":
@@ -228,7 +229,7 @@ class TeleopSession:
             self.scene.restore(here)
 
     def _speed(self) -> float:
-        """Return the speed of the moving tool (90th percentile) as a share of the expert's free speed."""
+        """Return the speed of the moving tool (90th percentile) as a fraction of the expert's free speed."""
         at = np.array([row.state.ee_pose.position for row in self._rows])
         speeds = np.linalg.norm(np.diff(at, axis=0), axis=1) / self._period_s
         moving = speeds[speeds > RESTING_M_S]
@@ -248,7 +249,7 @@ class TeleopSession:
         off = distance(state.commanded_pose.position, state.ee_pose.position)
         self._stuck_for = self._stuck_for + 1 if off > STUCK_M else 0
         if self._stuck_for >= STUCK_STEPS and not self.notice:
-            self.notice = f"stuck: something is in the way, the arm is {100.0 * off:.0f} cm from where it is sent"
+            self.notice = f"stuck: the arm is blocked, {100.0 * off:.0f} cm from its goal"
 
     def _is_known_moment(self) -> bool:
         last = self._moments[-1]
@@ -259,7 +260,7 @@ class TeleopSession:
         return _Moment(len(self._rows), done, name, self.scene.snapshot(), self._steering, self._stuck_for)
 
     def _last_moment(self) -> _Moment:
-        """Return the last moment at which something has happened since, or the start."""
+        """Return the last moment after which something has happened, or the start."""
         return next((m for m in reversed(self._moments) if m.rows < len(self._rows)), self._moments[0])
 
     def _come_back(self, moment: _Moment) -> None:

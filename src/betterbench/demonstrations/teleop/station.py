@@ -1,7 +1,7 @@
-"""Loop of a teleoperation: at the control rate it takes the input, steps the session and shows the result.
+"""Loop of a teleoperation: at the control rate it reads the input, steps the session and shows the result.
 
-It waits for nobody. Time stands still while no page is open, and while the person asks for nothing and nothing moves;
-then the record gets no rows either, so that a demonstration holds no pauses for thought.
+It never blocks. The episode pauses while no page is open, and while the operator gives no command and nothing moves.
+The record gets no rows during a pause, so a demonstration contains no thinking time.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from betterbench.geometry import Pose, distance, from_axis_angle, multiply, norm
 from betterbench.sim.scenes.glb import body_files
 
 PUSH_M_S, PUSH_RAD_S = 0.30, 1.2
-"""Speed of a target that is pushed at full deflection and full speed [m/s, rad/s]."""
+"""Speed of a pushed target at full deflection and full speed [m/s, rad/s]."""
 PUSH_LEAD_M = 0.06
 """Largest distance of a pushed target from the tool [m], so that the tool stops soon after the key is released."""
 WAIT_STEPS = 10
-"""Control steps without a wish and without motion after which time stands still: 0.5 s."""
+"""Control steps without a command and without motion after which the episode pauses: 0.5 s."""
 SAID_LINES = 3
 
 
@@ -42,24 +42,24 @@ class Display(Protocol):
 
     @property
     def view_yaw(self) -> float:
-        """Heading [rad] in which the person looks."""
+        """Viewing direction of the operator [rad]."""
 
     @property
     def speed(self) -> float:
-        """Share of the full speed that is asked for."""
+        """Requested fraction of the full speed."""
 
     def show_scene(self, files: dict[int, bytes]) -> None:
         """Show another scene."""
 
     def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
-        """Show where everything is."""
+        """Show the poses of all bodies."""
 
     def show(self, shown: PanelState) -> None:
-        """Show what the panel says."""
+        """Show the panel."""
 
 
 class Station:
-    """Teleoperation by one person, who demonstrates start after start into one store."""
+    """Teleoperation by one person, who demonstrates one start after the other into one store."""
 
     def __init__(
         self,
@@ -71,15 +71,15 @@ class Station:
         cameras: CameraThread | None = None,
         loads_apart: bool = False,
     ) -> None:
-        """Set up the first start that is due.
+        """Prepare the first start that is due.
 
         Args:
             store: Store of the demonstrations.
-            controls: Input of the person.
-            display: Shows everything.
-            name: Name of the person who demonstrates.
-            cameras: Draws the live images.
-            loads_apart: Make scenes in a thread, so that the loop goes on and can be ended meanwhile.
+            controls: Input of the operator.
+            display: Output.
+            name: Name of the demonstrator.
+            cameras: Renderer of the live images.
+            loads_apart: Make scenes in a thread, so that the loop continues and can be ended meanwhile.
         """
         self._loader = SessionLoader(lambda start: TeleopSession(store.scene(start)), apart=loads_apart)
         self._store, self._controls, self._display, self._cameras = store, controls, display, cameras
@@ -104,7 +104,7 @@ class Station:
 
     @property
     def is_done(self) -> bool:
-        """Whether every demonstration asked for is saved."""
+        """Whether every requested demonstration is saved."""
         return self.start is None
 
     @property
@@ -118,7 +118,7 @@ class Station:
         return self.session is None and self.start is not None
 
     def run(self, stopped: threading.Event) -> None:
-        """Go on until the event is set; a step that comes late is not made up for."""
+        """Run until the event is set; late steps are not caught up."""
         period = 0.05 if self.session is None else 1.0 / self.session.scene.control_rate_hz
         due = time.monotonic()
         while not stopped.is_set():
@@ -127,7 +127,7 @@ class Station:
             stopped.wait(max(0.0, due - time.monotonic()))
 
     def tick(self, now_s: float) -> None:
-        """Do what is due at one control step."""
+        """Do the work of one control step."""
         asked = self._controls.take(now_s)
         for problem in self._controls.take_problems():
             self._say(problem)
@@ -141,7 +141,7 @@ class Station:
         self._show(asked)
 
     def _obey(self, taps: Sequence[Tap]) -> None:
-        """Do what was tapped, up to the tap that another start follows: the later ones were not meant for that."""
+        """Execute the taps up to one that changes the start: later taps were not meant for the new start."""
         for tap in taps:
             before = self._starts
             self._do[tap]()
@@ -149,8 +149,8 @@ class Station:
                 return
 
     def _follow(self, session: TeleopSession, asked: ControlInput) -> None:
-        """Take a control step toward what is asked for, unless time stands still."""
-        if asked.driver != self._driver:  # who drives now has asked for nothing yet
+        """Take a control step toward the requested target, unless the episode is paused."""
+        if asked.driver != self._driver:  # the new driver has given no command yet
             self._driver, self._target = asked.driver, None
             self._controls.hold_from(session.state.commanded_pose)
         if asked.closed is not None:
@@ -173,7 +173,7 @@ class Station:
             self._judge(session)
 
     def _pushed(self, session: TeleopSession, push: tuple[float, ...]) -> Pose:
-        """Return the target moved by a control step of pushing, as the person looks at it."""
+        """Return the target moved by a control step of pushing, in the operator's viewing direction."""
         state, period = session.state, 1.0 / session.scene.control_rate_hz
         base = self._target or state.commanded_pose
         if distance(base.position, state.ee_pose.position) > PUSH_LEAD_M:
@@ -197,7 +197,7 @@ class Station:
         to = self.session.undo()
         self._undone += before - self.session.steps
         self._let_go(self.session)
-        self._say(f"undone to {to}: {before - self.session.steps} steps are gone")
+        self._say(f"undone to {to}: {before - self.session.steps} steps removed")
 
     def _restart(self) -> None:
         if self.session is None:
@@ -210,7 +210,7 @@ class Station:
     def _discard(self) -> None:
         if self.start is not None:
             self._store.put_off(self.start)
-            self._say("discarded; this start comes again after the others")
+            self._say("discarded; this start will be repeated after the others")
             self._begin_next()
 
     def _save(self) -> None:
@@ -230,13 +230,13 @@ class Station:
         try:
             path = self._store.save(start, session.scene, found, wall)
         except (StorageError, OSError) as problem:
-            self._say(f"not saved, and not lost: {problem} Then press Save again.")
+            self._say(f"not saved, but not lost: {problem} Then press Save again.")
             return
         self._say(f"saved {path.relative_to(self._store.run.path)}")
         self._begin_next()
 
     def _judge(self, session: TeleopSession) -> None:
-        """Look at an episode that has ended."""
+        """Check an episode that has ended."""
         self._found = session.finished(self._name)
         if session.phase == "step_limit":
             self._say("the steps are used up: undo, or reset")
@@ -258,7 +258,7 @@ class Station:
         self._receive()
 
     def _receive(self) -> None:
-        """Take over the session of the start if it is made; what was asked for meanwhile is forgotten."""
+        """Take over the session of the start when it is made; commands given meanwhile are dropped."""
         session = self._loader.take()
         if session is None:
             return
@@ -267,7 +267,7 @@ class Station:
         self._display.show_scene(body_files(session.scene.model))
 
     def _let_go(self, session: TeleopSession) -> None:
-        """Ask for nothing, with the gripper as the state has it."""
+        """Reset the command, with the gripper as in the state."""
         self._found = None
         self._target = None
         self._closed = session.state.gripper_command > 0.0
@@ -316,7 +316,7 @@ class Station:
         )
 
     def _images_text(self) -> str:
-        """Return that the camera images are late, which nothing waits for; empty if they are not."""
+        """Return the note that the camera images are late; empty if they are not."""
         late_s = 0.0 if self._cameras is None else self._cameras.late_s
         return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 
@@ -338,11 +338,11 @@ class Station:
 def _loading(store: DemonstrationStore, said: tuple[str, ...]) -> PanelState:
     title = f"{store.saved} of {store.planned} saved"
     return PanelState(
-        title, "The next start is being set up.", (), 0.0, "", "loading", "wait", "", said, "the start", False, False
+        title, "The next start is being prepared.", (), 0.0, "", "loading", "wait", "", said, "the start", False, False
     )
 
 
 def _all_saved(store: DemonstrationStore, said: tuple[str, ...]) -> PanelState:
     title = f"{store.saved} of {store.planned} saved"
-    text = "Every demonstration that was asked for is saved. Stop with Ctrl-C; a larger --demos asks for more."
+    text = "Every requested demonstration is saved. Stop with Ctrl-C; use a larger --demos for more."
     return PanelState(title, text, (), 1.0, "", "all saved", "good", "", said, "the start", False, False)

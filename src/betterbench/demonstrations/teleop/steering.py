@@ -12,19 +12,19 @@ from betterbench.policies.experts.motion import FREE, delta_action
 from betterbench.sim.robots import RobotSpec
 
 LOWEST_TIP_M = 0.002
-"""Least height of the finger tips above the table that the operator can ask for [m]."""
+"""Minimum height of the fingertips above the table that the operator can command [m]."""
 SHOULDER_HEIGHT_M = 0.333
 """Height of the second joint of the Panda above its base [m] (Franka's data sheet), from which reach is counted."""
 FLANGE_TO_TOOL_M = 0.21
-"""Distance of the tool center point from the flange [m]: what the arm has to keep of its reach with the tool down."""
+"""Distance of the tool center point from the flange [m], which reduces the reach with the tool pointing down."""
 REACH_SHARE = 0.97
-"""Share of the full reach that the operator can ask for: a stretched arm cannot turn."""
+"""Share of the full reach that the operator can command: a stretched arm cannot rotate."""
 NEAREST_M = 0.20
-"""Least horizontal distance from the axis of the base [m]: nearer, the arm hits itself."""
+"""Minimum horizontal distance from the base axis [m]: closer, the arm hits itself."""
 HIGHEST_M = 0.75
 """Largest height of the tool [m]."""
 SLOWEST = 0.1
-"""Least share of the full speed."""
+"""Minimum fraction of the full speed."""
 OUT_OF_REACH = "out of reach: the arm goes as far as it can"
 IN_THE_TABLE = "below the table: the fingers stop above it"
 
@@ -34,8 +34,8 @@ class Reach:
     """Limits of the poses to which a robot's tool may be sent.
 
     Attributes:
-        longest_m: Largest distance of the flange from the shoulder.
-        lowest_m: Least height of the tool center point above the table while the tool points down.
+        longest_m: Largest distance of the flange from the shoulder [m].
+        lowest_m: Minimum height of the tool center point above the table with the tool pointing down [m].
     """
 
     longest_m: float
@@ -43,11 +43,11 @@ class Reach:
 
     @classmethod
     def of(cls, spec: RobotSpec) -> Reach:
-        """Return that of a robot."""
+        """Return the reach of a robot."""
         return cls(REACH_SHARE * spec.reach_m, spec.tip_below_tcp_m + LOWEST_TIP_M)
 
     def within(self, wanted: Pose) -> tuple[Pose, str]:
-        """Return the nearest pose that may be asked for, and why it is another one; "" if it is the same."""
+        """Return the nearest allowed pose, and why it differs; "" if it is the same."""
         position, why = np.array(wanted.position), ""
         if position[2] < self.lowest_m:
             position[2], why = self.lowest_m, IN_THE_TABLE
@@ -70,23 +70,23 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """State of the steering between control steps: the speed at which the tool is being led [m/s]."""
+    """State of the steering between control steps: the current speed of the commanded pose [m/s]."""
 
     speed_m_s: float = 0.0
 
     def toward(
         self, now: Pose, wanted: Pose, gripper: float, *, share: float, period_s: float
     ) -> tuple[Steering, np.ndarray]:
-        """Return the next state and the ``ee_delta`` action, (7,), that leads the commanded pose to a wanted one.
+        """Return the next state and the ``ee_delta`` action, (7,), that moves the commanded pose toward a target.
 
         Translation and rotation arrive together. The speed rises and falls at the acceleration of the expert's free
-        motion, and a target that has moved since is followed at once: what is bounded is how fast the pose is led.
+        motion. A target that has moved is followed at once, because only the speed of the commanded pose is bounded.
 
         Args:
             now: Commanded pose.
             wanted: Target pose.
             gripper: Gripper command in [-1, 1].
-            share: Share of the expert's full speed.
+            share: Fraction of the expert's full speed.
             period_s: Control period [s].
         """
         turning = angle_between(now.quaternion, wanted.quaternion) * FREE.speed / FREE.turning
@@ -101,7 +101,7 @@ class Steering:
 
 
 def is_finite(pose: Pose) -> bool:
-    """Tell whether all numbers of a pose are finite and its quaternion describes a rotation."""
+    """Tell whether all numbers of a pose are finite and its quaternion is a rotation."""
     numbers = (*pose.position, *pose.quaternion)
     return all(map(math.isfinite, numbers)) and sum(v * v for v in pose.quaternion) > 1e-6
 

@@ -15,7 +15,7 @@ from betterbench.demonstrations.making.production import Method
 from betterbench.demonstrations.making.starts import Start, planned_starts
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.planning.manifest import run_context
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.interface.actions import EE_DELTA
 from betterbench.jobs.durable import on_disk
@@ -24,16 +24,17 @@ from betterbench.records import Journal, JournalEntry, RunFolder
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Expected, get_task
+from betterbench.tasks.trial import Trial
 
 FIRST_TELEOPERATED_SEED = 500_000_000
-"""First seed of teleoperated demonstrations unless another one is asked for: far from those of other demonstrators."""
+"""Default first seed of teleoperated demonstrations, far from those of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
-"""Failures that do not prevent a person from keeping a demonstration; they are noted beside it."""
+"""Failures that do not prevent a person from saving a demonstration; they are stored with it."""
 
 
 @dataclass(frozen=True, slots=True)
 class TeleopPlan:
-    """Plan of a teleoperation: the demonstrations to be given.
+    """Plan of a teleoperation: the requested demonstrations.
 
     Attributes:
         tasks: Names of the tasks.
@@ -54,7 +55,7 @@ class TeleopPlan:
 
         Raises:
             InvalidInputError: If a number is out of range, or no task has the condition.
-            UnknownNameError: If there is no such task.
+            UnknownNameError: If a task does not exist.
         """
         tasks = [get_task(name) for name in dict.fromkeys(self.tasks)]
         if not tasks:
@@ -72,8 +73,8 @@ class DemonstrationStore:
 
     Raises:
         InvalidInputError: If a number is out of range.
-        UnknownNameError: If there is no such task or condition.
-        RunConflictError: If the folder holds another run, or another process writes to it.
+        UnknownNameError: If a task or condition does not exist.
+        RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
     """
 
@@ -96,12 +97,12 @@ class DemonstrationStore:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the folder back."""
+        """Release the folder."""
         self._open.close()
 
     @property
     def planned(self) -> int:
-        """Number of demonstrations asked for."""
+        """Number of requested demonstrations."""
         return len(self._starts)
 
     @property
@@ -110,7 +111,7 @@ class DemonstrationStore:
         return sum(self._journal.is_done(s.trial) for s in self._starts)
 
     def due(self) -> Start | None:
-        """Return the start to demonstrate next, or None once all are; those that were put off come last."""
+        """Return the next start to demonstrate, or None after the last one; postponed starts come last."""
         left = [s for s in self._starts if not self._journal.is_done(s.trial)]
         first = [s for s in left if s not in self._put_off]
         if not first:
@@ -118,7 +119,7 @@ class DemonstrationStore:
         return next(iter(first or left), None)
 
     def put_off(self, start: Start) -> None:
-        """Let a start come after the others."""
+        """Postpone a start after the others."""
         self._put_off.append(start)
 
     def scene(self, start: Start) -> Scene:
@@ -132,11 +133,11 @@ class DemonstrationStore:
 
         Raises:
             InvalidInputError: If it did not succeed.
-            StorageError: If the disk is full; nothing is lost then, and it can be saved again.
+            StorageError: If the disk is full; the demonstration is not lost and can be saved again.
         """
         note = attempt.note
         if not can_keep(attempt):
-            raise InvalidInputError(str(start.trial), f"is no demonstration: {note.reason}", "Undo, and do it again")
+            raise InvalidInputError(str(start.trial), f"not a demonstration: {note.reason}", "Undo, and do it again")
         with on_disk(self.run.path):
             path = self.run.write_record(attempt.record)
             stored = self.run.keep_scene(scene)
@@ -149,12 +150,12 @@ class DemonstrationStore:
 
 
 def can_keep(attempt: DemonstrationAttempt) -> bool:
-    """Tell whether a demonstration may be saved: it succeeded and goes on to hold."""
+    """Tell whether a demonstration may be saved: it succeeded and stayed successful."""
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 
 def _plan(wanted: TeleopPlan, starts: Sequence[Start]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return plan and context of a run, as ``run.json`` holds them."""
+    """Return plan and context of a run for ``run.json``."""
     order = sorted(starts, key=lambda s: (s.task, s.condition, s.number))
     trials = tuple(Trial(s.task, s.condition, None, None, None, s.seed, Expected.SUCCEED.value) for s in order)
     plan = Plan(TELEOPERATED, trials, EE_DELTA.name, "state_only", wanted.quality)

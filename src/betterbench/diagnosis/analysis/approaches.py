@@ -1,7 +1,7 @@
 """Targets that a policy approached without grasping: objects that it hovered over, and objects that it pushed.
 
-A grasp shows which target a policy has chosen. After the last grasp, the path of the empty gripper shows it: the
-gripper stays over one object, returns to it again and again, or moves to and fro between objects and settles on none.
+A grasp shows which target a policy has chosen. After the last grasp, the path of the empty gripper has to show it. The
+gripper may stay over one object, return to it repeatedly, or move to and fro between objects without settling on one.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """Rows from the first to the last of which an open gripper is over an object without passing it."""
+    """Rows during which an open gripper stays over an object, first to last; passing over it does not count."""
 
     start: int
     end: int
@@ -63,7 +63,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the stays from a row on, in time; objects at a target or on the floor have no stays."""
+    """Return the stays that begin at a given row or later, in time; objects at a target or on the floor have none."""
     near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
@@ -81,13 +81,13 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay over the object that a policy stays over from a row on, or None if it chooses none.
+    """Return the first stay over the object that a policy chooses by staying, from a row on, or None.
 
     Args:
         trace: The episode.
         first: The row.
-        asked: Indices of objects that may rightly be taken. A gripper that is over one of them about as long, or as
-            often, as over another object has not chosen the other one.
+        asked: Indices of requested objects. If the gripper is over one of them about as long, or as often, as over
+            another object, the other one does not count as chosen.
     """
     stays = find_stays(trace, first)
     times: Counter[int] = Counter()
@@ -104,9 +104,10 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Tell whether a gripper is over a requested object about as long, or as often, as it stays over another one.
+    """Return whether a gripper is over a requested object about as long, or as often, as it stays over another one.
 
-    Both are counted up to the same height over the table, because a gripper gets over a taller object earlier.
+    Times over both objects are counted up to the same height above the table. Otherwise a taller object would be
+    counted earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
@@ -127,9 +128,9 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the object that an open gripper comes down to from a row on, where closing would take it, or None.
+    """Return the object that an open gripper comes down to from a row on, low enough to grasp it, or None.
 
-    It is there for a moment in all, and seldom where closing would take something else.
+    The gripper must be at the object for a moment in total, and seldom where closing would grasp something else.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -150,19 +151,19 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
 
 
 def taken_below(trace: Trace, i: int) -> Floats:
-    """Return the height up to which a gripper has come down to an object, shape (T,) [m]: its top if it is not flat."""
+    """Return the height at which a gripper has come down to an object, shape (T,) [m]: its top, unless it is flat."""
     feet: Floats = trace.positions[:, i, 2]
     return feet + max(trace.info.objects[i].size_m[2], COMES_DOWN)
 
 
 def is_down(trace: Trace, i: int) -> Bools:
-    """Tell at which rows the gripper is as low as where it would take an object, shape (T,)."""
+    """Return the rows at which the gripper is low enough to grasp an object, shape (T,)."""
     low: Bools = trace.tool[:, 2] <= taken_below(trace, i)
     return low
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Tell whether an open gripper stays over an object from a row on, and comes no lower the longer it is there."""
+    """Return whether an open gripper stays over an object from a row on without coming lower over time."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
@@ -171,13 +172,13 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Return by how much heights are lower in their second half than in their first, by their medians [m]."""
+    """Return the difference between the median heights of the first and the second half [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 
 
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows from which an open gripper comes over an object and goes away again and again, or None."""
+    """Return the rows in which an open gripper repeatedly comes over an object and leaves again, or None."""
     visits = [stay for stay in find_stays(trace, first) if stay.object == i]
     times = 1
     for last, stay in itertools.pairwise(visits):
@@ -187,7 +188,7 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows in which the fingers close around an object without touching it and are lifted off, or None."""
+    """Return the rows in which the fingers close around an object without touching it and rise again, or None."""
     below, low = taken_below(trace, i), is_down(trace, i)
     down = np.array([
         low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
@@ -203,9 +204,9 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows in which an open gripper comes down, runs into an object and rises, again and again, or None.
+    """Return the rows in which an open gripper repeatedly descends, runs into an object and rises, or None.
 
-    A gripper that has the object between its fingers, or is shut, does not run into it.
+    A gripper that is closed, or has the object between its fingers, does not run into it.
     """
     shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
@@ -219,7 +220,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first rows from a row on in which a gripper that is shut on nothing is within reach of an object."""
+    """Return the first rows, from a row on, in which a gripper that closed on nothing is within reach of an object."""
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
@@ -228,15 +229,15 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
-    """Return the rows in which an empty gripper goes to and fro, up to the end of the episode, or None.
+    """Return the rows in which an empty gripper moves to and fro until the end of the episode, or None.
 
-    The way that leads to where it begins is left out: it may be as long as it likes.
+    The path to the region of this motion is excluded, however long it is.
     """
     if (trace.held[first:] >= 0).any() or trace.rows - first < trace.steps(THRESHOLDS.halt_time):
         return None
     tool = trace.tool[first:]
     steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
-    left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # way from each row to the end
+    left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # path length from each row to the end
     for k in range(0, len(tool), trace.steps(SEARCH_STEP)):
         diameter = float(np.linalg.norm(np.ptp(tool[k:], axis=0)))
         if left[k] < TO_AND_FRO_TRAVEL:
@@ -247,9 +248,9 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 
 
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
-    """Tell whether a path leads to one of some objects, even if it swings: its middle comes nearer in each quarter.
+    """Return whether a path approaches any of some objects: its center comes nearer in each quarter.
 
-    A path whose middle is at an object from the start does not lead to it.
+    A path whose center is at an object from the start does not approach it.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -258,13 +259,7 @@ def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> 
 
 
 def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
-    """Return the rows from an empty gripper's touch to when an object is shut for good by it, or None.
-
-    Args:
-        trace: The episode.
-        i: Index of the object that can be shut.
-        shut: (T,) whether it is.
-    """
+    """Return the rows from the first touch by an empty gripper until it has shut an object for good, or None."""
     if shut.all() or not shut[-1]:
         return None
     row = int(np.flatnonzero(~shut)[-1]) + 1
@@ -275,8 +270,8 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
     """Return the rows in which an empty gripper pushes an object, and the object, in time.
 
-    An object that moves while the gripper that closed on it is still at it is carried or dragged, and not pushed. An
-    object that the gripper runs into with another one between its fingers is hit.
+    An object that moves while the gripper that closed on it is still there was carried or dragged, not pushed. An
+    object that is hit while another one is between the fingers was not pushed either.
     """
     shoves = find_shoves(trace, grasps)
     times = Counter(shove.object for shove in shoves)
@@ -284,7 +279,7 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper moves an object, be it by less than a push, in time."""
+    """Return the rows in which an empty gripper moves an object, even by less than a push, in time."""
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
 
@@ -294,7 +289,7 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
     if trace.is_drawer(i):
         return []
     pinched = trace.left & trace.right
-    pinched[:, i] = False  # a fist touches what it pushes with both fingers
+    pinched[:, i] = False  # a closed gripper touches what it pushes with both fingers
     touched = trace.touched[:, i] & (trace.held < 0) & ~pinched.any(axis=1)
     for g in grasps:
         if g.object == i:
@@ -303,14 +298,14 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
-    """Return the first row from a row on at which an object is out of reach of the gripper."""
+    """Return the first row, from a row on, at which an object is out of the gripper's reach."""
     while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
         row += 1
     return min(row, trace.rows)
 
 
 def _near_anything(trace: Trace) -> Bools:
-    """Return the rows at which the tool center point may be over something or within its reach, shape (T,)."""
+    """Return the rows at which the tool center point may be over an object or within its reach, shape (T,)."""
     items = list(trace.items)
     reach = np.array([math.hypot(*trace.info.objects[i].size_m) + OVER_HEIGHT + 2.0 * BESIDE for i in items])
     near: Bools = (np.linalg.norm(trace.positions[:, items] - trace.tool[:, None], axis=2) <= reach).any(axis=1)
@@ -318,16 +313,16 @@ def _near_anything(trace: Trace) -> Bools:
 
 
 def _is_empty(trace: Trace) -> Bools:
-    """Tell at which rows the gripper holds nothing and is open, or shut on nothing, shape (T,)."""
+    """Return the rows at which the gripper holds nothing and is open, or closed on nothing, shape (T,)."""
     empty: Bools = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
     return empty
 
 
 def _over(trace: Trace, row: int) -> int:
-    """Return the object that an empty gripper is over, or -1; targets are left out: a gripper releases over them.
+    """Return the object under an empty gripper, or -1. Targets are excluded because a gripper also releases over them.
 
-    Of several it is the one that is nearest as seen from above: an object below the gripper, even if only its rim,
-    rather than one whose middle is nearer.
+    Of several candidates it is the nearest as seen from above. An object below the gripper, even if only its rim is,
+    takes precedence over one whose center is nearer.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
@@ -340,7 +335,7 @@ class _Gap(NamedTuple):
 
     Attributes:
         above: Height over its top [m].
-        in_reach: Whether the gripper could close on it.
+        in_reach: Whether the gripper could grasp it.
     """
 
     beside: float
@@ -350,12 +345,12 @@ class _Gap(NamedTuple):
 
     @property
     def is_over(self) -> bool:
-        """Whether the gripper is over the object or just beside it; wide objects are grasped far from their middle."""
+        """Whether the gripper is over the object or just beside it; wide objects are grasped far from their center."""
         return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
 
 
 def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
-    """Return how far the gripper is from each of some objects that have not fallen off the table."""
+    """Return the distances of the gripper from some objects; objects that fell off the table are at infinity."""
     tool = trace.tool[row]
     distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
     reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
@@ -369,9 +364,9 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Tell whether the gripper leaves on another side than it came from, or comes over the object for a moment only.
+    """Return whether the gripper leaves on another side than it came from, or is over the object only for a moment.
 
-    Where the episode ends meanwhile, it passes if it was still going straight on.
+    If the episode ends before it leaves, it passes if it was still moving straight on.
     """
     if stay.end == trace.rows - 1:
         last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
@@ -383,7 +378,7 @@ def _passes(trace: Trace, stay: Stay) -> bool:
 
 
 def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
-    """Return first and last row of the spans of true flags; spans that a short gap separates are one."""
+    """Return the first and last row of each span of true flags; spans with a short gap between them are merged."""
     found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
         if found and row - found[-1][1] <= gap:
@@ -394,9 +389,9 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move up to the row at which a touch was seen first.
+    """Return the row at which an object begins to move, at the latest the row at which a touch was first seen.
 
-    Touches shorter than a control step are seen only by their effects.
+    Touches shorter than a control step show only in their effects.
     """
     before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
@@ -404,7 +399,7 @@ def _moves_from(trace: Trace, i: int, touched: int) -> int:
 
 
 def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Tell whether an object that was touched went the same way as the gripper, which went half as far itself."""
+    """Return whether a touched object and the gripper moved in the same direction, the gripper far enough."""
     way, tool = _ways(trace, i, start, end)
     lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
     if lengths[0] < PUSH_TRAVEL or lengths[1] < PUSH_SHARE * PUSH_TRAVEL:
@@ -413,13 +408,13 @@ def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Tell whether an object that was touched moved by half as far as if it was pushed."""
+    """Return whether a touched object moved by at least half the distance of a push."""
     way, _ = _ways(trace, i, start, end)
     return float(np.linalg.norm(way)) >= PUSH_SHARE * PUSH_TRAVEL
 
 
 def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:
-    """Return how far an object that was touched went, with how far the gripper went meanwhile, seen from above [m]."""
+    """Return the displacements of a touched object and of the gripper meanwhile, seen from above [m]."""
     before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
     way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
     tool: Floats = (trace.tool[end] - trace.tool[before])[:2]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -36,17 +38,17 @@ class AttemptTarget(StrEnum):
     """Relation of an attempt's object to the instruction, at the moment of the attempt."""
 
     ASKED = "asked"
-    """The instruction asks for it now."""
+    """The instruction asks for the object now."""
     LATER = "later"
-    """It is asked for, but an earlier step of an ordered instruction is open."""
+    """The instruction asks for the object, but an earlier step of an ordered instruction is still open."""
     REPEATED = "repeated"
-    """The step that it could serve is done."""
+    """The object serves only a step that is already done."""
     OTHER = "other"
-    """Another instruction of the task means it, or it is the target where objects are to be placed."""
+    """Another instruction of the task asks for the object, or it is the target of a placement."""
     FOREIGN = "foreign"
-    """No instruction of the task means it."""
+    """No instruction of the task asks for the object."""
     EMPTY = "empty"
-    """There is no object: an air grasp at an empty slot."""
+    """No object: an air grasp at an empty slot."""
 
 
 class Means(StrEnum):
@@ -55,11 +57,11 @@ class Means(StrEnum):
     GRASP = "grasp"
     """The gripper closes."""
     PUSH = "push"
-    """The empty gripper pushes it over a distance."""
+    """The empty gripper pushes the object over a distance."""
     STAY = "stay"
-    """The open gripper stays over it, and nothing is grasped afterward."""
+    """The open gripper stays over the object, and nothing is grasped afterward."""
     TRY = "try"
-    """The gripper is told to close at it, and its fingers hardly move."""
+    """The gripper is commanded to close at the object, and its fingers hardly move."""
 
 
 _MEANS_WORDS = {
@@ -71,15 +73,15 @@ _MEANS_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One grasp attempt, or a push, stay or closing that counts as one, compared with the instruction.
+    """One grasp attempt, or a push, stay or closing that counts as an attempt, compared with the instruction.
 
     Attributes:
-        attempt: The attempt as it is reported.
-        at: Index of the object that it was at or that it missed, or None.
+        attempt: The attempt as reported.
+        at: Index of the attempted or missed object, or None.
         goal: Index of the subgoal that was due, or None if none was open.
-        asked_slots: Slots in which the objects stand that were asked for.
-        between: Index of another object that was as near as the requested one to a gripper that closed on nothing, so
-            that the attempt may have been at either; else None.
+        asked_slots: Slots of the requested objects.
+        between: Index of another object that was as near as the requested one when the gripper closed on nothing, so
+            that either may have been the target; else None.
     """
 
     grasp: GraspAttempt
@@ -102,13 +104,14 @@ class EpisodeAnalysis:
     """One episode against its condition and the training distribution of its task.
 
     Attributes:
-        meant: Per subgoal the indices of the objects that it can mean.
+        meant: Per subgoal the indices of the objects that satisfy it.
         steps: All grasp attempts, in time.
-        harm: Harm to objects that were not asked for, in time.
+        harm: Harm to objects that were not requested, in time.
         others: Approaches without closing the gripper, in time.
         on_nothing: Closings far from everything, or beside an empty slot, in time.
         fists: Closings on nothing where something is to be pushed shut, in time.
         state: Returns the state at a row; None if only the recorded places are known.
+        found_once: What :func:`once_per_episode` keeps.
     """
 
     trace: Trace
@@ -121,6 +124,7 @@ class EpisodeAnalysis:
     on_nothing: tuple[GraspAttempt, ...] = ()
     fists: tuple[GraspAttempt, ...] = ()
     state: Callable[[int], WorldState] | None = None
+    found_once: dict[object, Any] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     @property
     def decisions(self) -> tuple[Step, ...]:
@@ -129,7 +133,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last closing of the gripper (also on nothing) and its effects have ended; 0 without one."""
+        """Row at which the last closing of the gripper, even on nothing, and its effects have ended; 0 without one."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -144,39 +148,39 @@ class EpisodeAnalysis:
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:
-        """The subgoals in the order asked."""
+        """The subgoals in the instructed order."""
         return self.condition.instruction.subgoals
 
     @property
     def asked_indices(self) -> frozenset[int]:
-        """Indices of all objects that the instruction can mean."""
+        """Indices of all objects that the instruction can refer to."""
         return frozenset(i for names in self.meant for i in names)
 
     @property
     def first_choice(self) -> Step | None:
-        """The first decision that is not at a drawer: opening one is on the way, and chooses nothing yet."""
+        """The first decision that is not at a drawer; opening a drawer does not show a choice yet."""
         return next((step for step in self.decisions if not self.trace.is_drawer(step.at)), None)
 
     @property
     def first_attempt(self) -> Step | None:
-        """The first attempt that is reported: a drawer that had to be moved counts only where nothing else follows."""
+        """The first attempt that is reported: a drawer that had to be moved counts only if no other attempt follows."""
         telling = (s for s in self.steps if not self.trace.is_drawer(s.at) or s.target is not AttemptTarget.ASKED)
         return next(telling, self.steps[0] if self.steps else None)
 
     @property
     def off_limits(self) -> tuple[int, ...]:
-        """Indices of the objects that must be left alone if refusing or staying still is right; else empty."""
+        """Indices of the objects that must not be touched if the policy should refuse or stay still; else empty."""
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
         return off_limits(self.trace.info, self.asked_indices) if self.condition.expected is Expected.REFUSE else ()
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Rows in which the empty gripper moves an object, be it by less than a push, in time."""
+        """Rows in which the empty gripper moves an object, even by less than a push, in time."""
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Return clauses for the harm to objects that were not asked for, in time."""
+        """Return clauses for the harm to objects that were not requested, in time."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
@@ -188,35 +192,35 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
-        """Return the subgoals that are not reached at a row and for which an object is left on the table."""
+        """Return the subgoals that are open at a row and for which an object is left on the table."""
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that fill the object that a subgoal closes."""
+        """Return the earlier subgoals that place something into the object that a subgoal closes."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
-        """Return the objects at which an attempt at a row would be right: for the step that is due, or for any step."""
+        """Return the objects for which an attempt at a row would be right: for the due step or for any step."""
         _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
-        """Tell whether a subgoal is done at or after a row: a failed try before it was made good."""
+        """Return whether a subgoal is done at or after a row, so that an earlier failed attempt was made good."""
         return goal is not None and bool(self.trace.done[row:, goal].any())
 
     def attempted_after(self, goal: int, row: int) -> bool:
-        """Tell whether an object that a subgoal means is attempted after a row."""
+        """Return whether an object of a subgoal is attempted after a row."""
         return any(s.grasp.start > row and s.at in self.meant[goal] for s in self.steps)
 
     def attempted_before(self, goal: int, row: int) -> bool:
-        """Tell whether an object that a subgoal means is attempted before a row."""
+        """Return whether an object of a subgoal is attempted before a row."""
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which the object of an attempt left the gripper and had come to rest.
+        """Return the rows at which the object of an attempt left the gripper and at which it had come to rest.
 
         Returns:
-            The two rows, or None if it took nothing or still has it at the end.
+            The two rows, or None if nothing was grasped or the gripper still holds the object at the end.
         """
         trace, grasp, i = self.trace, step.grasp, step.grasp.object
         if i is None:
@@ -233,7 +237,7 @@ class EpisodeAnalysis:
         return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
 
     def slipped(self, step: Step) -> bool:
-        """Tell whether the object of an attempt fell out of a gripper that was commanded to stay closed."""
+        """Return whether the object of an attempt fell out of a gripper that was commanded to stay closed."""
         rows, i = self.let_go(step), step.grasp.object
         if rows is None or i is None:
             return False
@@ -242,9 +246,9 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the place of a target at which an object is, if being there proves that it was brought there, or None.
+        """Return the target region of an object, if being there proves that it was brought there, or None.
 
-        A wide place, such as a side of an object, proves nothing: an object may merely stand there.
+        A wide region, such as a side of an object, proves nothing: the object may have stood there from the start.
         """
         place = self.trace.placed(row, i)
         if place is None or self.state is None or not relation(place.relation).wide:
@@ -252,9 +256,10 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None.
+        """Return the region where an object was put although no subgoal wants it there, with its rows, or None.
 
-        An object that was released on purpose at a place counts as there in any posture: the place was chosen.
+        The rows are those of release and of rest. An object that was deliberately released at a region counts as placed
+        there in any posture.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -266,9 +271,9 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the place at which an object was let go on purpose in any posture, or None.
+        """Return the region at which an object was deliberately released in any posture, or None.
 
-        An object that is at a place where it is asked for, or about as near to one, was meant for that.
+        If the object is in a requested region, or about as near to one, that region was intended.
         """
         gone, rest = rows
         if self.state is None or gone < step.grasp.release:
@@ -298,14 +303,14 @@ class EpisodeAnalysis:
         return None if any(gap <= away + DOUBT for gap in asked) else found
 
     def _is_asked_at(self, i: int, kind: str, target: int, region: str) -> bool:
-        """Tell whether a subgoal wants an object at a place."""
+        """Return whether a subgoal wants an object in a region."""
         return any(
             i in names and (goal.relation, t, goal.region) == (kind, target, region)
             for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
         )
 
     def _distance_to(self, i: int, row: int, kind: str, target: int, region: str) -> float:
-        """Return the horizontal distance of an object from the middle of a place of a target [m]."""
+        """Return the horizontal distance of an object from the center of a target region [m]."""
         trace = self.trace
         middle = place_middle(trace.info.objects[target], kind, region)
         w, x, y, z = trace.quaternions[row, target].tolist()
@@ -313,17 +318,18 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return where a right object was put that was not asked for, with the rows of release and of rest.
+        """Return the wrong region at which a right object was put, with the rows of release and of rest.
 
         Returns:
-            The rows and the place, or None if it was put right, at no place of any target, or put right later.
+            The rows and the region. None if the object was put in the right region, then or later, or in no region of
+            any target.
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
         return self.put_down(step)
 
     def taken_for(self, step: Step) -> int | None:
-        """Return the subgoal at whose place an object was put although that subgoal means another object, or None."""
+        """Return another subgoal, for another object, whose target region an object was put in, or None."""
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None
@@ -335,12 +341,12 @@ class EpisodeAnalysis:
         return None
 
     def memorized(self, i: int, place: Whereabout) -> bool:
-        """Tell whether training put objects of this kind there."""
+        """Return whether training placed objects of this kind in that region."""
         where = (self.kind(place.target), place.relation, place.region)
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which training had objects of this kind, apart from where this one stands at first."""
+        """Return the slots in which training had objects of this kind, except the start slot of this one."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -355,7 +361,7 @@ class EpisodeAnalysis:
         shared: tuple[str, ...] = (),
         candidates: tuple[str, ...] = (),
     ) -> Evidence:
-        """Return evidence for a span of rows and object indices; the text ends with time, place and instruction."""
+        """Return evidence for a span of rows and object indices; its text ends with time, position and instruction."""
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
         facts = [f"{float(time[first]):.1f} s"]
@@ -370,24 +376,24 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Return the words of the steps that are due at a row, with the objects that they mean."""
+        """Return the instruction words of the steps that are due at a row, with the kinds they refer to."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "nothing more"
 
     def open_words(self, row: int) -> tuple[str, ...]:
-        """Return the words of the subgoals that are open at a row, each once."""
+        """Return the instruction words of the subgoals that are open at a row, each once."""
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
-        """Return the word of a step, with the kind of object that it means if that differs: "'red' (red mug)"."""
+        """Return the instruction word of a step, with the kind of object if that differs: "'red' (red mug)"."""
         word = self.goals[goal].word
         kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
         named = " or ".join(kind for kind in kinds if kind != word)
         return repr(word) + (f" ({named})" if named else "" if kinds else " (not there)")
 
     def _place(self, row: int, i: int) -> str:
-        """Return where an object is: at a place of a target, in a slot, or at coordinates; of a drawer, nothing."""
+        """Return the location of an object: a target region, a slot, or coordinates; empty for a drawer."""
         trace = self.trace
         if trace.is_drawer(i):
             return ""
@@ -406,7 +412,7 @@ class EpisodeAnalysis:
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
     def describe(self, step: Step, *, slots: bool = True) -> str:
-        """Return a phrase for the object of an attempt, with its slot or without."""
+        """Return a phrase for the object of an attempt, with its slot if requested."""
         slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
         if step.at is None:
             return f"nothing (an air grasp{slot})"
@@ -414,17 +420,17 @@ class EpisodeAnalysis:
         return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else how)
 
     def where(self, target: int, region: str) -> str:
-        """Return a phrase for a place of a target: "the laptop (left)"."""
+        """Return a phrase for a target region: "the laptop (left)"."""
         return place_words(self.kind(target), region)
 
     def asked_where(self, step: Step) -> str:
-        """Return a phrase for the place to which the object of an attempt was to be brought."""
+        """Return a phrase for the target region that was requested for the object of an attempt."""
         if step.goal is None:
             return "elsewhere"
         return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
 
     def shared_looks(self, at: int, targets: Iterable[int]) -> tuple[str, ...]:
-        """Return the visual properties that an object shares with one of several: "color", "shape"."""
+        """Return the visual properties that an object shares with one of several others: "color", "shape"."""
         found, others = self.trace.info.objects[at], [self.trace.info.objects[i] for i in targets]
         shared = []
         if found.color and any(found.color == other.color for other in others):
@@ -434,16 +440,16 @@ class EpisodeAnalysis:
         return tuple(shared)
 
     def asked_for(self, step: Step) -> str:
-        """Return a phrase for the objects that were asked for at an attempt."""
+        """Return a phrase for the objects that were requested at the time of an attempt."""
         if step.goal is None:
             return "nothing was left to do"
         return f"{self.asked_words(step.goal)} was asked for"
 
     def intended(self) -> tuple[int, ...]:
-        """Return the objects at which the first attempt would be right; if it was, the one that it was at comes first.
+        """Return the objects for which the first attempt would be right; if it was right, its object comes first.
 
-        The others follow in the order of the subgoals and then of where they stand, so that neither their names nor
-        their order in the scene means anything.
+        The others are ordered by subgoal and then by slot, so that neither their names nor their order in the scene
+        matters.
         """
         if self.condition.expected is Expected.STAY_STILL:
             return ()
@@ -457,11 +463,11 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Tell whether the first attempt was at a requested object, or no forbidden one was made (suite, section 4).
+        """Return whether the first attempt was at a requested object, or no forbidden one was made (suite, section 4).
 
         Returns:
-            None where it cannot be told: the first closing was on nothing between two objects, or every closing was far
-            from everything.
+            None if this cannot be decided: the first closing was on nothing between two objects, or every closing was
+            far from all objects.
         """
         expected = self.condition.expected
         if expected is Expected.STAY_STILL:
@@ -474,10 +480,10 @@ class EpisodeAnalysis:
         return None if first.between is not None else first.target is AttemptTarget.ASKED
 
     def progress(self) -> float:
-        """Return the subgoals completed in a valid order divided by the subgoals asked (suite, section 4).
+        """Return the number of subgoals completed in a valid order, divided by the number requested (suite, section 4).
 
-        Where refusing is right, what cannot be done is not asked; where staying still is right, what was done must
-        still be done at the end.
+        If refusing is right, subgoals that cannot be achieved are excluded. If staying still is right, subgoals that
+        were done at the start must still be done at the end.
         """
         done = self.trace.done
         if self.condition.expected is Expected.STAY_STILL:
@@ -495,6 +501,26 @@ class EpisodeAnalysis:
         return valid / len(asked)
 
 
+_Found = TypeVar("_Found")
+
+
+def once_per_episode(find: Callable[[EpisodeAnalysis], _Found]) -> Callable[[EpisodeAnalysis], _Found]:
+    """Return a function that keeps what it finds with the episode, because several failure modes ask for it.
+
+    Four modes ask for the halt. Over 37 recorded trials of three policies no difference was measured (0.35 s of
+    processor time, 2026-11-28), so a mode may ask as it likes.
+    """
+
+    @functools.wraps(find)
+    def found(episode: EpisodeAnalysis) -> _Found:
+        if find not in episode.found_once:
+            episode.found_once[find] = find(episode)
+        kept: _Found = episode.found_once[find]
+        return kept
+
+    return found
+
+
 def analyze_episode(
     trace: Trace,
     condition: Condition,
@@ -503,14 +529,14 @@ def analyze_episode(
     harm: tuple[DatedHarm, ...] = (),
     state: Callable[[int], WorldState] | None = None,
 ) -> EpisodeAnalysis:
-    """Return the analysis of an episode. Objects are found by kind and slot, so that their names carry no meaning.
+    """Return the analysis of an episode. Objects are identified by kind and slot, so that their names do not matter.
 
     Args:
         trace: The episode.
         condition: Condition of the trial.
         trained: Training distribution of the task.
-        harm: Harm to objects that were not asked for.
-        state: Returns the state at a row; without it, places count strictly alone.
+        harm: Harm to objects that were not requested.
+        state: Returns the state at a row; without it, only the recorded predicates decide placements.
     """
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
@@ -544,10 +570,10 @@ def _start(grasp: GraspAttempt) -> int:
 
 
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
-    """Tell whether the gripper closed on nothing so far from an empty slot that it may have missed something else.
+    """Return whether the gripper closed on nothing so far from an empty slot that it may have missed another object.
 
-    It may have if a requested object is about as near as the spot at which demonstrations close in the slot. In a slot
-    from which training picked nothing, or in which an object stands, the gripper has to be at the middle.
+    This is possible if a requested object is about as near as the point at which demonstrations close in that slot. In
+    a slot from which training picked nothing, or that holds an object, the gripper has to be at its center.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -561,16 +587,16 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects of a right attempt: those asked for now, and drawers that have to be moved for them."""
+    """Return the objects of a right attempt: those requested now, and drawers that have to be moved for them."""
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return closings at requested objects that are too weak to be grasp attempts, but show that the policy has tried.
+    """Return closings at requested objects that are too weak to count as grasp attempts but show an intention to grasp.
 
-    Either the fingers hardly moved although they were commanded to close for long, or they closed around the object
-    and opened again, several times. Objects with a grasp attempt of their own are left out.
+    Either the fingers hardly moved although they were commanded to close for long, or they partly closed around the
+    object and opened again several times. Objects that also have a grasp attempt are excluded.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -584,7 +610,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
                 continue
             i = min(near, key=lambda i: (float(gaps[i]), i))
             if found is brief and not is_down(trace, i)[closing.end]:
-                continue  # brought to the width of it from above
+                continue  # set to the object's width from above
             grasp = replace(closing, aim=i, slot=trace.slot_of(closing.start, i, THRESHOLDS.slot_reach))
             found.append(replace(_step(trace, instruction, known, grasp, at=i), means=Means.TRY))
     told = [(step.grasp.start, step.grasp.release) for step in long]
@@ -593,7 +619,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
-    """Tell whether a gripper closed on nothing where something is to be pushed shut: it made a fist to push with."""
+    """Return whether a gripper closed on nothing before it pushes a drawer shut, as pushing needs a closed gripper."""
     if grasp.object is not None:
         return False
     _, now = _due(trace, instruction, grasp.start)
@@ -608,12 +634,12 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Tell whether a grasp attempt at another object follows a push, so that the pushed object was in the way."""
+    """Return whether a grasp attempt at another object follows a push, so that the object was only in the way."""
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the subgoals that are open at a row, and those of them that may be served now: of an order, the first."""
+    """Return the open subgoals at a row, and those that may be served now: the first one if the order is fixed."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
@@ -621,7 +647,7 @@ def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, .
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
     """Return the subgoals that are not reached at a row and for which an object is left on the table.
 
-    A drawer that is to be closed on something is due once that is inside.
+    A drawer that is to be closed over an object is due once the object is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
@@ -640,14 +666,14 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
-    """Return the earlier subgoals whose target is the object of this one, as in loading a drawer before closing it."""
+    """Return the earlier subgoals whose target is the object of this one, as in loading and closing a drawer."""
     if relation(goals[g].relation).carried:
         return []
     return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the objects of a right attempt for a subgoal: those it means, and drawers that have to be moved first."""
+    """Return the objects of a right attempt for a subgoal: its own, and drawers that have to be moved first."""
     busy = trace.serves[row].any(axis=0)
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}
@@ -661,7 +687,7 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
 
 
 def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
-    """Return the drawer that a subgoal loads if an attempt did not push it in: it may be drawn out in several pulls."""
+    """Return the drawer that a subgoal loads, unless an attempt pushed it in; it may be opened in several pulls."""
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
     if i is None or i != trace.targets[g] or not trace.is_drawer(i):
         return set()
@@ -669,7 +695,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object that a gripper missed when it closed on nothing; in doubt, the requested one."""
+    """Return the object that was missed when the gripper closed on nothing; in doubt, the requested one."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -680,7 +706,7 @@ def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
 def _step(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
 ) -> Step:
-    """Return an attempt compared with the steps that are due; ``at`` is its object if the gripper does not show it."""
+    """Return an attempt compared with the due steps; ``at`` gives its object if the gripper does not show it."""
     row = grasp.start
     due, now = _due(trace, instruction, row)
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
@@ -711,9 +737,9 @@ def _step(
 
 
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
-    """Return a requested and another object if one finger comes down on each of them, or None.
+    """Return the requested and another object if each finger comes down on one of them, or None.
 
-    An object that was lifted, or was between both fingers, was attempted alone.
+    An object that was lifted, or was between both fingers, was attempted by itself.
     """
     i = grasp.object
     if i is None or grasp.secured or trace.is_drawer(i):
@@ -735,7 +761,7 @@ def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, 
 
 
 def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:
-    """Return another object that was as near as the requested one to a gripper that closed on nothing, or None."""
+    """Return another object that was as near as the requested one when the gripper closed on nothing, or None."""
     if grasp.object is not None or at is None:
         return None
     row = grasp.start

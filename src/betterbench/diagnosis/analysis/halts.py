@@ -1,11 +1,17 @@
-"""Halts: the arm stands still, or trembles in place, although something is left to do, and does so to the end."""
+"""Halts: the arm stands still or trembles in place until the end, although subgoals are open."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from betterbench.diagnosis.analysis.approaches import lowered, spans
-from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
+from betterbench.diagnosis.analysis.episode_analysis import (
+    AttemptTarget,
+    EpisodeAnalysis,
+    Means,
+    Step,
+    once_per_episode,
+)
 from betterbench.diagnosis.analysis.trace import Trace, place_middle
 from betterbench.diagnosis.thresholds import (
     COME_TO_REST,
@@ -24,14 +30,16 @@ from betterbench.tasks.judging.motion import Bools
 from betterbench.tasks.relations import relation
 
 
+@once_per_episode
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
-    """Return the rows of the first halt for good, or None.
+    """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt under way, or for ``tremble_time`` if the arm
-    moves in place, except over an object that it was asked to take. A pause after which the arm goes on is not a halt:
-    a policy that pauses is slow, and a stop shorter than an earlier pause may be another pause. An arm that holds the
-    right object at its place has halted only if it does not move at all, not even to and fro: its gripper fails to
-    open.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. If the arm trembles in place, it lasts
+    for ``tremble_time``; trembling over a requested object is not a halt.
+
+    A pause after which the arm goes on is not a halt: a policy that pauses is slow. A stop that is shorter than an
+    earlier pause may also be a pause. An arm that holds the right object at its target region has halted only if it
+    does not move at all: its gripper fails to open.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
@@ -40,7 +48,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
         still[_in_place_from(trace) :] = True
     for step in episode.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
-        release = step.grasp.release  # an arm that lets go of something has not halted yet
+        release = step.grasp.release  # an arm that releases an object has not halted yet
         still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
     last = max((_busy_until(trace, s) for s in episode.steps), default=-1)
     needed = trace.steps(THRESHOLDS.halt_time)
@@ -54,16 +62,17 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
 
 
 def in_fingers(trace: Trace, row: int) -> int | None:
-    """Return the object in the gripper at a row, or None; a brief loss of contact is not a release."""
+    """Return the object in the gripper at a row, or None; a brief loss of contact does not count as a release."""
     rows = slice(max(0, row - trace.steps(FLICKER_TIME)), row + 1)
     held = [i for i in trace.held[rows].tolist() if i >= 0]
     return held[-1] if held else None
 
 
+@once_per_episode
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
-    """Return the object that the closed gripper has kept at its place for long, up to the end, or None.
+    """Return the object that a closed gripper has held at its target region for long, until the end, or None.
 
-    The object may stand there between the fingers. One that still sinks toward its place is not kept there.
+    The object may be standing there between the fingers. An object that is still being lowered does not count.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     for g, goal in enumerate(episode.goals):
@@ -76,14 +85,14 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
                 continue
             first = rows[-1][0]
             at = first + np.flatnonzero(_is_at_place(episode, i, g, first))
-            # An object that keeps sinking over its place is still on its way.
+            # An object that is still being lowered over its target region has not arrived.
             if at.size >= trace.steps(STAY_TIME) and lowered(trace.positions[at, i, 2]) <= THRESHOLDS.begun_lift:
                 return i
     return None
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
-    """Tell at which rows from a row on an object is at or over the place at which a subgoal wants it."""
+    """Return the rows, from a row on, at which an object is at or over a target region that a subgoal wants for it."""
     trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
     target = trace.info.objects[t]
     middle = place_middle(target, goal.relation, goal.region)
@@ -98,14 +107,14 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return how long a policy may pause, in rows, from its pauses: if several were long, one may be longer still."""
+    """Return the longest plausible pause of a policy, in rows; several long pauses allow for a longer one."""
     return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the first row of a slow stretch, long enough before its end, from which the arm stays in place for good.
+    """Return the first row, in a slow stretch of sufficient length, from which the arm stays in place until the end.
 
-    It may have slowed down before it came to rest.
+    The arm may have slowed down before it came to rest.
     """
     last = stop - trace.steps(THRESHOLDS.halt_time)
     if start <= last and _stays(trace, start):
@@ -115,7 +124,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return a row from which the arm moves in place to the end, if it does so long enough, else the number of rows."""
+    """Return a row from which the arm moves in place until the end for long enough, else the number of rows."""
     for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(SEARCH_STEP)):
         if _stays(trace, begin):
             return begin
@@ -123,15 +132,15 @@ def _in_place_from(trace: Trace) -> int:
 
 
 def _stays(trace: Trace, begin: int, *, within: float = HALT_RADIUS) -> bool:
-    """Tell whether the tool center point stays where it is at a row until the episode ends, apart from drifting."""
+    """Return whether the tool center point stays at its position until the episode ends, apart from drift."""
     away = np.linalg.norm(trace.tool[begin:] - trace.tool[begin], axis=1)
     return bool((away <= within + DRIFT * (trace.time[begin:] - trace.time[begin])).all())
 
 
 def _busy_until(trace: Trace, step: Step) -> int:
-    """Return the last row at which an attempt shows that the arm had not halted for good.
+    """Return the last row at which an attempt shows that the arm had not halted yet.
 
-    That is the end of the grasp, or the release of an object that was carried on to where it was let go.
+    This is the end of the grasp, or the release of an object that was carried further.
     """
     release = step.grasp.release
     if not step.grasp.secured or release >= trace.rows:
@@ -142,13 +151,13 @@ def _busy_until(trace: Trace, step: Step) -> int:
 
 
 def travel(trace: Trace) -> np.ndarray:
-    """Return the length of the path of the tool center point up to each row, shape (T,) [m]."""
+    """Return the path length of the tool center point up to each row, shape (T,) [m]."""
     lengths = np.linalg.norm(np.diff(trace.tool, axis=0), axis=1)
     return np.concatenate(([0.0], np.cumsum(lengths)))
 
 
 def _still(trace: Trace) -> Bools:
-    """Return the rows at which the tool center point moves slower than ``halt_speed``, averaged over a short time."""
+    """Return the rows with an average displacement of the tool center point below ``halt_speed``."""
     window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
     gaps = np.linalg.norm(trace.tool[window:] - trace.tool[:-window], axis=1)
     slow = gaps * trace.rate_hz / window < THRESHOLDS.halt_speed
@@ -156,7 +165,7 @@ def _still(trace: Trace) -> Bools:
 
 
 def _at_rest(trace: Trace) -> Bools:
-    """Return the rows at which the way of the tool center point is slower than ``halt_speed``, to and fro as well."""
+    """Return the rows with a path speed of the tool center point below ``halt_speed``, back-and-forth included."""
     window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
     way = travel(trace)
     slow = (way[window:] - way[:-window]) * trace.rate_hz / window < THRESHOLDS.halt_speed
@@ -164,7 +173,7 @@ def _at_rest(trace: Trace) -> Bools:
 
 
 def _covered(slow: Bools, window: int, rows: int) -> Bools:
-    """Return the rows that are in a slow window; every row of a slow stretch counts."""
+    """Return the rows that lie in any slow window."""
     still = np.zeros(rows, dtype=np.bool_)
     for shift in range(window + 1):
         still[shift : shift + len(slow)] |= slow

@@ -1,4 +1,4 @@
-"""Harm in a record: changes to objects that were not asked for, which exclude success, with their times."""
+"""Harm in a record: changes to objects that were not requested, which rule out success, with their times."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from betterbench.tasks.judging.targets import Asked, Targets
 from betterbench.tasks.thresholds import DISPLACED, LEFT_OPEN, TARGET_MOVED, TURNED
 
 FINAL = frozenset({"turned", "target_moved", "left_open"})
-"""Sorts of harm that count only if the last state shows them."""
+"""Sorts of harm that count only if they are present in the last state."""
 
 
 class DatedHarm(NamedTuple):
-    """One harm with the row at which it is first seen; an object left at a wrong target is dated at the last row."""
+    """One harm with the row at which it is first seen; an object left at a wrong target is dated to the last row."""
 
     row: int
     harm: Harm
@@ -27,8 +27,8 @@ class DatedHarm(NamedTuple):
 def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
     """Return all harm that a record shows, in time.
 
-    The verdict is that of the goal tracker, over the rows that can change it. Objects are found as in the trace, so
-    that their names carry no meaning.
+    The goal tracker decides, on the rows that can change its verdict. Objects are identified by kind and slot as in the
+    trace, so that their names do not matter.
     """
     info, template = trace.info, get_task(condition.task).template
     asked = tuple(
@@ -59,7 +59,7 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 
 
 def _out_of_place_since(trace: Trace, i: int, harm: Harm) -> int | None:
-    """Return the row from which on an object is as the last state shows it: turned, moved away or open."""
+    """Return the row from which an object stays as it is in the last state: turned, moved away or open."""
     if harm.sort != "turned":
         return _since(_moved(trace, i) > (TARGET_MOVED if harm.sort == "target_moved" else LEFT_OPEN))
     thing, turns = trace.info.objects[i], trace.quaternions[:, i]
@@ -68,7 +68,7 @@ def _out_of_place_since(trace: Trace, i: int, harm: Harm) -> int | None:
 
 
 def _moved(trace: Trace, i: int) -> np.ndarray:
-    """Return how far the middle of an object is from its place at the start [m], shape (T,)."""
+    """Return the distance of an object's center from its initial position [m], shape (T,)."""
     w, x, y, z = trace.quaternions[:, i].T
     up = np.column_stack((2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)))
     middles = trace.positions[:, i] + 0.5 * trace.info.objects[i].size_m[2] * up
@@ -77,13 +77,13 @@ def _moved(trace: Trace, i: int) -> np.ndarray:
 
 
 def _tilted(trace: Trace, i: int) -> np.ndarray:
-    """Return whether an object is tilted so far that it was knocked over, shape (T,)."""
+    """Return whether an object is tilted so far that it counts as knocked over, shape (T,)."""
     tilted: np.ndarray = 1.0 - 2.0 * (trace.quaternions[:, i, 1:3] ** 2).sum(axis=1) < np.cos(THRESHOLDS.knocked_tilt)
     return tilted
 
 
 def _since(flags: np.ndarray) -> int | None:
-    """Return the row from which on flags are true to the end, or None."""
+    """Return the row from which flags stay true until the end, or None."""
     return int(np.flatnonzero(~flags)[-1]) + 1 if flags[-1] and not flags.all() else None
 
 

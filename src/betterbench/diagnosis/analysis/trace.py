@@ -19,11 +19,11 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows in which an object was in one relation to a target, whether the instruction asks for that or not.
+    """Rows in which an object was in a given relation to a target, whether or not the instruction asks for it.
 
     Attributes:
-        place: TargetRegion of the target, "" if it offers just one.
-        rows: (T,) whether it was there.
+        place: Region of the target, "" if it has only one.
+        rows: (T,) whether the object was there.
     """
 
     object: int
@@ -39,14 +39,15 @@ class Trace(Motion):
 
     Attributes:
         time: (T,) time since reset [s].
-        touched: (T, n) whether a finger or the hand touches the object.
+        touched: (T, n) whether the gripper touches the object.
         by_arm: (T, n) whether another part of the arm touches it.
-        whereabouts: Per object and place of a target when it was there; shut drawers are left out.
-        serves: (T, g, n) whether the object is where the subgoal wants it.
-        done: (T, g) whether the subgoal is done: related, released and at rest.
-        meant: Per subgoal the indices of the objects that it can mean.
+        whereabouts: Rows of each object in each target region; closed drawers are excluded.
+        serves: (T, g, n) whether the object satisfies the relation of the subgoal.
+        done: (T, g) whether the subgoal is done: its relation is true, the object is released and at rest.
+        meant: Per subgoal the indices of the objects that satisfy it.
         targets: Per subgoal the index of its target.
-        drawers: Per drawer its index, that of its cabinet, and the place of the closed drawer in the cabinet's frame.
+        drawers: Per drawer its index, that of its cabinet, and the position of the closed drawer in the cabinet's
+            frame.
     """
 
     time: Floats
@@ -60,11 +61,11 @@ class Trace(Motion):
     drawers: tuple[tuple[int, int, Vector], ...]
 
     def placed(self, row: int, i: int) -> Whereabout | None:
-        """Return where an object is with respect to a target at a row, or None if at no place of any."""
+        """Return the target region in which an object is at a row, or None."""
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
-        """Return how far a drawer is drawn out [m]; 0 for other objects."""
+        """Return the distance by which a drawer is open [m]; 0 for other objects."""
         for i, cabinet, place in self.drawers:
             if i == drawer:
                 p, q = self.positions[row, cabinet].tolist(), self.quaternions[row, cabinet].tolist()
@@ -74,7 +75,7 @@ class Trace(Motion):
 
 
 def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
-    """Return where the middle of a place of a target is in its frame [m]: of its region of that name, if it has one."""
+    """Return the center of a target region in the frame of its target [m]."""
     named = next((r.position for r in target.regions if r.name == region), None)
     return relation(kind).middle(target, region) if named is None else named
 
@@ -84,9 +85,9 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
 
     Args:
         record: The record.
-        condition: The condition in force. Objects are found by kind and slot, so that their names carry no meaning.
-        step_limit: Steps after which an episode of its condition ends; later rows are left out, so that idle time
-            added to a record changes nothing.
+        condition: The condition in force. Objects are identified by kind and slot, so that their names do not matter.
+        step_limit: Step limit of the condition. Later rows are ignored, so that idle time at the end of a record
+            changes nothing.
 
     Raises:
         RecordError: If the record lacks a predicate of a movable object, or an object of the condition.
@@ -147,7 +148,7 @@ def _column(record: Record, label: str) -> int:
 
 
 def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whereabout, ...]:
-    """Return when which object was at which place of which target, from all predicates of the record."""
+    """Return the rows of each object in each target region, from all predicates of the record."""
     objects = record.metadata.scene.objects
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}
@@ -162,10 +163,10 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
 
 
 def _index_of_kind(info: SceneInfo, kind: str) -> int:
-    """Return the index of the first object of a kind; raises RecordError if none is there."""
+    """Return the index of the first object of a kind. Raises RecordError if the record has none."""
     found = next((i for i, o in enumerate(info.objects) if o.kind == kind), None)
     if found is None:
-        raise RecordError(f"scene: the record has no {kind!r}, which its condition has; record the trial again.")
+        raise RecordError(f"scene: the record has no {kind!r}, which its condition requires; record the trial again.")
     return found
 
 
@@ -180,7 +181,7 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
 
 
 def finger_forces(record: Record, rows: int) -> Floats:
-    """Return the largest normal force with which a finger presses on each object [N], shape (rows, n)."""
+    """Return the largest normal force of a finger on each object [N], shape (rows, n)."""
     contacts, bodies = record.contacts, record.bodies
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
     finger = np.array([b in ("left_finger", "right_finger") for b in bodies], dtype=np.bool_)

@@ -1,1 +1,1 @@
-"""Numbers over many trials: metrics of a run, the confusion matrix and the power matrix of the diagnosis."""
+"""Measures over many trials: metrics of a run, and the confusion and power matrices of the diagnosis."""

@@ -18,34 +18,35 @@ from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
 FAMILIES: dict[str, str] = {
-    "faulty": "Every faulty policy moves as well as the expert and decides by one broken rule. It writes down its own "
-    "first wrong decision; the diagnosis sees the records alone.",
-    "development": "Every policy of the independent family has one habit in one of three manners, with a controller of "
-    "its own. Its true label is stated before the first action. The diagnosis was developed on this part.",
-    "held_out": "Every policy of the independent family has one habit in one of three manners, with a controller of "
-    "its own. Its true label is stated before the first action. The diagnosis was never developed on this part.",
-    "second": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
-    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis.",
-    "third": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
-    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis, and "
-    "left out the conditions in which a label could be debated.",
-    "fourth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
-    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
-    "diagnosis, and gave every habit a label that the suite's table decides alone.",
-    "fifth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
-    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
-    "diagnosis or what it said of other parts, and made a third of the failures attempt no grasp.",
-    "sixth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
-    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
-    "diagnosis or what it said of other parts, and took the faults that learned policies are known for.",
+    "faulty": "Every faulty policy moves as well as the expert and decides by one wrong rule. It reports its own "
+    "first wrong decision; the diagnosis uses only the records.",
+    "development": "Every policy of the independent family has one habit in one of three motion styles, with its own "
+    "controller. Its true label is stated before the first action. The diagnosis was developed on this part.",
+    "held_out": "Every policy of the independent family has one habit in one of three motion styles, with its own "
+    "controller. Its true label is stated before the first action. The diagnosis was never developed on this part.",
+    "second": "Every policy of the independent family has one habit in one of three motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis.",
+    "third": "Every policy of the independent family has one habit in one of three motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis, "
+    "and left out conditions with debatable labels.",
+    "fourth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis, "
+    "and chose habits whose label follows from the suite's definitions alone.",
+    "fifth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis "
+    "or its results on other parts, and a third of the failures attempt no grasp.",
+    "sixth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
+    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis "
+    "or its results on other parts, and chose faults that are known from learned policies.",
 }
-"""Sets of policies on which a diagnosis is measured, described: faulty policies, parts of the independent family.
+"""Descriptions of the sets of policies on which the diagnosis is measured: faulty policies, parts of the independent
+family.
 
-The accuracy that is claimed for the diagnosis is the one on the last set, which was written last and used once.
+The claimed accuracy of the diagnosis is that on the last set, which was written last and used once.
 """
 
 CLAIMED = next(reversed(FAMILIES))
-"""The family whose numbers are the claim."""
+"""The family on which the claimed accuracy was measured."""
 
 
 def packaged_file(family: str) -> str:
@@ -56,15 +57,15 @@ def packaged_file(family: str) -> str:
 @open_form
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One trial of a faulty policy with its true label and the one that it was given.
+    """One trial of a faulty policy with its true label and its diagnosed label.
 
     Attributes:
         trial: Key of the trial ("fast_food/T1/3").
-        truth: Label that it deserves.
+        truth: True label.
         fault: The policy's wrong decision, as the policy states it.
-        grasped: Whether the record holds a grasp attempt, so that a grasp shows what was decided.
+        grasped: Whether the record contains a grasp attempt, which shows the decision.
         honest: Whether the policy has no fault.
-        debatable: Reason for which a careful reader of the suite might give another label; "" if there is none.
+        debatable: Reason why a careful reader of the suite might assign another label; "" if there is none.
     """
 
     policy: str
@@ -85,7 +86,7 @@ class Judged:
 
     @property
     def crossed(self) -> bool:
-        """Whether a failure of reasoning was labeled as one of execution, or the other way round."""
+        """Whether a reasoning failure was labeled as an execution failure, or the reverse."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
@@ -94,8 +95,8 @@ class LabelScore:
     """Recall and precision of one label.
 
     Attributes:
-        recall: Of the trials that deserve it, those that were given it.
-        precision: Of the trials that were given it, those that deserve it.
+        recall: Share of the trials with this true label that were given it.
+        precision: Share of the trials that were given this label that have it as the true label.
     """
 
     label: Label
@@ -108,11 +109,11 @@ class Calibration:
     """Measured accuracy of a diagnosis on policies with known faults.
 
     Attributes:
-        policies: Per policy its right trials and all its trials.
-        crossed: Trials in which reasoning was called execution or the other way round.
-        without_grasp: Trials with the right label, of the failed ones without a grasp attempt.
-        accused: Trials of policies without a fault that were called a failure of reasoning, of all their trials.
-        left_out: Trials that say nothing about the policy's fault, which are not judged.
+        policies: Per policy, its correctly labeled trials out of all its trials.
+        crossed: Trials in which a reasoning failure was labeled as an execution failure, or the reverse.
+        without_grasp: Correctly labeled trials, out of the failed ones without a grasp attempt.
+        accused: Trials labeled as a reasoning failure, out of all trials of policies without a fault.
+        left_out: Trials that say nothing about the policy's fault and are not judged.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -126,7 +127,7 @@ class Calibration:
 
     @classmethod
     def of(cls, trials: Iterable[Judged], *, versions: dict[str, str] | None = None, left_out: int = 0) -> Calibration:
-        """Return the calibration that judged trials give."""
+        """Return the calibration computed from judged trials."""
         judged = list(trials)
         per_policy: dict[str, list[bool]] = {}
         for j in judged:
@@ -149,24 +150,24 @@ class Calibration:
 
     @property
     def overall(self) -> Rate:
-        """Trials with the right label, of all."""
+        """Correctly labeled trials, out of all."""
         return Rate(sum(n for (truth, label), n in self.counts.items() if truth is label), self.total)
 
     @property
     def failed(self) -> Rate:
-        """Trials with the right label, of those that deserve the label of a failure: successes are the easy part."""
+        """Correctly labeled trials, out of those whose true label is a failure; successes are easier to label."""
         counts = [(truth is label, n) for (truth, label), n in self.counts.items() if truth.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def failed_kinds(self) -> Rate:
-        """Trials that were given a label of the right kind, of those that deserve the label of a failure."""
+        """Trials with a label of the right kind, out of those whose true label is a failure."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def crossed_rate(self) -> Rate:
-        """Trials in which reasoning was called execution or the other way round, of all that failed for either."""
+        """Trials in which reasoning and execution were confused, out of all that failed for either."""
         kinds = (Kind.REASONING, Kind.EXECUTION)
         return Rate(self.crossed, sum(n for (truth, _), n in self.counts.items() if truth.kind in kinds))
 
@@ -177,7 +178,7 @@ class Calibration:
         return tuple(label for label in all_labels() if label in met)
 
     def scores(self) -> tuple[LabelScore, ...]:
-        """Return recall and precision of every label that some trial deserves."""
+        """Return recall and precision of every label that is the true label of some trial."""
         scores = []
         for label in self.labels:
             deserved = sum(n for (truth, _), n in self.counts.items() if truth is label)
@@ -204,7 +205,7 @@ class Calibration:
         }
 
     def file_bytes(self) -> bytes:
-        """Return the file of the JSON document, with its seal."""
+        """Return the JSON document as bytes, with its checksum."""
         return (json.dumps(sealed_form({"version": 2, **self.to_json()}), indent=1) + "\n").encode()
 
     @classmethod
@@ -264,6 +265,6 @@ def packaged_calibration(family: str = "faulty") -> Calibration | None:
 
 
 def _share(found: Iterable[bool]) -> Rate:
-    """Return how many are true, of all."""
+    """Return the share of true values."""
     values = list(found)
     return Rate(sum(values), len(values))

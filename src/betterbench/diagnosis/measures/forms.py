@@ -1,4 +1,4 @@
-"""Labels in files: read by name."""
+"""Form of a label in a file: its name."""
 
 from typing import Annotated
 

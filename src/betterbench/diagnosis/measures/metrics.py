@@ -31,7 +31,7 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 Trials = Sequence[TrialDiagnosis]
 
 ANYTIME = "anytime-valid"
-"""Method of an interval that holds whenever the trials stopped."""
+"""Method of an interval that is valid whenever the trials stopped."""
 
 _Rates = tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...]
 
@@ -44,14 +44,15 @@ _RATES: _Rates = (
     ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
     ("collision_rate", lambda t: bool(t.collisions)),
 )
-"""Rates over planned trials. A trial without a record is no success, shows no intention and stays in the denominator.
+"""Rates over planned trials. A trial without a record counts as neither a success nor a correct intention, and stays in
+the denominator.
 
-A success with a needless step is one in which a step of training was played that was not asked for, as a replayed grasp
-at an emptied slot; it counts as a success too. Collisions are those with fixtures; they spoil no goal by themselves.
+A success with a needless step contains a step of training that was not requested, such as a replayed grasp at an
+emptied slot. It counts as a success too. Collisions are those with fixtures; they do not affect success by themselves.
 """
 
 _UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
-"""The rate of a run that was stopped, counted apart."""
+"""Rate of trials that a stopped run left unfinished, reported separately."""
 
 
 def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tuple[Metric, ...]:
@@ -59,13 +60,13 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
     Args:
         trials: Its trials.
-        decided: Decisions of a run until decided. Numbers of one condition then have intervals that hold whenever
-            its trials stopped, and numbers over several conditions are of the seeds of the first round alone.
+        decided: Decisions of a run until decided. Metrics of one condition then have intervals that are valid whenever
+            its trials stopped, and metrics over several conditions use only the seeds of the first round.
 
     Returns:
-        Rates, distractor grasp rate and progress over every scope, instruction effects, ΔSR of recompositions, and
-        illusion gaps with the success rates of their twins and of the variations in the same pairs, of which each gap
-        is the difference.
+        Rates, distractor grasp rate and progress per scope, instruction effects, ΔSR of recompositions, and illusion
+        gaps. Each gap comes with the two success rates whose difference it is: of the twins and of the variations in
+        the same pairs.
     """
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
     rates = (*_RATES, *_UNFINISHED) if any(t.kind is Kind.UNFINISHED for t in trials) else _RATES
@@ -119,7 +120,7 @@ def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
 
 
 def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
-    """Return every trial of a variation with its counterfactual twin, where neither of them is unfinished."""
+    """Return every trial of a variation with its counterfactual twin, if both are finished."""
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     by_key = {t.key: t for t in ended if t.variation is None}
     return [(by_key[t.twin_key], t) for t in ended if t.twin_key is not None and t.twin_key in by_key]
@@ -139,7 +140,7 @@ def _progress(scope: str, trials: Trials) -> Metric:
 
 
 def _delta_success_rates(trials: Trials) -> list[Metric]:
-    """Return ΔSR of every recomposition, and of all of a task's, against the mean of its seen compositions."""
+    """Return ΔSR of every recomposition, and over all of a task, against the mean of the task's seen compositions."""
     metrics = []
     for task in sorted({t.task for t in trials}):
         mine = [t for t in trials if t.task == task]
@@ -162,7 +163,7 @@ def _success_rate(trials: Trials) -> Rate:
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
     """Return SR of the twins minus SR of the variations; p-values are Holm-corrected within each kind of scope.
 
-    ``stopped`` are all trials of a run until decided, for the gaps of single variations; None for another run.
+    ``stopped`` are all trials of a run until decided, for the gaps of single variations; None for other runs.
     """
     pairs = twins(trials)
     if not pairs:
@@ -190,10 +191,10 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 
 
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
-    """Yield the two rates that an illusion gap is the difference of: of the twins and of the variations, per pair.
+    """Yield the two rates whose difference is an illusion gap, over its pairs: of the twins and of the variations.
 
-    A twin of several variations counts in each of its pairs. Its interval is that of as many independent pairs as the
-    pairs are worth (Kish's effective size: the squared number of pairs over the sum of the squared numbers per twin).
+    A twin of several variations counts in each of its pairs. The interval uses the effective number of independent
+    pairs (Kish: the squared number of pairs over the sum of the squared numbers per twin).
     """
     uses = Counter(twin.key for twin, _ in pairs)
     worth = len(pairs) ** 2 / sum(count**2 for count in uses.values())
@@ -222,7 +223,7 @@ def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosi
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
     outcomes = [(twin.success, trial.success) for twin, trial in pairs]
     names = [twin.key for twin, _ in pairs]
-    # The variants of a task of LIBERO-Plus share one twin or few: tasks are drawn with all that belongs to them.
+    # The variants of a task of LIBERO-Plus share one or few twins: whole tasks are resampled.
     once = all(axis_of(trial.variation) for _, trial in pairs)
     difference = wider_paired_difference(
         outcomes,

@@ -1,7 +1,8 @@
 """Power matrix: success rates of every faulty rule, blind probe and replayed demonstration on every variation.
 
-A success rate proves an ability only as far as it exceeds the rates of the pretenders. The matrix is measured once
-(``better calibrate --power``) and ships with the package. This module reads it and never starts a simulator.
+Pretenders are policies that succeed without the tested ability. A success rate proves the ability only as far as it
+exceeds the rates of the pretenders. The matrix is measured once (``better calibrate --power``) and ships with the
+package. This module reads it and never starts a simulator.
 """
 
 from __future__ import annotations
@@ -28,33 +29,36 @@ from betterbench.tasks.interventions import vary
 
 PACKAGED_MATRIX = "power.json"
 """File of the packaged matrix, beside this module in ``data``."""
-CURE = "better calibrate --power measures it again"
+CURE = "measure it again with better calibrate --power"
 
 EXPERT = "expert"
 STOPPING_AT_NEWS = "zoo:halt"
-"""The rule that stops wherever instruction and scene are new together: it fails everywhere and tells nothing apart."""
+"""The rule that stops wherever instruction and scene form a new combination: it fails everywhere, so it separates
+nothing.
+"""
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
-"""The pretenders that lack something to see or hear. The last two move without looking."""
+"""The pretenders that lack an input: vision or the instruction. The last two move without looking."""
 FLOOR = ("random", "noop")
 """Pretenders that need no demonstrations."""
 
 
 Key = tuple[str, str]
-"""A variation: task and name."""
+"""Key of a variation: task and name."""
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class PowerCell:
-    """One pretender on one variation.
+    """Results of one pretender on one variation.
 
     Attributes:
         k: Trials that succeeded.
         n: Trials.
-        right: Trials whose first grasp attempt was at what was asked for (suite, section 4).
-        shared: Trials that were not simulated again: the rule decided like the expert throughout, and took its outcome.
-        wrong: Trials per label of the first wrong decision, of a policy that knows its decisions.
-        failed: Those of them that did not succeed.
+        right: Trials whose first grasp attempt was at a requested object (suite, section 4).
+        shared: Trials that were not simulated again, because the rule decided like the expert throughout; they copy its
+            outcome.
+        wrong: Trials per label of the first wrong decision, for a policy that reports its decisions.
+        failed: Number of those trials that did not succeed.
     """
 
     k: int
@@ -71,7 +75,7 @@ class PowerCell:
 
     @property
     def fails(self) -> bool:
-        """Whether the pretender fails the variation, in half of the trials or more."""
+        """Whether the pretender fails the variation in at least half of the trials."""
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
@@ -83,12 +87,12 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """One pretender that sees or hears less than it should, on one variation on which something has to be done.
+    """Results of a pretender with a missing input on one variation on which something has to be done.
 
     Attributes:
-        chance: Expected rate: that of guessing the instruction, or that of a replay despite jittered poses.
+        chance: Expected rate: of guessing the instruction, or of a replay under jittered poses.
         p_value: Two-sided exact binomial test against that rate.
-        p_adjusted: The same, Holm-corrected over all cells.
+        p_adjusted: The p-value, Holm-corrected over all cells.
     """
 
     pretender: str
@@ -106,7 +110,7 @@ class BlindCell:
 
     @property
     def flagged(self) -> bool:
-        """Whether the excess is significant at the 5 % level after the correction."""
+        """Whether the rate exceeds chance significantly, at the 5 % level after the correction."""
         return self.above and self.p_adjusted < DEFAULT_ALPHA
 
     @property
@@ -117,7 +121,7 @@ class BlindCell:
 
 @dataclass(frozen=True, slots=True)
 class Ceiling:
-    """The best rate of a pretender on a variation, of those that the variation is designed to expose."""
+    """The best rate on a variation, among the pretenders that the variation is designed to expose."""
 
     pretender: str
     rate: Rate
@@ -128,8 +132,8 @@ class PowerMatrix:
     """The measured matrix.
 
     Attributes:
-        cells: Result per pretender and variation; the expert is among the pretenders as the reference.
-        chances: Per variation the success rate of guessing its instruction among those that make sense in its scene.
+        cells: Result per pretender and variation; the expert is included as the reference.
+        chances: Per variation, the success rate of guessing its instruction among those that make sense in its scene.
         versions: Package, suite, engine and task versions, and per task a digest of its conditions.
     """
 
@@ -139,12 +143,12 @@ class PowerMatrix:
 
     @property
     def pretenders(self) -> tuple[str, ...]:
-        """All pretenders, without the expert."""
+        """All pretenders except the expert."""
         return tuple(name for name in self.cells if name != EXPERT)
 
     @property
     def rules(self) -> tuple[str, ...]:
-        """The faulty rules among them."""
+        """The faulty rules among the pretenders."""
         return tuple(name for name in self.pretenders if name not in (*BLIND, *FLOOR))
 
     @property
@@ -157,7 +161,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels that some rule earns on a variation and fails by."""
+        """Return the labels that some rule receives on a variation that it fails."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -166,15 +170,15 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation claims to expose: they fail it, by decisions with a label that it claims.
+        """Return the rules that a variation claims to expose: they fail it by decisions with a claimed label.
 
-        A rule that passes with a needless step is not exposed by its success rate, and is not claimed.
+        A rule that passes with a needless step is not exposed by its success rate, so it is not claimed.
         """
         claims = {label.value for label in exposed_labels(*key)}
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
 
     def passing_wrongly(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that pass a variation although their decisions carry a label: steps that nobody needed."""
+        """Return the rules that pass a variation although their decisions carry a label, because of needless steps."""
         rows = ((name, self.cell(name, key)) for name in self.rules)
         return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
 
@@ -183,15 +187,15 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Tell whether the pretenders rightly succeed on a variation: no rule fails it but the one that fails all."""
+        """Return whether all pretenders succeed on a variation, as they should, except the rule that always fails."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )
 
     def ceiling(self, key: Key) -> Ceiling | None:
-        """Return the shortcut ceiling of a variation, or None if nothing was measured on it.
+        """Return the shortcut ceiling of a variation, or None if the variation was not measured.
 
-        It is the best success rate among the rules that it claims to expose, the blind probes and the replays.
+        This is the best success rate among the rules that it claims to expose, the blind probes and the replays.
         """
         cells = {name: self.cell(name, key) for name in (*self.exposed(key), *BLIND)}
         known = {name: cell for name, cell in cells.items() if cell is not None and cell.n}
@@ -201,9 +205,9 @@ class PowerMatrix:
         return Ceiling(best, known[best].rate)
 
     def blind_cells(self) -> tuple[BlindCell, ...]:
-        """Return every cell of the pretenders that cannot see, hear or aim, tested against the expected rate.
+        """Return every cell of the pretenders with a missing input, tested against the expected rate.
 
-        Variations in which doing nothing is right are left out, because doing nothing then proves no ability.
+        Variations on which doing nothing is right are left out, because a pretender that does nothing would pass them.
         """
         found = []
         for name in (*BLIND, *FLOOR):
@@ -226,10 +230,10 @@ class PowerMatrix:
         return PowerMatrix(cells, chances, self.versions)
 
     def stale_tasks(self, versions: Mapping[str, str] | None = None) -> tuple[str, ...]:
-        """Return the tasks that are no longer those that were measured.
+        """Return the tasks that have changed since they were measured.
 
         Args:
-            versions: Versions found in records (``task_version:NAME``), which are compared as well.
+            versions: Versions found in records (``task_version:NAME``), which are also compared.
         """
         stale = []
         for name in dict.fromkeys(task for task, _ in self.variations):
@@ -256,7 +260,7 @@ class PowerMatrix:
         }
 
     def to_text(self) -> str:
-        """Return the JSON document, one cell a line, so that two matrices can be compared line by line."""
+        """Return the JSON document with one cell per line, so that line diffs are readable."""
         form = sealed_form({"version": 2, **self.to_json()})
         rows = [
             f"  {json.dumps(name)}: {{\n"
@@ -274,7 +278,7 @@ class PowerMatrix:
         Raises:
             RecordError: If a field is missing or malformed.
         """
-        cure = "Measure it with better calibrate --power"
+        cure = "Measure it again with better calibrate --power"
         form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
         file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
         cells = {name: {_key(k, where): cell for k, cell in row.items()} for name, row in file.cells.items()}
@@ -295,7 +299,9 @@ _FILE = TypeAdapter(_File)
 def _key(text: str, where: str) -> Key:
     task, _, name = text.rpartition("/")
     if not task or not name:
-        raise RecordError(f"{where}: {text!r} names no variation. Measure it with better calibrate --power.")
+        raise RecordError(
+            f"{where}: {text!r} is not the name of a variation. Measure it with better calibrate --power."
+        )
     return task, name
 
 
@@ -307,7 +313,7 @@ def _expected(key: Key) -> Expected:
 
 
 def task_versions(task: Task) -> dict[str, str]:
-    """Return the version of a task and a digest of all its conditions and slots, on which its cells depend."""
+    """Return the version of a task and a digest of its conditions and slots, on which its cells depend."""
     conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
     form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
     digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]

@@ -21,8 +21,8 @@ class ReferenceLine:
     """Expected success rates of one pretender on the trials of a run.
 
     Attributes:
-        scores: By scope ("overall", "axis:temporal_extrapolation"), its success rate, a variation weighted by how many
-            trials the run has of it.
+        scores: Success rate by scope ("overall", "axis:temporal_extrapolation"); variations are weighted by their
+            number of trials in the run.
     """
 
     pretender: str
@@ -34,9 +34,9 @@ class Likeness:
     """Agreement between the outcomes of a pretender and those of a policy.
 
     Attributes:
-        agreement: Share of the run's trials that would have ended alike, success for success and failure for failure.
+        agreement: Share of the run's trials with the same outcome (success or failure).
         low: Lower end of its 95 % interval, by a bootstrap over variations.
-        high: Upper end of it.
+        high: Upper end of that interval.
     """
 
     pretender: str
@@ -53,7 +53,7 @@ class Margin:
         rate: The policy's success rate.
         ceiling: The shortcut ceiling of the variation.
         margin: Success rate minus ceiling, with Newcombe's interval.
-        control: Whether the pretenders rightly succeed there.
+        control: Whether the pretenders succeed there, as they should.
     """
 
     task: str
@@ -66,16 +66,16 @@ class Margin:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """A policy among the pretenders.
+    """Comparison of a policy with the pretenders.
 
     Attributes:
         scores: The policy's own success rates over the variations that the matrix covers, by scope.
-        lines: One per pretender and one for the expert, the best overall first.
-        likenesses: One per pretender, the nearest first; the expert is not among them.
+        lines: One line per pretender and one for the expert, the best overall first.
+        likenesses: Agreement with each pretender, the nearest first; without the expert.
         expert: Agreement with the expert, or None without a matrix.
-        margins: One per variation that the run and the matrix share.
+        margins: One margin per variation that is in both the run and the matrix.
         covered: Trials of the run that the matrix covers, of all its trials of variations.
-        notice: Missing data and the way to get it, one sentence; empty if nothing is missing.
+        notice: Missing data and how to get it, one sentence; empty if nothing is missing.
     """
 
     scores: dict[str, float]
@@ -93,18 +93,18 @@ class Standing:
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """The pretenders that agree as well as the nearest does, to the last trial."""
+        """The pretenders whose agreement equals that of the nearest one."""
         best = self.nearest
         return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
 
     @property
     def proven(self) -> Rate:
-        """Variations whose margin has an interval above zero, of those that are no control cells."""
+        """Variations whose margin has an interval above zero, out of those that are not control cells."""
         counted = [m for m in self.margins if not m.control]
         return Rate(sum(m.margin.low > 0.0 for m in counted), len(counted))
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the standing in words."""
+        """Return the comparison as sentences."""
         return (*_said(self), *((self.notice,) if self.notice else ()))
 
     def to_json(self) -> dict[str, Any]:
@@ -123,15 +123,15 @@ class Standing:
 
 
 def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> Standing:
-    """Return where the policy of a run stands among the pretenders.
+    """Return the comparison of a run's policy with the pretenders.
 
-    Of a run until decided, the trials of the first round count, which no outcome has chosen.
-    Tasks that have changed since the matrix was measured are left out, and so is what the matrix never held; the notice
-    says so. Nothing is raised: a report does without.
+    For a run until decided, only the trials of the first round count. Tasks that have changed since the matrix was
+    measured, and tasks that it does not contain, are left out and named in the notice. An unreadable matrix is reported
+    in the notice; nothing is raised.
 
     Args:
         diagnosis: The run.
-        matrix: The power matrix; the packaged one if not given.
+        matrix: The power matrix; default: the packaged one.
     """
     varied = [t for t in diagnosis.even_trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     if matrix is None:
@@ -196,7 +196,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return how far a pretender's outcomes agree with those of a run, or None if it lacks a cell."""
+    """Return the agreement between the outcomes of a pretender and of a run, or None if the matrix lacks a cell."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None
@@ -224,8 +224,8 @@ def _notice(stale: Sequence[str], unknown: Sequence[str]) -> str:
     if stale:
         parts.append(f"it was measured on another version of {listed(stale)}")
     if unknown:
-        parts.append(f"it does not hold {listed(unknown)}")
-    return f"The power matrix leaves trials of this run out: {' and '.join(parts)}; {CURE}." if parts else ""
+        parts.append(f"it does not contain {listed(unknown)}")
+    return f"The power matrix does not cover all trials of this run: {' and '.join(parts)}; {CURE}." if parts else ""
 
 
 def _said(standing: Standing) -> Iterator[str]:
@@ -235,13 +235,13 @@ def _said(standing: Standing) -> Iterator[str]:
     others = f" (as near: {', '.join(standing.rivals)})" if standing.rivals else ""
     yield (
         f"Nearest pretender: {best.pretender}{others}, whose outcomes agree with this policy's in {_share(best)} of "
-        f"the trials; those of the expert in {_share(standing.expert)}."
+        f"the trials. The expert's agree in {_share(standing.expert)}."
     )
     proven = standing.proven
     if proven.n:
         yield (
-            f"On {proven.k} of {proven.n} variations it succeeds clearly more often than every pretender that the "
-            "variation is designed to expose."
+            f"On {proven.k} of {proven.n} variations its success rate is significantly above that of every pretender "
+            f"that the variation is designed to expose."
         )
 
 

@@ -1,4 +1,4 @@
-"""Behavioral inertia: a step that is frequent in training is begun unasked, or played without its object."""
+"""Behavioral inertia: a step that is frequent in training is begun unrequested, or played without its object."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from betterbench.tasks.words import agreeing
 
 
 def _exposed(x: Exposure) -> bool:
-    """The first step, the target or the slot that training made frequent is there and not what is asked for.
+    """Return whether the first step, the target or the slot that training made frequent is present but not requested.
 
-    A grasp at an emptied slot counts where it replaces a step, or where nothing may be grasped at; not where something
-    else stands in a slot of its word, at which the first grasp is another mistake.
+    A grasp at an emptied slot counts if it replaces a step, or if nothing may be grasped. It does not count if another
+    object stands in a slot of the instruction's word: a first grasp there is another failure mode.
     """
     due = {kind for goal in x.due for kind in x.kinds(goal)}
     waiting = {x.movable_in(slot) for slot in x.test.layout.values()}
@@ -35,7 +35,7 @@ def _exposed(x: Exposure) -> bool:
     here = {o.kind for o in x.test.objects}
     for goal in x.open_goals:
         if relation(goal.relation).counted:
-            continue  # what lies there decides the place, wherever it is brought
+            continue  # the object there determines the target region, wherever it is brought
         asked = (x.test.object(goal.target).kind, goal.relation, goal.region)
         for kind in x.kinds(goal):
             trained = x.trained.kind_targets.get(kind, ())
@@ -56,34 +56,34 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.BEHAVIORAL_INERTIA,
     short="inertia",
-    definition="A step that is frequent in training is started without being instructed; the step that followed in "
-    "training is executed without being instructed or at an empty slot; or the right object is placed where its kind "
-    "was placed in training, also if the target has gone from there. Where something is to be left alone: the open "
-    "gripper stays over it, or closes on its way over it.",
-    conclusion="It plays the habitual step of training, whether or not it was asked for.",
+    definition="A step that is frequent in training is started without an instruction; the step that followed in "
+    "training is executed without an instruction or at an empty slot; or the right object is placed where its kind "
+    "was placed in training, even if the target is no longer there. If an object must not be touched: the open "
+    "gripper stays over it, or closes while passing over it.",
+    conclusion="It plays the habitual step of training, whether or not it was requested.",
     sharper=sharper_by_rule(
         {
             "most_frequent_first_step": "It begins with the step that most demonstrations began with, whether or not "
-            "it was asked for.",
-            "memorized_next_step": "It goes on with the step that came next in training, whether or not it was asked "
-            "for.",
-            "memorized_place": "It brings things where training brought them, whatever the instruction says.",
+            "it was requested.",
+            "memorized_next_step": "It continues with the step that came next in training, whether or not it was "
+            "requested.",
+            "memorized_place": "It brings objects where training brought them, regardless of the instruction.",
             "air_grasp_at_memorized_slot": "It grasps at empty slots, where training picked something.",
         }
     ),
-    finding="Plays a step of training that was not asked for",
+    finding="Plays a step of training that was not requested",
     rule=HABIT,
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first evidence of inertia, or of one that was begun where something was to be left alone."""
+    """Return the first evidence of inertia, or of an approach to an object that must not be touched."""
     found = [e for step in trial.episode.steps if (e := memorized_spot(trial, step)) is not None]
     found += itertools.islice(inertia_in(trial.episode), 1)
     return min(found, key=lambda e: e.start_s, default=None) or _approach(trial.episode)
 
 
 def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
-    """Yield the evidence of inertia of every attempt that shows some, in time."""
+    """Yield the evidence of inertia of every attempt that shows it, in time."""
     before: Step | None = None
     for step in episode.decisions:
         evidence = (
@@ -100,7 +100,7 @@ def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
 
 
 def _approach(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a gripper closes on its way over something to be left alone, or stays open over it."""
+    """Return evidence if a gripper closes or stays open over an object that must not be touched."""
     if not episode.off_limits or episode.steps:
         return None
     found, does = first_closing_in_motion(episode.trace, episode.off_limits), "closes on its way over the {}"
@@ -114,7 +114,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt is at the kind that demonstrations begin with, which is not asked for now."""
+    """Return evidence if an attempt is at the kind that demonstrations begin with, although it is not requested now."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
@@ -127,7 +127,7 @@ def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence |
 
 
 def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
-    """Return evidence if an attempt is at what followed the one before in training, without being asked for."""
+    """Return evidence if an attempt follows the training order although its object is not requested."""
     if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
     pair = (episode.kind(before.at), episode.kind(step.at))
@@ -141,7 +141,7 @@ def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> 
 
 
 def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the right object is put where training put its kind, which is not where it was asked for."""
+    """Return evidence if the right object is placed where training placed its kind, instead of the requested region."""
     found = episode.wrong_place(step)
     if found is None or step.at is None:
         return None
@@ -157,7 +157,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if the right object is put where it would be right if its target stood where training had it."""
+    """Return evidence if an object is put where it would be right if its target still stood in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None
@@ -170,7 +170,7 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
         return None
     target, at_rest = episode.trace.targets[step.goal], trial.record.state(rest)
     if _is_right(at_rest, episode, i, step.goal):
-        return None  # it was brought where the target stands, and fell over there or lies askew
+        return None  # it was brought to the actual target, and fell over or lies askew there
     for slot in episode.slots_in_training(target):
         state = _as_if_at(at_rest, target, slot)
         if _is_right(state, episode, i, step.goal):
@@ -185,7 +185,7 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
 
 
 def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
-    """Return a state with one object moved into a slot, turned with it."""
+    """Return a state with one object moved into a slot and rotated accordingly."""
     there, own = state.info.slot(slot), state.info.objects[i].slot
     turn = there.yaw - (0.0 if own is None else state.info.slot(own).yaw)
     positions, quaternions = list(state.positions), list(state.quaternions)
@@ -195,7 +195,7 @@ def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
 
 
 def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) -> bool:
-    """Tell whether an object is where a subgoal wants it, or over the middle of that place where contacts decide."""
+    """Return whether an object is where a subgoal wants it, or over the center of that region if contacts decide."""
     wanted = episode.goals[goal]
     kind, name = relation(wanted.relation), episode.name(i)
     target = state.info.objects[episode.trace.targets[goal]]
@@ -208,7 +208,7 @@ def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) ->
 
 
 def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper moves the drawer into which training put what is asked for."""
+    """Return evidence if the gripper moves the drawer into which training put the requested object."""
     if step.at is None or step.target is not AttemptTarget.OTHER or step.goal is None:
         return None
     if not episode.trace.is_drawer(step.at):
@@ -225,7 +225,7 @@ def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def _empty(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the gripper closes at an empty slot where training picked something."""
+    """Return evidence if the gripper closes at an empty slot from which training picked an object."""
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
         return None

@@ -1,4 +1,4 @@
-"""Causal confusion: a required step is skipped although its object is there, or a finished one is repeated."""
+"""Causal confusion: a required step is skipped although its object is present, or a finished step is repeated."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Fewer things stand there than when training began, or a step can be repeated with another object of its kind.
+    """Return whether fewer objects are present than when training began, or a step can be repeated.
 
-    Where a step is done already, things are fewer for a reason: who counts them is right.
+    If a step is already done, there are fewer objects for that reason, and a policy that counts them acts correctly.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)
@@ -40,7 +40,6 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first evidence of causal confusion."""
     episode = trial.episode
     for step in episode.decisions:
         if step.target is AttemptTarget.REPEATED:
@@ -51,14 +50,14 @@ def _find(trial: TrialView) -> Evidence | None:
                 continue
             text = (
                 f"It goes for {episode.describe(step)} and never for {episode.asked_words(step.goal)}, "
-                "which comes first and is there."
+                "which comes first and is present."
             )
             return episode.at_step("required_step_skipped", text, step)
     return _shut_empty(episode)
 
 
 def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if something is shut for good, and what belongs into it stays where it is or comes too late."""
+    """Return evidence if a drawer is shut for good before its content is inside."""
     trace = episode.trace
     pairs = [(goal, j) for goal in range(len(episode.goals)) for j in episode.fills(goal)]
     for goal, j in pairs:
@@ -68,14 +67,14 @@ def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
             continue
         late = episode.attempted_after(j, rows[0])
         if late and (episode.instruction.ordered or episode.attempted_before(j, rows[0])):
-            continue  # a wrong order, or a miss that came first
+            continue  # a wrong order, or an earlier miss
         if not trace.closing[rows[1]] and (late or find_halt(episode) is None):
-            continue  # an open gripper that goes on may have run into it
+            continue  # an open gripper may have run into it while moving on
         text = (
             f"It shuts the {episode.kind(i)} before it goes for {episode.asked_words(j)}, which has to be in it first."
             if late
             else f"It shuts the {episode.kind(i)} and never goes for {episode.asked_words(j)}, "
-            "which has to be in it first and is there."
+            "which has to be in it first and is present."
         )
         return episode.evidence("required_step_skipped", text, rows=rows, objects=(i,))
     return None

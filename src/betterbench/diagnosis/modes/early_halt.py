@@ -1,4 +1,4 @@
-"""Early halt: the arm stands still for good with subgoals open."""
+"""Early halt: the arm stops for good while subgoals are open."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Instruction and scene never met in training, and something is to be done.
+    """Return whether the combination of instruction and scene is new and something has to be done.
 
-    Where the scene looks half done, a halt before the first attempt is a phase conflict.
+    If the scene looks half done, a halt before the first attempt is a phase conflict instead.
     """
     met = {pairing(condition) for condition in x.task.training}
     return x.test.expected is Expected.SUCCEED and not x.test.mid_task_look and pairing(x.test) not in met
@@ -42,7 +42,6 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of an early halt."""
     episode = trial.episode
     if episode.condition.expected is not Expected.SUCCEED:
         return None

@@ -1,4 +1,4 @@
-"""Execution failure: the right target at the right time, and a failed manipulation."""
+"""Execution failure: the right target at the right time, but a failed manipulation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.words import agreeing, is_plural
 
-_KNOCKS = "knocks things over or out of their places"
+_KNOCKS = "knocks objects over or out of place"
 _HOW = {
     "missed_by_pose": "closes beside them",
     "weak_grip": "hardly closes its fingers on them",
@@ -44,42 +44,42 @@ _HOW = {
     "knocked_out_of_place": _KNOCKS,
     "harm": _KNOCKS,
 }
-"""What a policy does by the rule of its evidence, after "It goes for the right things, but"."""
+"""Description of the failed manipulation by evidence rule, after "It goes for the right objects, but"."""
 
 
 _UNTOLD = {
     "missed_between": "between two objects",
     "missed_by_far": "far from everything",
 }
-"""Where a gripper closes on nothing so that it cannot be told what it meant, by the rule of the evidence."""
+"""Descriptions of a closing on nothing whose target is unknown, by evidence rule."""
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Return where the gripper of a trial closed that does not tell what was meant first, or an empty text."""
+    """Return where the gripper first closed without a recognizable target, or an empty text."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
 
 def _aims_right(trial: TrialDiagnosis) -> bool:
-    """Return whether a trial shows that the policy went for what was asked: by its first attempt, or by its rule.
+    """Return whether the first attempt or the evidence rule of a trial shows that the target was right.
 
-    What is knocked over or brushed against may be anything, so these rules alone show no aim.
+    Any object may be knocked over or brushed against, so those rules alone do not show the target.
     """
     return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return how the manipulation fails in nearly all trials, if one or two ways tell it, or that nothing tells it.
+    """Return how the manipulation fails in nearly all trials, if one or two descriptions cover them.
 
-    That a policy goes for the right things is said where nearly all of these trials show what it goes for.
+    The text says that the policy goes for the right objects only if nearly all of these trials show their target.
     """
     untold = Counter(where for trial in trials if (where := _untold(trial)))
     if untold.total() > (1.0 - SHARE_OF_ALL) * len(trials):
         where = " or ".join(place for place, _ in untold.most_common())
         if untold.total() >= SHARE_OF_ALL * len(trials):
-            return f"It closes its gripper {where}, and it cannot be told what it means."
+            return f"It closes its gripper {where}; its target is unknown."
         share = f"in {untold.total()} of {len(trials)} of these trials it closes {where}"
-        return f"Its manipulation fails; {share}, so that nothing tells what it means."
+        return f"Its manipulation fails; {share}, so that its target is unknown."
     told = [trial for trial in trials if not _untold(trial)]
     ways = Counter(_HOW.get(trial.evidence.rule, "") for trial in told).most_common(2)
     named = ways[:1] if ways[0][1] >= SHARE_OF_ALL * len(trials) else ways
@@ -88,30 +88,30 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     aimless = sum(not _aims_right(trial) for trial in trials)
     if aimless > (1.0 - SHARE_OF_ALL) * len(trials):
         said = f": it {how.replace('them', 'things')}" if how else ""
-        return f"Its manipulation fails{said}; {aimless} of {len(trials)} of these trials do not show what it goes for."
-    return f"It goes for the right things, but {how}." if how else ""
+        return f"Its manipulation fails{said}; {aimless} of {len(trials)} of these trials do not show its target."
+    return f"It goes for the right objects, but {how}." if how else ""
 
 
 def _about(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return what failed in some trials, as far as they tell it."""
+    """Return a clause on the target of the failed attempts."""
     untold = sum(bool(_untold(trial)) for trial in trials)
     if untold == len(trials):
-        return ", and nothing tells what was meant"
-    return " of the right target" + (f", or of what nothing tells ({plural(untold, 'trial')})" if untold else "")
+        return ", with an unknown target"
+    return " of the right target" + (f", or of an unknown target ({plural(untold, 'trial')})" if untold else "")
 
 
 @FailureMode(
     Label.EXECUTION_FAILURE,
     short="execution",
     definition="The right target at the right time, but the object slipped, was dropped, missed or knocked away "
-    "again, the arm collided, a drawer was left halfway, or something that was not asked for came to harm.",
-    conclusion="It goes for the right things, but its manipulation fails.",
+    "again, the arm collided, a drawer was left halfway, or an object that was not requested was harmed.",
+    conclusion="It goes for the right objects, but its manipulation fails.",
     sharper=_sharper,
     finding="Fails at the manipulation",
     detail=_about,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first failure that was not made good later, or a missed goal that nothing else explains."""
+    """Return the first failure that was not made good later, or a missed goal without another explanation."""
     episode = trial.episode
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
@@ -122,10 +122,10 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
-    """Return the evidence of an episode in which every step was right and the goal was missed all the same."""
+    """Return evidence for an episode in which every step was right but the goal was missed."""
     last = episode.trace.rows - 1
     if episode.condition.expected is not Expected.SUCCEED:
-        text = "Nothing wrong was grasped, and yet the arm did not come to rest or did not leave things alone."
+        text = "No wrong object was grasped, but the arm did not come to rest or touched an object."
         return episode.evidence("goal_not_held", text, rows=(last, last))
     done = episode.trace.done
     lost = [g for g in range(done.shape[1]) if not done[last, g]]
@@ -134,7 +134,7 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     many = len(kinds) > 1 or any(map(is_plural, kinds))
     state = "are not where they have" if many else "is not where it has"
     which = f": the {listed(kinds)} {state} to be, at rest and let go" if kinds else " for long enough"
-    text = f"Every attempt was right, and yet the goal does not hold at the end{which}."
+    text = f"Every attempt was right, but the goal is not met at the end{which}."
     return episode.evidence("goal_not_held", text, rows=(last, last), objects=things)
 
 
@@ -154,7 +154,7 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
         how, why = _between_words(episode, step)
         text = (
             f"The gripper closes{how} between the {episode.kind(step.at)}, the right target, and the "
-            f"{episode.kind(step.between)}, {why}: it cannot be told which of the two was meant."
+            f"{episode.kind(step.between)}, {why}: either may have been the target."
         )
         return episode.at_step("missed_between", text, step)
     if i is None:
@@ -165,27 +165,27 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
         return None
     if not step.grasp.secured:
         if episode.trace.left[-1, i] and episode.trace.right[-1, i] and not _tried_in_vain(episode, i):
-            return None  # the episode ended with the object between the fingers: there was no time to lift it
+            return None  # the episode ended with the object between the fingers, too early to lift it
         text = f"The gripper closes on the {episode.kind(i)}, the right target, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i)
 
 
 def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
-    """Return the evidence of a closing at the right target that got hold of nothing."""
+    """Return evidence of a closing at the right target that did not grip it."""
     kind, grasp, trace = episode.kind(i), step.grasp, episode.trace
     if trace.touched[grasp.start : grasp.release, i].any():
-        text = f"The gripper closes by a little at the {kind}, the right target, and does not hold it."
+        text = f"The gripper closes slightly at the {kind}, the right target, and does not hold it."
         return episode.at_step("weak_grip", text, step)
     if trace.width[grasp.start] - trace.width[grasp.end] >= CLOSED_IN_PART:
         text = f"The fingers close around the {kind}, the right target, without touching it."
         return episode.at_step("closed_in_part", text, step)
-    text = f"The gripper is told to close at the {kind}, the right target, and its fingers hardly move."
+    text = f"The gripper is commanded to close at the {kind}, the right target, and its fingers hardly move."
     return episode.at_step("weak_grip", text, step)
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return what a closing between two objects was on, and why it cannot be told which of them was meant."""
+    """Return what a closing between two objects was on, and why its target is ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -193,14 +193,14 @@ def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
 
 
 def _tried_in_vain(episode: EpisodeAnalysis, i: int) -> bool:
-    """Tell whether the gripper had an object between its fingers again and again, and then no more."""
+    """Return whether an object was between the fingers repeatedly, but not at the end."""
     tries = [s for s in episode.steps if s.grasp.object == i and s.target is AttemptTarget.ASKED]
     vain = [s for s in tries[:-1] if not episode.completed_after(s.goal, s.grasp.end)]
     return len(vain) >= TRIES_IN_VAIN
 
 
 def _held_later(episode: EpisodeAnalysis, step: Step, goal: int) -> bool:
-    """Tell whether a later try for the same subgoal has the object in the gripper when the episode ends."""
+    """Return whether a later attempt for the same subgoal holds the object when the episode ends."""
     held = int(episode.trace.held[-1])
     if step.grasp.object is not None and _tried_in_vain(episode, step.grasp.object):
         return False
@@ -226,7 +226,7 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the right target was moved aside again and again, by less than a push, and never grasped."""
+    """Return evidence if the right target was repeatedly moved aside by less than a push, and never grasped."""
     times: dict[int, list[Stay]] = {}
     for shove in episode.shoves:
         due = episode.wanted(shove.start)
@@ -243,7 +243,7 @@ def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the fingers came to the right target shut, ran into it, or never closed far enough."""
+    """Return evidence if the gripper reached the right target closed, ran into it, or never closed far enough."""
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
         return None
@@ -254,7 +254,7 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
         return episode.evidence("comes_shut", text, rows=rows, objects=objects)
     rows = runs_into(trace, episode.idle_from, stay.at)
     if rows is not None:
-        text = f"The open gripper runs into the {kind}, the right target, again and again, and does not take it."
+        text = f"The open gripper runs into the {kind}, the right target, again and again, and does not grasp it."
         return episode.evidence("run_into", text, rows=rows, objects=objects)
     rows = closes_in_part(trace, episode.idle_from, stay.at)
     if rows is None:
@@ -264,7 +264,7 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a fist that was to push a drawer shut has left it open, or pushes and moves it no more."""
+    """Return evidence if a closed gripper meant to push a drawer shut leaves it open, or no longer moves it."""
     trace, last = episode.trace, episode.trace.rows - 1
     if not episode.fists or find_halt(episode) is not None:
         return None
@@ -276,16 +276,16 @@ def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
         openings = [trace.opening(row, i) for row in range(fist.start, trace.rows)]
         then, now = openings[: max(lately - fist.start, 0)], openings[max(lately - fist.start, 0) :]
         if fist.release > last and (not then or min(then) - min(now) > THRESHOLDS.rest_travel):
-            return None  # the limit comes while it pushes
+            return None  # the step limit was reached while it pushed
         text = f"The closed gripper is to push the {episode.kind(i)}, the right one, shut, and leaves it open."
         return episode.evidence("drawer_left_halfway", text, rows=(fist.start, min(fist.release, last)), objects=(i,))
     return None
 
 
 def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper shut far from everything and no later attempt tells what was meant.
+    """Return evidence if the gripper closed far from all objects and no later attempt shows the target.
 
-    Something was missed by far, and what it was cannot be known. It is no evidence of reasoning.
+    The target was missed by a large distance and is unknown. This is not evidence about reasoning.
     """
     trace = episode.trace
     for closing in episode.on_nothing:
@@ -295,16 +295,16 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
         tool = trace.tool[closing.end]
         gaps = trace.box_distances(closing.end, tool)
         near = min(trace.items, key=lambda i: (gaps[i], i), default=None)
-        where = "" if near is None else f", {100 * gaps[near]:.0f} cm from the {episode.kind(near)}, the nearest thing"
+        where = "" if near is None else f", {100 * gaps[near]:.0f} cm from the {episode.kind(near)}, the nearest object"
         text = f"The gripper shuts on nothing{where}; {episode.asked_words(due[0])} was asked for."
         return episode.evidence("missed_by_far", text, rows=(closing.start, closing.end))
     return None
 
 
 def _brought_later(trial: TrialView, step: Step) -> bool:
-    """Tell whether a later try for the same subgoal worked, so that only the target region was wrong.
+    """Return whether a later attempt for the same subgoal worked, so that only the target region was wrong.
 
-    What was let go high above the place may have landed there by chance, unless the place is a container.
+    An object released high above the region may have landed there by chance, unless the target is a container.
     """
     episode = trial.episode
     for later in episode.steps:
@@ -323,7 +323,7 @@ def _brought_later(trial: TrialView, step: Step) -> bool:
 
 
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
-    """Tell whether a drawer is as far out, or in, as the step needs it after all; one that is to be shut is not yet."""
+    """Return whether a drawer ends as far open, or closed, as the step requires; not if it still has to be shut."""
     trace = episode.trace
     if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
         return False
@@ -334,15 +334,15 @@ def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
 
 
 def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | None:
-    """Return evidence if the gripper let go of a drawer on its way and nothing moved it on from there."""
+    """Return evidence if the gripper released a drawer halfway and nothing moved it further."""
     if episode.trace.left[-1, drawer] and episode.trace.right[-1, drawer]:
-        return None  # the episode ended with the gripper on it
+        return None  # the episode ended with the gripper on the drawer
     text = f"The gripper moves the {episode.kind(drawer)}, the right one, and leaves it halfway."
     return episode.at_step("drawer_left_halfway", text, step)
 
 
 def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
-    """Return evidence if an object left the gripper and came to rest at no place where a policy could want it."""
+    """Return evidence if an object left the gripper and came to rest outside every plausible target region."""
     trace, rows = episode.trace, episode.let_go(step)
     if rows is None:
         return None
@@ -365,7 +365,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 
 
 def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if something that the task needs was knocked over or off the table without being grasped."""
+    """Return evidence if an object that the task needs was knocked over or off the table without being grasped."""
     trace = episode.trace
     grasped = {s.at for s in episode.steps}
     needed = episode.asked_indices | {i for i, o in enumerate(trace.info.objects) if o.role == "container"}
@@ -386,9 +386,10 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if something was moved that was not asked for; an attempt at it is earlier evidence.
+    """Return evidence if an object was moved that was not requested; an attempt at it is earlier evidence.
 
-    What is knocked aside by a gripper that then closes on it was meant, so its harm counts from that attempt on.
+    An object that is knocked aside by a gripper that then closes on it was the target, so its harm counts from that
+    attempt on.
     """
     if not episode.harm:
         return None
@@ -403,7 +404,7 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _undone(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a subgoal that was done came undone for good; an attempt that did it is earlier evidence."""
+    """Return evidence if a finished subgoal was undone for good; the attempt that undid it is earlier evidence."""
     trace = episode.trace
     found: list[tuple[int, int]] = []
     for g, goal in enumerate(episode.goals):
@@ -420,12 +421,12 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if something that was to be left alone was touched or moved without an attempt at it."""
+    """Return evidence if an object that must not be touched was touched or moved without an attempt at it."""
     wrong = any(step.target is not AttemptTarget.ASKED for step in episode.decisions)
     if episode.condition.expected is Expected.SUCCEED or wrong:
         return None
     trace = episode.trace
-    if episode.condition.expected is Expected.REFUSE:  # what is asked for and is there may be taken
+    if episode.condition.expected is Expected.REFUSE:  # requested objects that are present may be grasped
         items = {i for i in trace.items if trace.info.objects[i].role != "drawer"} - episode.asked_indices
         touched = trace.touched & np.isin(np.arange(trace.touched.shape[1]), list(items))
     else:

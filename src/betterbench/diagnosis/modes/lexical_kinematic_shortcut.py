@@ -1,4 +1,4 @@
-"""Lexical-kinematic shortcut: the gripper goes where the instruction's word led in training, to another object."""
+"""Lexical-kinematic shortcut: the gripper goes where a word of the instruction led in training, to another object."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """A word of the instruction was picked in a slot that now holds another object that an instruction may mean."""
+    """Return whether a slot from which training picked a word's object now contains another known object."""
     for goal in x.open_goals:
         for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
             kind = x.movable_in(slot)
@@ -24,7 +24,7 @@ def _exposed(x: Exposure) -> bool:
     Label.LEXICAL_KINEMATIC_SHORTCUT,
     short="lexical",
     definition="The first attempt is at the place where a word of the instruction led in training, at an object that "
-    "stands there now and that the word does not mean.",
+    "is there now and that the word does not refer to.",
     conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
     finding="Goes where the word led in training, to another object",
     rule=WORD,
@@ -59,12 +59,12 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str, ...]:
-    """Return what an attempt's object shares with what the word means, its look alone: the slot is the rule's own."""
+    """Return the visual properties that an attempt's object shares with the word's object; the slot is excluded."""
     return () if step.at is None or goal is None else episode.shared_looks(step.at, episode.meant[goal])
 
 
 def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:
-    """Tell whether a word was picked in a slot in training, or in another layout's slot at the same place."""
+    """Return whether a word was picked in a slot in training, or in another layout's slot at the same position."""
     if word is None or slot is None:
         return False
     places = {episode.trace.place_of(trained) for trained in episode.trained.word_slots.get(word, ())}
@@ -72,10 +72,10 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the subgoal that an attempt serves with an object that was asked for elsewhere, or None.
+    """Return the subgoal that an attempt serves with an object that was requested for another subgoal, or None.
 
-    Where the order is free, the mug that is taken for the mouse is a right object and betrays itself by where it is
-    brought. If training brought its kind there, habit explains that, and no mistaken identity is needed.
+    If the order is free, taking the mug for the mouse shows only in where it is brought. If training brought the mug's
+    kind there, habit is the simpler explanation.
     """
     goal = episode.taken_for(step)
     if goal is None or step.at is None or step.target is not AttemptTarget.ASKED:
@@ -85,7 +85,7 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the word of the subgoal that was due at an attempt; where none was left, of the first subgoal."""
+    """Return the word of the subgoal that was due at an attempt; if none was open, of the first subgoal."""
     goals = episode.goals
     if not goals:
         return None

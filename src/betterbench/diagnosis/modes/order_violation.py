@@ -1,4 +1,4 @@
-"""Order violation: right objects in a wrong order, where the order is part of the goal."""
+"""Order violation: right objects in a wrong order, if the order is part of the goal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """The order is part of the goal, no demonstration had it, and no habit explains what may come too early."""
+    """Return whether the goal includes an order that training never showed and that no habit could violate."""
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
     early = {kind for goal in x.open_goals[1:] for kind in x.kinds(goal)} - {x.trained.habit}
@@ -29,15 +29,14 @@ def _exposed(x: Exposure) -> bool:
     conclusion="It handles the right objects in the wrong order.",
     sharper=sharper_by_rule(
         {
-            "memorized_order": "It goes on with the step that came next in training, where the instruction has another "
-            "order.",
+            "memorized_order": "It goes on with the step that came next in training, where the instruction has "
+            "another order.",
         }
     ),
-    finding="Does the right things in the wrong order",
+    finding="Handles the right objects in the wrong order",
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first evidence of a violated order."""
     episode = trial.episode
     if not episode.instruction.ordered:
         return None
@@ -59,7 +58,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
-    """Tell whether an attempt is at what followed a kind in some demonstrations."""
+    """Return whether an attempt is at an object that followed a kind in some demonstration."""
     if step.at is None:
         return False
     pair = (done, episode.kind(step.at))
@@ -67,7 +66,7 @@ def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
 
 
 def _completed_in_wrong_order(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a step is completed before an earlier one, however that came about."""
+    """Return evidence if a step is completed before an earlier one, whatever the cause."""
     done = episode.trace.done
     first = [int(np.argmax(column)) if column.any() else None for column in done.T]
     late: list[tuple[int, int]] = []

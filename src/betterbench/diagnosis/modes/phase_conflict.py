@@ -1,4 +1,4 @@
-"""Phase conflict: the policy cannot tell which step is due, and freezes at the start or goes to and fro."""
+"""Phase conflict: the policy cannot recognize the step that is due, and freezes at the start or moves to and fro."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """The initial state looks like the middle of a demonstration, and something is to be done."""
+    """Return whether the initial state looks like the middle of a demonstration and something has to be done."""
     return x.test.mid_task_look and x.test.expected is Expected.SUCCEED
 
 
@@ -32,20 +32,20 @@ def _exposed(x: Exposure) -> bool:
     Label.PHASE_CONFLICT,
     short="phase",
     definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
-    "empty gripper goes to and fro until the end, moves nothing, and comes no nearer to what is asked for.",
-    conclusion="It cannot tell which step is due: it freezes in half-finished scenes, or goes to and fro.",
+    "empty gripper goes to and fro until the end, moves nothing, and does not approach a requested object.",
+    conclusion="It does not recognize the due step: it freezes in half-finished scenes, or goes to and fro.",
     sharper=sharper_by_rule(
         {
             "freeze_in_mid_task_scene": "It freezes before its first grasp where the scene looks half finished: it "
-            "cannot tell which step is due.",
-            "to_and_fro": "It goes to and fro without a grasp: it cannot tell which step is due.",
+            "does not recognize the due step.",
+            "to_and_fro": "It goes to and fro without a grasp: it does not recognize the due step.",
         }
     ),
     finding="Freezes in a scene that looks half finished, or goes to and fro without an attempt",
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of a freeze before any attempt, or of going to and fro after the last."""
+    """Return evidence of a freeze before any attempt, or of moving to and fro after the last."""
     episode = trial.episode
     halt = find_halt(episode)
     if episode.condition.mid_task_look and not episode.steps and halt is not None:
@@ -54,7 +54,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if halt is not None or episode.condition.expected is not Expected.SUCCEED:
         return None
     if comes_down_to(episode.trace, episode.idle_from) in episode.wanted(episode.idle_from):
-        return None  # it knows what to take, and fails to close its gripper
+        return None  # the target is known, and the gripper fails to close
     stay = next((step for step in episode.others if step.means is Means.STAY), None)
     if stay is not None:
         return _comes_and_goes(episode, stay)
@@ -68,15 +68,15 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Tell whether a way to and fro moves something aside, or leads to what is asked for."""
+    """Return whether motion to and fro moves an object aside or leads to a requested object."""
     moves = any(shove.end >= rows[0] for shove in episode.shoves)
     return moves or comes_nearer(episode.trace, rows, episode.wanted(rows[0]))
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Tell whether a way leads over objects that may all be taken now, and over nothing else.
+    """Return whether a path leads only over objects that may be grasped now, and over more than one.
 
-    Over one of them alone it comes and goes, which is to and fro where the scene looks half finished.
+    Over a single object, repeated visits count as moving to and fro if the scene looks half finished.
     """
     over = {stay.object for stay in find_stays(episode.trace, rows[0])}
     if not over or not over <= set(episode.wanted(rows[0])):
@@ -88,7 +88,7 @@ def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
-    """Return evidence if the open gripper comes over the right thing and goes away again and again, until the end."""
+    """Return evidence if the open gripper repeatedly comes over the right object and leaves again until the end."""
     if stay.at is None or stay.target is not AttemptTarget.ASKED or not episode.condition.mid_task_look:
         return None
     rows = returns_to(episode.trace, episode.idle_from, stay.at)
@@ -104,6 +104,6 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Return the kinds that the gripper is over on its way to and fro, if there are several."""
+    """Return the kinds under the gripper while it moves to and fro, if there are several."""
     over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
     return [f"the {kind}" for kind in over] if len(over) > 1 else []

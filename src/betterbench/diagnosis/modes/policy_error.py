@@ -1,4 +1,4 @@
-"""Policy error: the policy crashed, answered too late or sent an invalid action; never a failure of reasoning."""
+"""Policy error: the policy crashed, answered too late or sent an invalid action; never a reasoning failure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.tasks.labels import Label
     ),
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of an episode that the policy or the operator broke off."""
+    """Return evidence of an episode that the policy or the operator ended early."""
     outcome = trial.record.outcome
     if outcome.termination not in ("policy_error", "interrupted"):
         return None
@@ -27,7 +27,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def label_without_record(reason: str | None) -> Label:
-    """Return the label of a planned trial that has no record: unfinished, unless it broke down for a reason."""
+    """Return the label of a planned trial without a record: unfinished, unless it broke down for a known reason."""
     return Label.POLICY_ERROR if reason else Label.UNFINISHED
 
 

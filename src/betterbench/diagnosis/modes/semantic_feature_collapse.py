@@ -16,7 +16,7 @@ from betterbench.tasks.labels import Label
 
 
 def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return what the wrongly chosen objects share with the targets, the most frequent combination."""
+    """Return the most frequent combination of properties that the wrongly chosen objects share with the targets."""
     counts = Counter(t.evidence.shared for t in trials)
     shared = min(counts, key=lambda s: (-counts[s], s))
     return f", {_likeness(shared)}" if shared else ", nothing like the target"
@@ -31,14 +31,14 @@ def _likeness(shared: Sequence[str]) -> str:
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return what nearly all of the wrongly chosen objects share with the targets."""
+    """Return what nearly all wrongly chosen objects share with the targets."""
     counts = Counter(feature for trial in trials for feature in trial.evidence.shared)
     shared = [feature for feature in ("color", "shape", "slot") if counts[feature] >= SHARE_OF_ALL * len(trials)]
     return f"It takes look-alikes for the real thing: objects {_likeness(shared)}." if shared else ""
 
 
 def _exposed(x: Exposure) -> bool:
-    """Something that no instruction means stands in a slot that training picked from, or has the right color."""
+    """Return whether an object that no instruction names is in a trained slot or has the color of a target."""
     picked = {slot for slots in x.trained.kind_slots.values() for slot in slots}
     colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
     for o in x.test.objects:
@@ -53,8 +53,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
     short="look-alike",
-    definition="The attempt is at an object that no instruction of the task asks to move; one that is only ever "
-    "a target counts.",
+    definition="The attempt is at an object that no instruction of the task asks to move; an object that is only a "
+    "placement target counts.",
     conclusion="It takes look-alikes for the real thing.",
     sharper=_sharper,
     finding="Goes for an object that no instruction asks to move",
@@ -62,7 +62,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first evidence of a collapse, with what the object shares with the target."""
+    """Return the first evidence of a collapse, with the properties that the object shares with the target."""
     episode = trial.episode
     for step in episode.decisions:
         if step.target is AttemptTarget.FOREIGN:
@@ -77,7 +77,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
-    """Return what the object of an attempt has in common with what was asked for: color, shape, trained slot."""
+    """Return the properties that the object of an attempt shares with the requested one: color, shape, trained slot."""
     if step.at is None:
         return ()
     found = episode.trace.info.objects[step.at]
@@ -93,12 +93,10 @@ def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
 
 
 def _absent(episode: EpisodeAnalysis) -> int | None:
-    """Return the first subgoal whose object is not in the scene: what is taken then stands in for that, or None."""
+    """Return the first subgoal whose object is absent from the scene, so that another object replaces it, or None."""
     return next((g for g, names in enumerate(episode.meant) if not names), None)
 
 
 def _asked_for(episode: EpisodeAnalysis, step: Step) -> str:
     absent = _absent(episode)
-    return (
-        episode.asked_for(step) if absent is None else f"{episode.goals[absent].word!r} was asked for and is not there"
-    )
+    return episode.asked_for(step) if absent is None else f"{episode.goals[absent].word!r} was asked for and is absent"

@@ -1,4 +1,4 @@
-"""The three labels of a success: the goal is met, nothing was to be done, or what was asked for is absent."""
+"""The three labels of a success: the goal is met, nothing had to be done, or the requested object is absent."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from betterbench.tasks.labels import Label
 @FailureMode(
     Label.SUCCESS,
     short="solved",
-    definition="The goal is met, at rest and released, before the step limit, and nothing else came to harm.",
+    definition="The goal is met, at rest and released, before the step limit, and nothing else was harmed.",
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of a goal that is met."""
     return _success(trial, Expected.SUCCEED, "The goal is met.")
 
 
@@ -24,7 +23,7 @@ def _find(trial: TrialView) -> Evidence | None:
     definition="Nothing was left to do, nothing was touched or approached, and the arm came to rest.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
-    """Return the evidence of an arm that rightly did nothing."""
+    """Return evidence that the arm correctly did nothing."""
     return _success(trial, Expected.STAY_STILL, "Nothing was to be done, and nothing was touched.")
 
 
@@ -34,7 +33,7 @@ def _find_freeze(trial: TrialView) -> Evidence | None:
     definition="The instructed object was absent, and no other object was attempted or moved instead.",
 )
 def _find_refusal(trial: TrialView) -> Evidence | None:
-    """Return the evidence of an arm that rightly took nothing in place of what is absent."""
+    """Return evidence that the arm correctly took no other object when the requested one is absent."""
     return _success(trial, Expected.REFUSE, "The target is absent, and nothing forbidden was touched.")
 
 
@@ -50,4 +49,4 @@ SUCCESS_LABELS = {
     Expected.STAY_STILL: Label.CORRECT_FREEZE,
     Expected.REFUSE: Label.CORRECT_REFUSAL,
 }
-"""The label of a success under what is expected."""
+"""The label of a success by expected behavior."""

@@ -1,4 +1,4 @@
-"""Timeout: nothing was done wrong, and the step limit is reached with something left to do."""
+"""Timeout: no wrong attempt was made, and the step limit is reached with subgoals open."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from betterbench.tasks.labels import Label
 
 _BY_MECHANISM = sharper_by_rule(
     {
-        "never_closes": "It goes for the right things, but its gripper never closes on them.",
-        "does_not_close": "It goes for the right things, but its gripper does not close on them.",
-        "never_descends": "It goes over the right things, but its gripper does not come down to them.",
-        "never_opens": "It brings the right things to their places, but its gripper never opens there.",
+        "never_closes": "It goes for the right objects, but its gripper never closes on them.",
+        "does_not_close": "It goes for the right objects, but its gripper does not close on them.",
+        "never_descends": "It goes over the right objects, but its gripper does not come down to them.",
+        "never_opens": "It brings the right objects to their target regions, but its gripper never opens there.",
     }
 )
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return which mechanism takes the time, or that nearly all trials ended before the first grasp attempt."""
+    """Return the mechanism that takes the time, or that nearly all trials ended before the first grasp attempt."""
     never = sum(not trial.attempts for trial in trials)
     before = "It runs out of time before its first grasp." if never >= SHARE_OF_ALL * len(trials) else ""
     return _BY_MECHANISM(trials) or before
@@ -33,13 +33,12 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.TIMEOUT,
     short="timeout",
-    definition="Every attempt was right, or nothing else was gone for, and the step limit was reached.",
-    conclusion="It does the right things, but runs out of time.",
+    definition="Every attempt was right, or no other object was attempted, and the step limit was reached.",
+    conclusion="It makes no mistake, but runs out of time.",
     sharper=_sharper,
     finding="Attempts nothing wrong until the step limit ends the trial",
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of a timeout, if nothing else explains the trial."""
     if not trial.unexplained or not trial.out_of_time:
         return None
     episode = trial.episode
@@ -51,7 +50,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
-    """Return the rule and the clause of a gripper that never closes on the right thing, or never lets go of it."""
+    """Return the rule and the clause for a gripper that never closes on the right object, or never releases it."""
     trace, first = episode.trace, episode.idle_from
     reached = comes_down_to(trace, first)
     if reached is not None and reached in episode.wanted(first):
@@ -73,7 +72,7 @@ def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
 
 
 def _stay(episode: EpisodeAnalysis) -> int | None:
-    """Return the thing that an open gripper stayed over, or None."""
+    """Return the object that an open gripper stayed over, or None."""
     return next((s.at for s in episode.others if s.means is Means.STAY and s.at is not None), None)
 
 
@@ -82,7 +81,7 @@ def _over(episode: EpisodeAnalysis, i: int) -> str:
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
-    """Return a clause that says on which course the policy was."""
+    """Return a clause on what the policy was doing at the step limit."""
     held = in_fingers(episode.trace, last)
     if held is not None:
         return f"with the {episode.kind(held)} in the gripper"

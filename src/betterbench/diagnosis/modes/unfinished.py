@@ -10,10 +10,10 @@ from betterbench.tasks.labels import Label
 @FailureMode(
     Label.UNFINISHED,
     short="unfinished",
-    definition="The run was stopped before the trial had ended; no failure of any kind.",
-    conclusion="The run is not finished: the same command runs the trials that are left.",
+    definition="The run was stopped before the trial had ended; this is not a failure of the policy.",
+    conclusion="The run is not finished: run the same command again for the remaining trials.",
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return nothing: what has a record has ended."""
+    """Return nothing, because a trial with a record has ended."""
     del trial
     return None

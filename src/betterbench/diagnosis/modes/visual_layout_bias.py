@@ -1,4 +1,4 @@
-"""Visual layout bias: the first attempt does not depend on what is asked. A verdict over paired trials."""
+"""Visual layout bias: the first attempt does not depend on the instruction. It is decided over paired trials."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """The slot that was picked for most words holds something known that is not to be picked now.
+    """Return whether the slot that was picked for most words contains a known object that must not be picked now.
 
-    What no instruction means is left out: an attempt at it shows another fault. So is an empty slot, at which a grasp
-    does no harm, unless nothing may be grasped at.
+    An object without any instruction is excluded, because an attempt at it shows another fault. An empty slot is
+    excluded too, because a grasp there does no harm, unless nothing may be grasped.
     """
     slot = x.trained.favorite_slot
     kind = x.movable_in(slot)
@@ -29,22 +29,23 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.VISUAL_LAYOUT_BIAS,
     short="layout bias",
-    definition="The first attempt does not depend on the instruction: it is at the same slot, or at whatever a feature "
-    "of the scene or of the arm's start picks; decided over pairs of trials.",
-    conclusion="It goes to the same place whatever the instruction says.",
+    definition="The first attempt does not depend on the instruction: it is at the same slot, or is determined by a "
+    "feature of the scene or of the arm's start pose. Decided over pairs of trials.",
+    conclusion="It goes to the same place regardless of the instruction.",
     sharper=sharper_by_rule(
         {
-            SAME_TARGET: "It does not use the instruction: its first target stays the same where only that changes.",
-            SAME_THING: "It goes for one kind of thing wherever that stands, whatever the instruction says.",
+            SAME_TARGET: "It does not use the instruction: its first target stays the same when only the instruction "
+            "changes.",
+            SAME_THING: "It goes for one kind of object in every scene that has one, regardless of the instruction.",
         }
     ),
-    finding="Goes to the same place or thing whatever the instruction",
+    finding="Goes to the same place or kind of object regardless of the instruction",
     rule=PLACE,
     needs_rule=True,
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of a wrong first attempt at a slot; the second pass says whether the slot is a favorite."""
+    """Return evidence of a wrong first attempt at a slot; the second pass decides whether the slot is a favorite."""
     episode = trial.episode
     step = episode.first_choice
     if step is None or step.grasp.slot is None or step.target is AttemptTarget.FOREIGN:

@@ -1,4 +1,4 @@
-"""Wrong object or place: one that another instruction means, where no more specific rule is proven."""
+"""Wrong object or place: another instruction of the task asks for it, and no more specific rule is proven."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from betterbench.tasks.words import agreeing
     Label.WRONG_OBJECT,
     short="wrong object",
     definition="An attempt at an object or target of another instruction, without proof of a rule in this run.",
-    conclusion="It goes for the wrong object; this run cannot tell by which rule.",
+    conclusion="It goes for the wrong object; this run does not show by which rule.",
     finding="Goes for a wrong object, by no proven rule",
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first evidence of a wrong object or place."""
     episode = trial.episode
     for step in episode.decisions:
         if step.target in (AttemptTarget.OTHER, AttemptTarget.EMPTY):

@@ -1,6 +1,6 @@
-"""The environment hub: what LeRobot imports to find our tasks.
+"""The environment hub: the entry point through which LeRobot finds our tasks.
 
-- ``env.py`` is the whole of a hub package: upload it as it is, and LeRobot's ``make_env("you/better")`` finds ours.
-- ``config.py`` makes ``--env.type=betterbench`` known to the commands of LeRobot when they are told
+- ``env.py`` is a complete hub package: upload it unchanged, and LeRobot's ``make_env("you/better")`` finds our tasks.
+- ``config.py`` registers ``--env.type=betterbench`` for the commands of LeRobot with
   ``--env.discover_packages_path=betterbench.episodes.envhub``.
 """

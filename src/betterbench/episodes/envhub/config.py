@@ -1,4 +1,4 @@
-"""The configuration by which LeRobot's commands make our environments: ``--env.type=betterbench``."""
+"""Configuration of our environments for LeRobot's commands: ``--env.type=betterbench``."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Declare what the environment gives and takes, under the names of its observation and of LeRobot."""
+        """Declare the observations and actions, under the names of the environment and of LeRobot."""
         select_conditions(self.task)
         dim = action_space(self.action_space).dim
         self.features = {
@@ -62,22 +62,22 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
     @property
     def gym_id(self) -> str:
-        """Id under which Gymnasium makes the environment."""
+        """Gymnasium id of the environment."""
         return ENVIRONMENT_ID
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Arguments with which Gymnasium makes the one environment of LeRobot 0.4; several are an InvalidInputError."""
+        """Gymnasium arguments of the one environment of LeRobot 0.4; InvalidInputError for several."""
         named = select_conditions(self.task)
         if len(named) != 1:
             raise InvalidInputError(
                 "--env.task",
-                f"{self.task!r} stands for {len(named)} conditions, and this LeRobot evaluates one at a time",
+                f"{self.task!r} stands for {len(named)} conditions, but this LeRobot evaluates one at a time",
                 "Name one, as in fast_food/T1, or install LeRobot 0.5 or newer",
             )
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-        """Return the vector environments of all conditions; LeRobot asks for them from version 0.5 on."""
+        """Return the vector environments of all conditions; called by LeRobot from version 0.5 on."""
         return make_env(n_envs, use_async_envs, cfg=self)

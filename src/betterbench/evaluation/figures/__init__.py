@@ -1,1 +1,1 @@
-"""Images of scenes and films of records."""
+"""Images of scenes and videos of records."""

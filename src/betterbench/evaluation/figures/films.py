@@ -1,65 +1,33 @@
-"""Films: images of recorded states, rendered after the run from the records alone."""
+"""Images and videos of recorded states, rendered after the run from its records."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import av
 import numpy as np
-from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError
+from betterbench.jobs import OnCount
 from betterbench.jobs.durable import DurableFile
 from betterbench.jobs.outputs import mark_of
-from betterbench.json_form import open_form, read_form
 from betterbench.records import Record, RunFolder
 from betterbench.sim.scenes.image_files import jpeg_bytes
 from betterbench.sim.scenes.limited import LimitedView
-from betterbench.sim.worlds import WorldProcess, world_command
+from betterbench.sim.worlds import Photo, world_named
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One image to render: of a trial at a simulated time [s]."""
+    """One image to render: a trial at a simulated time [s]."""
 
     task: str
     condition: str
     seed: int
     time_s: float
-
-
-@open_form
-@dataclass(frozen=True, slots=True)
-class _DrawnTask:
-    """Stored fields of a LIBERO task or a LIBERO-Plus variant that a film needs."""
-
-    suite: str
-    number: int
-    variant: str | None = None
-
-
-@open_form
-@dataclass(frozen=True, slots=True)
-class _DrawnProtocol:
-    """Stored field of a protocol that a film needs."""
-
-    seed: int
-
-
-@open_form
-@dataclass(frozen=True, slots=True)
-class _Drawn:
-    """Stored fields of a run's world settings that a film needs."""
-
-    name: str
-    tasks: dict[str, _DrawnTask]
-    protocol: _DrawnProtocol
-
-
-_DRAWN = TypeAdapter(_Drawn)
 
 
 def render_shots(
@@ -69,22 +37,22 @@ def render_shots(
     camera: str = "front",
     size: int = 320,
     quality: str = "standard",
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> dict[Shot, bytes]:
     """Return one JPEG per shot, of ``size`` pixels on each side; shots of one scene share its model.
 
-    A run in LIBERO is drawn by LIBERO, with its front camera.
+    A run in another world is drawn by that world: LIBERO draws with its front camera.
 
     ``on_progress`` is called with the number of images done and planned.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
-        MissingDependencyError: If no off-screen OpenGL works here, or LIBERO is not installed.
-        WorldError: If LIBERO fails.
+        MissingDependencyError: If no off-screen OpenGL works here, or the world of the run cannot draw.
+        WorldError: If its simulator fails.
     """
     trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
     records = {key: run.read_record(*key) for key in trials}
-    if run.is_foreign:
+    if not run.world.measured:
         return _world_shots(run, records, shots, size, on_progress)
     images: dict[Shot, bytes] = {}
     if not records:
@@ -107,28 +75,21 @@ def _world_shots(
     records: Mapping[tuple[str, str, int], Record],
     shots: Sequence[Shot],
     size: int,
-    on_progress: Callable[[int, int], None] | None,
+    on_progress: OnCount | None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG per shot of a run in LIBERO."""
-    where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
-    form = read_form(_DRAWN, run.plan["world"], where=where, cure=cure, raises=RecordError)
-    scenes: dict[str, list[Shot]] = {}
-    for shot in shots:
-        scenes.setdefault(f"{shot.task}/{shot.condition}", []).append(shot)
+    """Return one JPEG per shot of a run whose world draws its images itself."""
+    ordered = sorted(shots, key=lambda shot: (shot.task, shot.condition))
+    rows = [records[s.task, s.condition, s.seed] for s in ordered]
+    wanted = [
+        Photo(f"{s.task}/{s.condition}", record, _row(record, s.time_s))
+        for s, record in zip(ordered, rows, strict=True)
+    ]
     images: dict[Shot, bytes] = {}
-    if not scenes:
-        return images
-    with WorldProcess(world_command(form.name)) as process:
-        for name, wanted in scenes.items():
-            rows = [records[s.task, s.condition, s.seed] for s in wanted]
-            qpos = np.array([r.qpos[_row(r, s.time_s)] for r, s in zip(rows, wanted, strict=True)])
-            task = form.tasks[name]
-            asked = {"suite": task.suite, "task": task.number, "seed": form.protocol.seed, "size": size}
-            asked |= {} if task.variant is None else {"variant": task.variant}
-            for shot, image in zip(wanted, process.draw(asked, qpos), strict=True):
-                images[shot] = jpeg_bytes(image, quality=82)
-            if on_progress is not None:
-                on_progress(len(images), len(shots))
+    world = world_named(run.world.name)
+    for image in world.photos(run.plan["world"], wanted, size=size, where=str(run.path / "run.json")):
+        images[ordered[len(images)]] = jpeg_bytes(image, quality=82)
+        if on_progress is not None:
+            on_progress(len(images), len(shots))
     return images
 
 
@@ -141,7 +102,7 @@ def write_video(
     camera: str = "front",
     size: int = 512,
     out: Path | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Path:
     """Write the video of a recorded trial (H.264 in MP4), by default into the run's folder; return its path.
 
@@ -167,9 +128,9 @@ def film_record(
     *,
     camera: str = "front",
     every: int = 1,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> None:
-    """Write the video of a record (H.264 in MP4) whose scene a view has open, with one frame per ``every`` rows.
+    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows; a view has its scene open.
 
     ``on_progress`` is called with the number of frames done and planned.
     """
@@ -190,7 +151,7 @@ def film_record(
 
 
 def probe_encoder() -> str:
-    """Encode a small video in memory and return its format; an encoder that is missing raises."""
+    """Encode a small video in memory and return its format; raises an error if the encoder is missing."""
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=20)

@@ -28,13 +28,13 @@ def show_condition(
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
     if view.rgb is None or view.masks is None:
-        raise AssertionError("colors and masks were asked for")
+        raise AssertionError("colors and masks were requested")
     bodies = [int(b) for b, p in zip(scene.compiled.bodies, scene.placements, strict=True) if p.spec.name in outlined]
     return Image.fromarray(_outline(view.rgb, np.isin(view.masks, bodies), max(2, size // 180)))
 
 
 def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) -> Image.Image:
-    """Return a variation's training scene beside its test scene, with what changed outlined.
+    """Return a variation's training scene beside its test scene, with changes outlined.
 
     Both have the same seed, and their images are ``size`` pixels wide and high.
     """
@@ -55,14 +55,14 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
 
 _RIGHT = {
     "succeed": "the goal can be reached",
-    "refuse": "right is to refuse",
-    "stay_still": "right is to stay still",
+    "refuse": "correct: refuse",
+    "stay_still": "correct: stay still",
 }
 """Correct behavior in a test scene, in words."""
 
 
 def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
-    """Return an image as a file, PNG or else JPEG by the ending of its name, with a remark in its header."""
+    """Return an image as PNG or JPEG, chosen by the suffix of its name, with a comment in its header."""
     buffer = io.BytesIO()
     if suffix.lower() == ".png":
         texts = PngInfo()

@@ -1,9 +1,9 @@
-"""Twin films: a recorded trial beside its training twin, with instructions, clock, labels and the gripper's path."""
+"""Twin videos: a recorded trial beside its training twin, with instructions, time, labels and the gripper's path."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,30 +15,31 @@ from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.figures.show import wrap_text
+from betterbench.jobs import OnCount
 from betterbench.jobs.durable import DurableFile
 from betterbench.jobs.outputs import mark_of
 from betterbench.records import Record, RunFolder
 from betterbench.sim.scenes.limited import LimitedView
 
 OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
-"""Colors of the path while the gripper is told to be open and to be closed."""
+"""Colors of the path for an open and a closed gripper command."""
 
 _PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
 _CONTROLS = 0.14
-"""Room below the images for the controls of a player, which hide what is there while a film stands still."""
+"""Space below the images for the controls of a player, which cover the image while a video is paused."""
 
 _HOLD_S = 1.0
-"""Time for which the film stays on the start image with the whole path, and on the last state [s of the film]."""
+"""Time for which the video shows the start image with the whole path, and the last state [s of the video]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One side of a twin film: a trial of a run, its heading and its outcome.
+    """One side of a twin video: a trial of a run, its heading and its outcome.
 
     Attributes:
         heading: Title of the side ("this trial, fast_food/T1/3").
         ended: Its outcome ("Semantic feature collapse").
-        right: Whether the outcome is a success, which is written in blue.
+        right: Whether the outcome is a success, which is shown in blue.
     """
 
     task: str
@@ -56,12 +57,12 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class FilmLook:
-    """Camera, size, speed and quality of a film.
+    """Camera, size, speed and quality of a video.
 
     Attributes:
         size: Side of each image [px, even].
-        rate_hz: Frames per second of the film.
-        longest_s: Time for the motion [s of the film]; a longer trial is played faster. None to play all at their pace.
+        rate_hz: Frames per second of the video.
+        longest_s: Maximum duration of the motion [s of the video]; longer trials are sped up. None for real time.
     """
 
     camera: str = "front"
@@ -77,7 +78,7 @@ class FilmLook:
 
 @dataclass(frozen=True, slots=True)
 class TwinFilm:
-    """A film as H.264 in MP4, and its first image as JPEG: the start of both trials with the whole paths."""
+    """A video as H.264 in MP4, and its first image as JPEG: the start of both trials with the whole paths."""
 
     clip: bytes
     still: bytes
@@ -88,9 +89,9 @@ def render_paths(
     trials: Sequence[tuple[str, str, int]],
     *,
     look: FilmLook = FilmLook(),
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return one JPEG per trial (task, condition, seed): its start image with the path of the end effector drawn over.
+    """Return one JPEG per trial (task, condition, seed): its start image with the path of the end effector overlaid.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
@@ -111,9 +112,9 @@ def render_strips(
     *,
     frames: int = 6,
     look: FilmLook = FilmLook(size=160),
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return one JPEG per trial: its start with the whole path, then states at equal distances with the path so far.
+    """Return one JPEG per trial: its start with the whole path, then evenly spaced states with the path so far.
 
     Raises what :func:`render_paths` raises.
     """
@@ -136,9 +137,9 @@ def render_twin_films(
     films: Sequence[Sequence[Panel]],
     *,
     look: FilmLook = FilmLook(),
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> list[TwinFilm]:
-    """Return films of a trial beside its twin, or of one trial alone; ``on_progress`` gets those done and planned.
+    """Return videos of a trial beside its twin, or of one trial; ``on_progress`` gets the numbers done and planned.
 
     Raises what :func:`render_paths` raises.
     """
@@ -159,9 +160,9 @@ def write_twin_film(
     path: Path,
     *,
     look: FilmLook,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Path:
-    """Write one film of :func:`render_twin_films` to a file; ``on_progress`` gets the frames done and planned."""
+    """Write one video of :func:`render_twin_films` to a file; ``on_progress`` gets the frames done and planned."""
     with DurableFile(path) as durable, _views(look, len(panels)) as views:
         _film(views, run, panels, durable.file, look=look, on_progress=on_progress)
         durable.finish()
@@ -170,7 +171,7 @@ def write_twin_film(
 
 @contextmanager
 def _views(look: FilmLook, count: int) -> Iterator[list[LimitedView]]:
-    """Start processes that draw, one for each side of a film."""
+    """Start rendering processes, one for each side of a video."""
     with ExitStack() as stack:
         yield [stack.enter_context(LimitedView(quality=look.quality, size=look.size)) for _ in range(count)]
 
@@ -182,9 +183,9 @@ def _film(
     target: BinaryIO,
     *,
     look: FilmLook,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Image.Image:
-    """Encode a film and return its first image."""
+    """Encode a video and return its first image."""
     sides = [_Side(view, run, panel.trial, look) for view, panel in zip(views, panels, strict=False)]
     layout = _Layout([(p, s.record.metadata.instruction) for p, s in zip(panels, sides, strict=True)], look.size)
     lasting_s = max(side.duration_s for side in sides)
@@ -234,7 +235,7 @@ class _Side:
         return (len(self.record) - 1) / self.record.metadata.control_rate_hz
 
     def at(self, time_s: float) -> Image.Image:
-        """Return the state at a time [s], the last one after the end, with the path so far."""
+        """Return the image at a time [s] with the path so far; after the end, that of the last state."""
         row = min(round(time_s * self.record.metadata.control_rate_hz), len(self.record) - 1)
         if self._last is None or self._last[0] != row:
             self._last = row, self._with_path(self._draw(row), row + 1)
@@ -267,7 +268,7 @@ class _Side:
 
 
 class _Layout:
-    """Places images side by side: heading, instruction and outcome above each, the clock in its corner."""
+    """Puts images side by side, with heading, instruction and outcome above each, and the time in a corner."""
 
     def __init__(self, panels: Sequence[tuple[Panel, str]], size: int) -> None:
         self._size, self._pad = size, max(8, size // 30)

@@ -1,4 +1,4 @@
-"""Images of recorded states with the objects that they show, made by rendering the stored scene again.
+"""Images of recorded states with their visible objects, rendered from the stored scene.
 
 This is one source of :class:`~betterbench.interface.state.FrameView`; materialized masks can be another.
 """
@@ -26,18 +26,18 @@ JPEG_QUALITY = 92
 
 _ACROSS, _UP = (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
-"""Points of a bounding box as shares of its size, from the middle of its bottom face."""
+"""Points of a bounding box as fractions of its size, relative to the center of its bottom face."""
 
 
 class CameraPhoto(NamedTuple):
-    """One image (JPEG) with the objects that it shows."""
+    """One image (JPEG) with its visible objects."""
 
     jpeg: bytes
     view: FrameView
 
 
 class ViewRenderer:
-    """Draws recorded states of one run with what they show. A context manager, which ends the drawing process."""
+    """Renders recorded states of one run with their visible objects. A context manager; ends the rendering process."""
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
         """Start the process; ``size`` is the side of the images [pixel]."""
@@ -55,14 +55,14 @@ class ViewRenderer:
         self._limited.close()
 
     def stop(self) -> None:
-        """End the process from another thread: the one that draws gets a RecordError."""
+        """End the process from another thread; the rendering thread gets a RecordError."""
         self._limited.stop()
 
     def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
-        """Return the image of a camera at a row of a record of the run, and what it shows.
+        """Return the image of a camera at a row of a record of the run, with its visible objects.
 
         Raises:
-            RecordError: If the stored scene is missing, damaged or another one, or has no such camera.
+            RecordError: If the stored scene is missing, damaged or not that of the record, or has no such camera.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
         if self._row is None or self._row[0] is not record or self._row[1] != row or camera not in self._photos:
@@ -70,14 +70,14 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Draw a row from every camera that was requested so far, because the others are usually requested next."""
+        """Render a row from every camera requested so far, because the others are usually requested next."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
         self._limited.open_of(self._run, record)
         facts, _ = self._limited.prepare(views, ("rgb", "boxes"), gripper=True)
         if len(facts.object_bodies) != len(record.metadata.scene.objects):
-            raise RecordError("stored scene: it has other objects than the record; they are of different trials.")
+            raise RecordError("stored scene: its objects are not those of the record (different trials).")
         ((*sights,),) = self._limited.sights(record.qpos[row : row + 1], jitter=record.metadata.view_jitter)
         photos = {}
         for name, sight, focal_px in zip(self._cameras, sights, facts.focal_px, strict=True):
@@ -128,7 +128,7 @@ def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
 
 
 def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatrices) -> float:
-    """Return the share of an object's bounding box that the image does not cut off, from a grid of points in it."""
+    """Return the share of an object's bounding box that is inside the image, from a grid of points in the box."""
     number = record.metadata.scene.index(info.name)
     local = _GRID * np.asarray(info.size_m)
     w, axis = record.object_quaternions[row, number, 0], record.object_quaternions[row, number, 1:]

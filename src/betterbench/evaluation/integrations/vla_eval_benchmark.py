@@ -1,8 +1,8 @@
-"""The tasks as a benchmark of vla-evaluation-harness: ``vla-eval run`` plays them, ``better report`` explains.
+"""The tasks as a benchmark of vla-evaluation-harness: ``vla-eval run`` runs them, ``better report`` explains them.
 
-The harness owns the loop, the model server and its own result file; beside them a run folder is written, with the
-records of ``better eval``. Every condition of a task is a task of the harness, and its episode i is the trial with seed
-``seed + i``.
+The harness controls the loop, the model server and its own result file; in addition, a run folder is written, with
+the records of ``better eval``. Every condition of a task is a task of the harness, and its episode i is the trial with
+seed ``seed + i``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from betterbench.errors import (
     RunConflictError,
     StorageError,
 )
-from betterbench.evaluation.planning.plan import Plan, Trial, make_plan
+from betterbench.evaluation.planning.plan import Plan, make_plan
 from betterbench.evaluation.running.external_run import ExternalRun
 from betterbench.installation import missing_extra
 from betterbench.interface import Observation, observation_spec
@@ -36,6 +36,7 @@ from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.presets import PRESETS, VLA_EVAL, own_preset
 from betterbench.records import Outcome
 from betterbench.tasks import TrialId, get_task
+from betterbench.tasks.trial import Trial
 
 try:
     from vla_eval.benchmarks.base import StepBenchmark, StepResult
@@ -50,30 +51,30 @@ from betterbench.evaluation.integrations.vla_eval_specs import action_specs, obs
 logger = logging.getLogger(__name__)
 
 ADDRESS = "vla-eval:"
-"""Prefix of the name of a policy that the harness asks, in records and reports."""
+"""Prefix of the policy's name in records and reports of harness runs."""
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
     """The suite, or some of its conditions, as one benchmark of the harness.
 
     Args:
-        run: Folder of the run; an interrupted one is resumed: the result of a trial that is done is read from its
+        run: Folder of the run; an interrupted run is resumed: the result of a finished trial is read from its
             record.
-        policy: Name of the policy in the report ("pi0-libero"); the harness does not tell a benchmark its policy.
+        policy: Name of the policy in the report ("pi0-libero"); the harness does not give it to benchmarks.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
-            list or one text separated by commas; default the whole suite better60.
+            list or one comma-separated string; default the whole suite better60.
         trials: Trials per condition; the same number as ``episodes_per_task``.
         seed: First seed.
-        adapter: Name of an adapter's preset, or a JSON file: what the model server gets and how it answers.
+        adapter: Name of an adapter's preset, or a JSON file: the layout of requests and answers.
         cameras: Our camera for one of the adapter's keys ({"images/agentview": "left_shoulder"}).
         observation: Name of an observation preset; "state_only" renders nothing.
         quality: Name of a render preset.
-        send_wrist_image: True to send the wrist camera too; model servers ask for it by themselves.
-        send_state: True to send the robot's state; model servers ask for it by themselves.
-        absolute_action: True if the model server answers absolute poses; model servers say so themselves, and an
-            adapter that reads ``ee_pose`` has to be named then.
-        quat_no_antipodal: Always so here: rotation vectors of the state are continuous where the tool points down, as
-            in data of robosuite. Model servers ask for it.
+        send_wrist_image: True to send the wrist camera too; model servers usually request it themselves.
+        send_state: True to send the robot's state; model servers usually request it themselves.
+        absolute_action: True if the model server answers with absolute poses; model servers declare this themselves.
+            It requires an adapter that reads ``ee_pose``.
+        quat_no_antipodal: Always true here: rotation vectors of the state are continuous around a tool that points
+            down, as in data of robosuite. Model servers request it.
     """
 
     render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
@@ -81,7 +82,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
-        """Choose the renderer: on "cpu" OSMesa, on "gpu" what the environment says, else EGL."""
+        """Choose the renderer: OSMesa for "cpu"; for "gpu" that of the environment, otherwise EGL."""
         if mode == "cpu" and "mujoco.egl" in sys.modules:
             raise InvalidInputError("render", "EGL was loaded before cpu was chosen", "Unset MUJOCO_GL")
         applied: dict[str, str] = configure_mujoco_render(mode)
@@ -104,7 +105,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         absolute_action: bool = False,
         quat_no_antipodal: bool = True,
     ) -> None:
-        """Look everything up; the run folder is made when the first episode begins."""
+        """Resolve all names; the run folder is created at the start of the first episode."""
         super().__init__()
         if not quat_no_antipodal:
             raise InvalidInputError("quat_no_antipodal", "must be true", "Leave it out")
@@ -119,7 +120,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         if absolute_action and self.adapter.answer.space != "ee_pose":
             raise InvalidInputError(
                 "absolute_action",
-                f"the model server answers absolute poses, and adapter {self.adapter.name} reads "
+                f"the model server answers with absolute poses, but adapter {self.adapter.name} reads "
                 f"{self.adapter.answer.space}",
                 "Name an adapter= whose answer has the space ee_pose and the model's rotation format",
             )
@@ -153,8 +154,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
         Raises:
             InvalidInputError: If the episode has no trial in the plan.
-            PolicyError: If the trial broke down.
-            RecordingError: If the run has to stop: the disk is full, or the folder holds another run.
+            PolicyError: If the trial failed with an error.
+            RecordingError: If the run must stop: the disk is full, or the folder contains another run.
         """
         trial = self._current = self._trial(task)
         self._outcome = None
@@ -162,14 +163,14 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             run = self._open()
             if run.is_done(trial):
                 self._outcome = run.outcome(trial)
-                logger.warning("%s seed %d is done: its result is that of its record", task["name"], trial.seed)
+                logger.warning("%s seed %d is finished: its result is taken from its record", task["name"], trial.seed)
             self._seen = run.begin(trial)
         self._in_episode = True
         self._record_image()
         return self._seen
 
     def step(self, action: dict[str, Any]) -> StepResult:
-        """Play what the model server answered; a reply that cannot be played ends the episode, as in better eval."""
+        """Execute the answer of the model server; an invalid answer ends the episode, as in better eval."""
         run, seen = self._run, self._seen
         if run is None or seen is None:
             raise InvalidInputError("step", "there is no current episode", "Call reset first")
@@ -197,15 +198,15 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return result
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
-        """Return the message for the model server: images, instruction and, if asked for, the state."""
+        """Return the message for the model server: images, instruction and, if requested, the state."""
         del task
         return self.adapter.request(raw_obs)
 
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
-        """Return how the episode went.
+        """Return the result of the episode.
 
-        An episode that the harness cuts short (``max_steps``) failed for the harness. For the report it has not been
-        played, because the policy might still have succeeded.
+        An episode that the harness ends early (``max_steps``) is a failure for the harness. In the report it counts as
+        not run, because the policy might still have succeeded.
         """
         if self._in_episode and self._run is not None:
             self._in_episode = False
@@ -217,7 +218,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": _won(outcome), "policy_error": broken, "cut_short": False}
 
     def get_metric_keys(self) -> dict[str, str]:
-        """Return the numbers that the harness averages: success, and the shares of broken and of shortened episodes."""
+        """Return the values that the harness averages: success, and the shares of broken and of shortened episodes."""
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
@@ -229,7 +230,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return observation_specs(self.adapter)
 
     def get_metadata(self) -> dict[str, Any]:
-        """Return the limits of the suite; episodes end by themselves if the harness's ``max_steps`` is left out."""
+        """Return the limits of the suite; episodes end on their own if the harness's ``max_steps`` is not set."""
         conditions = {(t.task, t.condition): t for t in self.plan.trials}
         limits = [found.task.step_limit(found.condition) for found in (t.resolve() for t in conditions.values())]
         return {
@@ -240,10 +241,10 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         }
 
     def get_hold_action(self, last_action: dict[str, Any] | None) -> dict[str, Any]:
-        """Return the reply that holds still, for the harness's live mode: the last one, where actions are absolute.
+        """Return the action that keeps the robot still, for the harness's live mode: the last one if absolute.
 
         Raises:
-            NotImplementedError: If there is none to repeat, or the gripper's number has no neutral value.
+            NotImplementedError: If there is no last action, or the gripper has no neutral value.
         """
         neutral = action_space(self.adapter.answer.space).neutral
         if neutral is not None and self.adapter.answer.gripper.endswith("positive"):
@@ -251,7 +252,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             return {key[-1]: np.zeros(count, dtype=np.float32) for key, count in columns.items()}
         if last_action is not None and neutral is None:
             return last_action
-        raise NotImplementedError("the live mode needs an action that holds still, and this adapter has none")
+        raise NotImplementedError("the live mode needs an action that keeps the robot still, but this adapter has none")
 
     def render(self) -> np.ndarray | None:
         """Return the current image of the first camera, or None if there is none."""
@@ -306,9 +307,9 @@ def _won(outcome: Outcome | None) -> bool:
 
 @contextmanager
 def _stop_run() -> Iterator[None]:
-    """Stop the whole evaluation where every further episode would fail alike.
+    """Stop the whole evaluation if every further episode would fail in the same way.
 
-    The harness catches what an episode raises and goes on; only this error passes.
+    The harness catches all other errors of an episode and continues.
     """
     try:
         yield
@@ -317,7 +318,7 @@ def _stop_run() -> Iterator[None]:
 
 
 def _shaped(adapter: Adapter, cameras: dict[str, str], observation: str, *, wrist: bool, state: bool) -> Adapter:
-    """Return the adapter without what is not sent."""
+    """Return the adapter without the images and states that are not sent."""
     shown = adapter.with_cameras(cameras)
     views = tuple(v for v in shown.views if wrist or "wrist" not in v.key[-1])
     if not observation_spec(observation).cameras:
@@ -335,7 +336,7 @@ def _plan(
     observation: str,
     quality: str,
 ) -> Plan:
-    """Return the trials of ``better eval`` for some conditions, the same number of each."""
+    """Return the trials of ``better eval`` for some conditions, with the same number for each."""
     tasks = list(dict.fromkeys(task for task, _ in conditions))
     whole = make_plan(
         policy,

@@ -31,7 +31,7 @@ _STATES = {
 
 
 def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
-    """Return the format of actions by component; a format that the harness does not know has our own name."""
+    """Return the format of actions by component; formats unknown to the harness have betterbench's name."""
     space = action_space(answer.space)
     text = space.convention
     if answer.as_is or answer.space.startswith("joint"):

@@ -1,1 +1,1 @@
-"""What a run is: its plan, the manifest written when it starts, and how the plan of another run is repeated."""
+"""The plan of a run, the manifest written at its start, and plans that repeat another run."""

@@ -1,4 +1,4 @@
-"""The machine a run is made on, read from files of the system without starting another program."""
+"""Description of this machine, read from system files without starting another program."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LEFT_OUT = "dev"  # results do not depend on what tests and linters need
 
 
 def describe_machine() -> dict[str, object]:
-    """Return processor, memory and graphics cards, as far as the system shows them."""
+    """Return processor, memory and GPUs, as far as they can be determined."""
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),
@@ -32,9 +32,9 @@ def describe_machine() -> dict[str, object]:
 
 
 def describe_renderer() -> dict[str, str]:
-    """Return the fingerprint of the renderer, or why there is none.
+    """Return the fingerprint of the renderer, or the reason why there is none.
 
-    This makes the OpenGL context of the process, so call it in the thread that renders.
+    This creates the OpenGL context of the process, so call it in the rendering thread.
     """
     try:
         return renderer_fingerprint()
@@ -85,7 +85,7 @@ def _head(home: Path) -> str | None:
 
 
 def _required(distribution: importlib.metadata.Distribution, *, extras: bool) -> list[str]:
-    """Return the names of what a distribution requires, with all its extras but the developers' one if wanted."""
+    """Return the requirements of a distribution, optionally with all its extras except the developers' one."""
     names = []
     for requirement in distribution.requires or ():
         found = _NAME.match(requirement)
@@ -108,7 +108,7 @@ def _memory_gb() -> float:
 
 
 def _graphics_cards() -> list[str]:
-    """Return the models of the graphics cards, from the drivers of NVIDIA, AMD and others."""
+    """Return the models of the GPUs, from the drivers of NVIDIA, AMD and others."""
     cards = []
     for file in sorted(Path("/proc/driver/nvidia/gpus").glob("*/information")):
         model = re.search(r"^Model:\s*(.+)$", _read(file), re.MULTILINE)
@@ -122,7 +122,7 @@ def _graphics_cards() -> list[str]:
 
 
 def _read(file: Path) -> str:
-    """Return the beginning of a text file, or nothing if it cannot be read."""
+    """Return the beginning of a text file, empty if it cannot be read."""
     with contextlib.suppress(OSError), file.open("rb") as stream:
         return stream.read(_MAX_FILE_BYTES).decode("utf-8", "replace")
     return ""

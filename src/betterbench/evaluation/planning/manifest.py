@@ -1,7 +1,7 @@
 """Manifest of a run: its context at the start, besides its plan.
 
-It goes to ``context`` of ``run.json``. Another machine may resume a run, so none of it is compared then, except
-what the policy declares: another checkpoint behind the same address would put two policies into one run.
+It is stored as ``context`` in ``run.json``. Another machine may resume a run, so it is not compared then, except for
+the declaration of the policy: another checkpoint behind the same address would mix two policies in one run.
 """
 
 from __future__ import annotations
@@ -19,24 +19,22 @@ from betterbench.evaluation.planning.machine import describe_machine, describe_r
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import action_space
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json
-from betterbench.records import RunFolder, first_difference
-from betterbench.sim.robots import robot as robot_named
-from betterbench.sim.scenes import CONTROL_RATE_HZ, TIMESTEP_S
-from betterbench.tasks import THRESHOLDS
+from betterbench.records import RunFolder
 from betterbench.tasks.user_files import loaded_files
 
 
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the context of a run that starts now.
+    """Return the context of a new run.
 
-    ``policy`` is what the policy declares, by :func:`describe_policy`; ``engine`` has "name",
+    ``policy`` is the declaration of the policy, from :func:`describe_policy`; ``engine`` has "name",
     "workers", "envs" and, where a warm-up chooses their number, "most_envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
     unseen = {"problem": "no images are rendered in this run"}
-    if images and plan.world is not None:
-        images, unseen = False, {"problem": "the process of the foreign simulator renders the images"}
+    if images and plan.world.drawn_by:
+        images, unseen = False, {"problem": f"{plan.world.drawn_by} renders the images"}
     machine = describe_machine()
     context = {
         "python": platform.python_version(),
@@ -59,23 +57,10 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
     """Return every convention in force, those of the plan and the fixed ones."""
-    if plan.world is not None:
-        return {
-            "action_space": action_space(plan.action_space).to_json(),
-            "observation": observation_spec(plan.observation).to_json(),
-            **plan.world.conventions(),
-        }
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
-        "robot": robot_named(plan.robot).to_json(),
-        "control_rate_hz": CONTROL_RATE_HZ,
-        "physics_timestep_s": TIMESTEP_S,
-        "thresholds": THRESHOLDS.to_json(),
-        "images": "upright, RGB, uint8, (height, width, 3)",
-        "quaternions": "w x y z, w >= 0",
-        "poses": "tool center point in the robot base frame [m]",
-        "units": "m, kg, s, rad",
+        **plan.world.conventions(plan.robot),
     }
 
 
@@ -93,19 +78,19 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
 
 
 def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
-    """Check that the policy declares what it declared when the run began; a change that is allowed is noted in the run.
+    """Check that the policy's declaration is that at the start of the run; an allowed change is noted in the run.
 
     Raises:
-        RunConflictError: If it declares something else and that is not allowed; the text names both values.
+        RunConflictError: If its declaration has changed and this is not allowed; the message has both values.
     """
     difference = policy_difference(run, policy)
     if difference is None:
         return run
     if not allow_changed:
         raise RunConflictError(
-            f"{run.path}: the policy at {policy.get('address')} is not the one that this run was made with: "
-            f"{difference}. Start the first one again, choose another folder, or give --allow-changed-policy to go on "
-            "with both in one run."
+            f"{run.path}: the policy at {policy.get('address')} is not the policy of this run: "
+            f"{difference}. Start the original policy, choose another folder, or give --allow-changed-policy to "
+            "continue with both in one run."
         )
     entry = {
         "at_utc": _now(),

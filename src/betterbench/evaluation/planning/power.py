@@ -14,7 +14,7 @@ different trials. The first figure holds when one of them fails on a subset of t
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Return which drops the trials of a plan can and cannot show, overall, within an axis and within a variation."""
+    """Return which drops the trials of a plan can and cannot detect, overall, within an axis and within a variation."""
     varied = [t for t in plan.trials if t.variation is not None]
     if plan.until_decided is not None:
         return _until_decided(plan.until_decided, [(t.task, t.variation) for t in varied])
@@ -49,7 +49,7 @@ def what_trials_show(plan: Plan) -> str:
 
 
 def smallest_drop_line(plan: Plan) -> str:
-    """Return, in one short sentence, the smallest drop over all variations that the trials of a plan can show."""
+    """Return a short sentence with the smallest drop over all variations that the trials of a plan can detect."""
     pairs = sum(t.variation is not None for t in plan.trials)
     if not pairs:
         return "None is of a variation: they only show how well the training conditions were learned."
@@ -72,6 +72,6 @@ def _listed(parts: list[str]) -> str:
 
 
 def _smallest(fewest: int, most: int, *, opposite: float) -> str:
-    """Return the smallest difference that the most and the fewest pairs show, in points; empty if none do."""
+    """Return the smallest differences that the most and the fewest pairs can detect, in points; empty if none."""
     values = [smallest_paired_difference(n, opposite=opposite).value for n in (most, fewest)]
     return " to ".join(dict.fromkeys(f"{100 * v:.{1 if v < 0.1 else 0}f}" for v in values if v is not None))

@@ -1,4 +1,4 @@
-"""Repeating a run: its plan is read from ``run.json``, and all differences that would change the results are named."""
+"""Repeating a run: its plan is read from ``run.json``, and differences that would change the results are reported."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation.planning.manifest import policy_difference
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.trust import require_trust
+from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json, open_form, read_form
-from betterbench.records import RunFolder, first_difference
+from betterbench.records import RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import Looks, TrialId
+from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
 """Parts of a plan that are read back, or that alone change no result: the suite and every task have their versions."""
@@ -32,7 +34,7 @@ class _Preset:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Fields of a plan that are read back from ``run.json``; the others are compared with those of the new plan."""
+    """Fields of a plan that are read from ``run.json``; the others are compared with those of the new plan."""
 
     policy: str
     trials: tuple[Trial, ...]
@@ -59,20 +61,21 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return the plan of a run, to repeat its trials, seeds and conventions with its policy or with another one.
+    """Return the plan of a run, to repeat its trials, seeds and conventions with its policy or another one.
 
-    ``path`` is ``run.json`` of the run, or its folder. With ``trust``, the run's own policy may run code or send a key.
+    ``path`` is the run's folder or ``run.json``. With ``trust``, the run's own policy may run code or send a key.
 
     Raises:
         InvalidInputError: If the run's own policy would run code or send a key, unless that is trusted.
-        RecordError: If the file is not that of a run, or its plan is malformed.
-        RunConflictError: If versions or conventions differ that results depend on, unless that is allowed.
+        RecordError: If the file is not the ``run.json`` of a run, or its plan is malformed.
+        RunConflictError: If versions or conventions differ and results depend on them, unless this is allowed.
         UnknownNameError: If a task, condition, preset or action space is unknown here.
     """
     run = _open(path)
     where = run.path / "run.json"
-    if run.is_foreign:
-        raise InvalidInputError("--from", f"{where} is a run in a foreign world", "Give its --suite and --protocol")
+    if not run.world.measured:
+        problem = f"{where} is a run in {run.world.title}, where runs are not repeated"
+        raise InvalidInputError("--from", problem, "Give its --suite and options again")
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     if policy is None and not trust:
         require_trust(stored.policy, where=str(where))
@@ -92,8 +95,8 @@ def repeated_plan(
     if differences and not allow_other_versions:
         raise RunConflictError(
             f"{where}: this betterbench would not repeat the run, because {'; '.join(differences)}. "
-            "Install the versions that its context lists, or give --allow-other-versions and read the results as a "
-            "run of its own."
+            "Install the versions in its context, or give --allow-other-versions and treat the results as a "
+            "separate run."
         )
     return plan
 
@@ -113,7 +116,7 @@ def _open(path: Path) -> RunFolder:
 
 
 def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
-    """Yield what differs between a stored plan and one made here, and what results depend on, with both values."""
+    """Yield the differences between a stored and a new plan that affect results, with both values."""
     here = json.loads(dump_json(plan.to_json()))
     for name in sorted((set(there) | set(here)) - set(_NOT_COMPARED)):
         old, new = there.get(name), here.get(name)

@@ -1,17 +1,18 @@
-"""The order in which a plan is run: all of its trials at once, or round by round until every variation is decided."""
+"""The order of a plan's trials: all at once, or round by round until every variation is decided."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.statistics import Decisions, Question, decide
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 
 class Schedule:
-    """Order of a plan's trials: the next ones, as a function of the plan and of the outcomes so far alone.
+    """Order of a plan's trials; the next ones depend only on the plan and the outcomes so far.
 
     Attributes:
         plan: The plan.
@@ -22,8 +23,8 @@ class Schedule:
 
         Args:
             plan: The plan.
-            is_done: Tells whether a trial has ended; those that broke down have not.
-            succeeded: Tells whether a trial that has ended succeeded; it is asked once for each.
+            is_done: Tells whether a trial is finished; broken trials are not.
+            succeeded: Tells whether a finished trial succeeded; called once per trial.
         """
         self.plan, self._is_done, self._succeeded = plan, is_done, succeeded
         self._trials = {(_name(t.task, t.condition), t.seed): t for t in plan.trials}
@@ -49,10 +50,10 @@ class Schedule:
         return replace(self._decisions, waiting=waiting)
 
     def rounds(self) -> Iterator[list[Trial]]:
-        """Yield the trials of one round after the other, those that are done left out.
+        """Yield the unfinished trials of one round after the other.
 
-        The next round is worked out when it is asked for, so the trials of the one before have to have ended by then.
-        If one of them broke down there is no next round: the same command runs it again, and goes on.
+        The next round is computed on request, so the trials of the previous one must be finished by then.
+        If one of them is broken, there is no next round: the same command runs it again and continues.
         """
         if self.plan.until_decided is None:
             yield [t for t in self.plan.trials if not self._is_done(t.id)]

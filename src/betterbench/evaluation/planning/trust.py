@@ -1,4 +1,4 @@
-"""Trust in a policy that a file names: risks of evaluating it on this machine, and the consent that this needs."""
+"""Trust in a policy named by a file: the risks of evaluating it on this machine, and the required consent."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def risks_of(address: str) -> tuple[str, ...]:
 
 
 def require_trust(address: str, *, where: str) -> None:
-    """Check that a policy which a file names runs no code and sends no secret.
+    """Check that a policy named by a file runs no code and sends no secret.
 
     ``where`` is the file, for the error.
 
     Raises:
-        InvalidInputError: If it does one of them; the text says which.
+        InvalidInputError: If it does; the message says which.
     """
     risks = risks_of(address)
     if risks:

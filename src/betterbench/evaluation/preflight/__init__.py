@@ -1,1 +1,1 @@
-"""The preflight check: a policy is asked once before a run, and everything that it gets and answers is shown."""
+"""The preflight check: one request to a policy before a run, with everything that it gets and answers."""

@@ -35,12 +35,12 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 REQUESTS = 5
-"""Requests whose time is measured, after the first one."""
+"""Number of timed requests after the first one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """One convention, as this side and the policy's side declare it; empty where a side declares nothing."""
+    """One convention as declared by betterbench and by the policy; empty if a side declares nothing."""
 
     name: str
     ours: str
@@ -54,7 +54,7 @@ class Convention:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """One image as the policy gets it, (height, width, 3) uint8, with its key and how it was made."""
+    """One image as the policy gets it, (height, width, 3) uint8, with its key and how it was converted."""
 
     key: str
     image: np.ndarray
@@ -66,9 +66,9 @@ class PreflightCheck:
     """The result of a preflight check.
 
     Attributes:
-        trial: The trial whose start the policy was shown.
+        trial: The trial from whose start the policy got an observation.
         conventions: Conventions as both sides declare them.
-        adapter: Its adapter, or None for a policy that gets our observation as it is.
+        adapter: Its adapter, or None for a policy that gets the observation unchanged.
         shown: The images as the policy gets them.
         state: The numbers it gets, by key.
         prompt: The instruction it gets.
@@ -108,7 +108,7 @@ class PreflightCheck:
         return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, images as their sizes."""
+        """Return the JSON form, with the sizes of images."""
         return {
             "policy": self.policy,
             "trial": asdict(self.trial),
@@ -145,18 +145,18 @@ def run_preflight(
     proof: bool = False,
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
-    """Ask a policy what it would do at the start of a trial of a run with these presets.
+    """Request a policy's actions at the start of a trial of a run with these presets.
 
     The action space is the policy's own if None. With ``proof``, a demonstration of the trial is replayed through a
     policy that sees observations (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with
     what both sides declare, before it is compared.
 
     Raises:
-        BetterError: If the policy cannot be asked, declares other conventions than the run, or gives a bad answer.
+        BetterError: If the policy does not answer, declares other conventions than the run, or gives an invalid answer.
     """
     needs = needs_of(policy)
     if needs.trial:
-        raise InvalidInputError(f"policy {policy}", "a replay asks for nothing", "Look at its run with better report")
+        raise InvalidInputError(f"policy {policy}", "a replay makes no requests", "Look at its run with better report")
     found = resolve_condition(trial.task, trial.condition)
     with PolicyFactory(policy) as policies:
         info = policies.check()
@@ -207,7 +207,7 @@ def run_preflight(
 def _first_question(
     policy: str, client: Policy | None, scene: Scene, trial: TrialId, images: ObservationSpec | None
 ) -> tuple[Observation | None, Callable[[], np.ndarray]]:
-    """Begin the episode; return what the policy is shown, None for a privileged one, and what asks it."""
+    """Begin the episode; return the policy's observation (None if privileged) and a function for requests."""
     state = scene.reset()
     if client is None:
         privileged = make_privileged(policy, scene)
@@ -241,8 +241,8 @@ def _ask_often(
         if ahead >= len(chunk):
             raise InvalidInputError(
                 "ahead",
-                f"the next chunk is asked for {ahead} steps before the end, and a chunk has {len(chunk)} actions",
-                "Ask less far ahead",
+                f"the next chunk is requested {ahead} steps before the end, but a chunk has {len(chunk)} actions",
+                "Give a smaller ahead=",
             )
     return chunks[0], times[0], tuple(times[1:])
 
@@ -286,7 +286,7 @@ def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]
 
 
 def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
-    """Return where an image comes from and how it was changed."""
+    """Return the source of an image and how it was changed."""
     height, width = rendered.shape[:2]
     parts = [f"camera {camera}", f"rendered {width} x {height}"]
     if rule is None:

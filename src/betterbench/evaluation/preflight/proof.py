@@ -1,10 +1,9 @@
-"""The replay proof: a demonstration of ours goes out as observations, and the answers have to lead where it went.
+"""The replay proof: a policy gets the observations of a demonstration, and its answers must follow the same path.
 
-At every request the policy is shown what the demonstration saw. Its answers are put one after the other, and the path
-that they describe is compared with the demonstration's, axis by axis. A policy whose actions are read in wrong units,
-a wrong frame or with a wrong sign describes a path that is stretched, turned or mirrored, and the factor of an axis
-says by how much. The answers are also executed in a scene of their own, which shows how far from the demonstration's
-end they lead the end effector.
+At every request the policy gets the demonstration's observation. The path of its consecutive answers is compared with
+that of the demonstration, axis by axis. If actions are read in wrong units, in a wrong frame or with a wrong sign,
+the path is stretched, rotated or mirrored, and the factor of each axis shows by how much. The answers are also executed
+in a separate scene, which shows how far the end effector ends from the end of the demonstration.
 
 Paths are those of commanded poses, which the arm follows with a delay of a few control steps.
 """
@@ -30,20 +29,20 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 MAX_REQUESTS = 100
-"""Requests of one proof, at most: a demonstration in chunks of five, or the way to the first object step by step."""
+"""Maximum requests of one proof: a demonstration in chunks of five, or the motion to the first object step by step."""
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
-"""Least range of a demonstration along an axis for which a factor is computed [m, rad]."""
+"""Minimum range of a demonstration along an axis for which a factor is computed [m, rad]."""
 
 FOLLOWS = 0.7
-"""Agreement from which on a policy is taken to follow the demonstration: the cosine between its steps and those of the
+"""Minimum agreement of a policy that follows the demonstration: the cosine between its steps and those of the
 demonstration, on each axis."""
 
 PROVEN = 0.02
 """Largest distance of a factor from 1 that proves the conventions of its axis."""
 
 WRONG = 1.5
-"""Factor from which on, or below the inverse of which, the conventions of an axis are wrong."""
+"""The conventions of an axis are wrong if its factor is above this value or below its inverse."""
 
 _IDLE_STEPS = 40
 
@@ -56,8 +55,8 @@ class AxisProof:
         name: "x", "y", "z" and rotations "rx", "ry", "rz" in the base frame, or a joint.
         unit: "m" or "rad".
         range: Distance between the extremes of the demonstration's path.
-        factor: Slope of the answers' path over the demonstration's, 1 if equal; None where that one hardly moves.
-        agreement: Cosine between the steps of both, -1 to 1; None where one of them does not move.
+        factor: Slope of the answers' path over the demonstration's, 1 if equal; None if the demonstration hardly moves.
+        agreement: Cosine between the steps of both, -1 to 1; None if one of them does not move.
         apart: Largest distance of the two paths.
     """
 
@@ -76,8 +75,8 @@ class ReplayProof:
     Attributes:
         steps: Control steps of the demonstration that were replayed.
         requests: Requests that the policy answered.
-        gripper: Share of the steps in which the gripper is told the same.
-        executed_off_m: Distance of the end effector from where the demonstration led it, after all answers [m].
+        gripper: Share of the steps with the same gripper command.
+        executed_off_m: Distance of the end effector from the end of the demonstration, after all answers [m].
     """
 
     steps: int
@@ -93,7 +92,7 @@ class ReplayProof:
 
     @property
     def follows(self) -> bool:
-        """Whether the policy moves as the demonstration does along each axis, up to sign and scale."""
+        """Whether the policy moves like the demonstration along each axis, up to sign and scale."""
         return bool(self.moved) and all(abs(axis.agreement or 0.0) >= FOLLOWS for axis in self.moved)
 
     @property
@@ -114,7 +113,7 @@ class ReplayProof:
     def verdict(self) -> str:
         """Result of the proof in words, with a suggestion if conventions are wrong."""
         if not self.follows:
-            return "nothing is proven: the policy does not follow the demonstration"
+            return "inconclusive: the policy does not follow the demonstration"
         if self.is_proven:
             return "the conventions are proven: the answers lead where the demonstration went"
         if not self.wrong:
@@ -130,7 +129,7 @@ class ReplayProof:
                 if abs(mean / factor - 1.0) < 0.15:
                     return cure
         if self.wrong == ("gripper",):
-            return "Its polarity is the other one: give gripper=open_positive, or what fits the policy."
+            return "Its polarity is reversed: give gripper=open_positive, or the convention of the policy."
         return "Give another preset, or correct action_space, units, frame, rotation or gripper."
 
     def to_json(self) -> dict[str, Any]:
@@ -152,7 +151,7 @@ _KNOWN = (
     (0.05, "The policy answers in meters: give units=physical."),
     (0.0125, "The policy answers in meters: give units=physical."),
 )
-"""Factors of the translation, and what they mean."""
+"""Factors of the translation, and their causes."""
 
 
 def prove_by_replay(
@@ -164,18 +163,18 @@ def prove_by_replay(
     spec: ObservationSpec,
     quality: Quality,
 ) -> ReplayProof:
-    """Replay the expert's demonstration of a trial through a policy, and compare where its answers lead.
+    """Replay the expert's demonstration of a trial through a policy, and compare the path of its answers.
 
     Args:
         client: The policy at the beginning of an episode.
         info: Its description, as it declares it.
         trial: The trial of the demonstration.
         space: The policy's action space.
-        spec: The images it is shown.
+        spec: The images that it gets.
         quality: Render quality of the images.
 
     Raises:
-        BetterError: If the policy fails, or gives a bad answer.
+        BetterError: If the policy fails or gives an invalid answer.
     """
     found = resolve_condition(trial.task, trial.condition)
     scenes = [
@@ -217,7 +216,7 @@ def prove_by_replay(
 
 
 def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
-    """Return the answer of a policy, (horizon, dim); raise InvalidActionError or PolicyError if it is none."""
+    """Return the answer of a policy, (horizon, dim); raise InvalidActionError or PolicyError if it is invalid."""
     with POLICY_BOUNDARY:
         answer = np.asarray(client.act(seen))
     chunk = checked_chunk(answer, space)
@@ -235,7 +234,7 @@ class _Moment:
 
 
 class _Demonstration:
-    """The expert's episode of a trial, step by step, until it is over and the arm has rested for a while."""
+    """The expert's episode of a trial, step by step, until it is over and the arm is at rest."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -253,7 +252,7 @@ class _Demonstration:
         return _Moment(self.scene.controller.state(), self.state)
 
     def step(self) -> float:
-        """Execute the expert's next action and return what it tells the gripper."""
+        """Execute the expert's next action and return its gripper command."""
         action = self.scene.step(np.asarray(self._expert.act_on_state(self.state)))
         self.state = self.scene.state()
         self._idle = 0 if np.abs(action[:-1]).max() > 1e-3 else self._idle + 1
@@ -273,11 +272,11 @@ class _Paths:
         self._marked = [self._now.copy()]
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
-        """Add one control step: the action that was answered, and the demonstration before and after it."""
+        """Add one control step: the answered action, and the demonstration before and after it."""
         raise NotImplementedError
 
     def mark(self) -> None:
-        """Note where both paths are."""
+        """Store the current points of both paths."""
         self._marked.append(self._now.copy())
 
     def compare(self) -> tuple[AxisProof, ...]:
@@ -290,7 +289,7 @@ class _Paths:
 
 
 class _DeltaPaths(_Paths):
-    """Steps of the end effector, added up."""
+    """Accumulated steps of the end effector."""
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
         measured = self._space.name == EE_DELTA_MEASURED.name

@@ -1,4 +1,4 @@
-"""Content of a preflight sheet: the images and numbers that the policy got, and the path of its answer in the scene."""
+"""Content of a preflight sheet: the policy's images and numbers, and the path of its answer in the scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 _VIEW = 640
 _CAMERA = "front_official"
-"""The camera at the position of ``front`` with a wider view: at reset the gripper is above what ``front`` shows."""
+"""The camera at the position of ``front`` with a wider view: at reset the gripper is above the view of ``front``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,11 +26,11 @@ class PreflightView:
         prompt: The instruction as the policy gets it.
         shown: The images; none for a policy that uses none.
         no_images: Text in place of images.
-        state: Numbers that the policy gets: key, and text of its values.
+        state: Numbers that the policy gets: key and formatted values.
         facts: Lines about the answer: name and value.
         scene: (height, width, 3) uint8 image of the scene at reset.
-        path: (n, 2) pixels of the end effector in it while the whole answer is executed, the first one at reset.
-        aim: (2,) pixel that the first action leads to.
+        path: (n, 2) pixels of the end effector in it during the whole answer; the first one is at reset.
+        aim: (2,) pixel of the end effector after the first action.
         turn: Rotation and gripper of the first action, as text.
     """
 
@@ -57,7 +57,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
     with Renderer(scene.model, width=_VIEW, height=_VIEW, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, _CAMERA)
     if view.rgb is None:
-        raise AssertionError("colors were asked for")
+        raise AssertionError("colors were requested")
     camera = camera_matrices(scene.model, scene.data, _CAMERA, width=_VIEW, height=_VIEW)
     aim = _aim(found.actions[0], scene)
     path = [start]
@@ -86,7 +86,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 
 
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
-    """Return lines about an answer that moves the end effector so far [m], with its first action and as a whole."""
+    """Return lines about an answer: the motion of the end effector [m] by its first action and as a whole."""
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
     ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from here"),)
     return (
@@ -102,7 +102,7 @@ def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple
 
 
 def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
-    """Return where the first action leads the end effector, (3,) in the base frame [m]."""
+    """Return the position of the end effector after the first action, (3,) in the base frame [m]."""
     space, pose = scene.action_space, scene.state().ee_pose
     applied = space.clip(action)[:3]
     if space.name.startswith("ee_delta"):

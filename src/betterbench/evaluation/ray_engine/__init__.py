@@ -1,1 +1,1 @@
-"""Workers and replicas of the policy as actors of a Ray cluster. Only ``session`` and what needs it import Ray."""
+"""Workers and replicas of the policy as actors of a Ray cluster. Only ``session`` and its users import Ray."""

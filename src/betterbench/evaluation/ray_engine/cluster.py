@@ -11,19 +11,19 @@ from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
 
 PLACING_S = 300.0
-"""Longest wait for a place on the cluster, for the first worker or for the replicas [s]. Loading may take longer."""
+"""Longest wait for free resources on the cluster, for the first worker or the replicas [s]. Loading may take longer."""
 
 _CONNECT_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Address of a Ray cluster, with the number of replicas of a policy and their graphics cards.
+    """Address of a Ray cluster, with the number of replicas of a policy and their GPUs.
 
     Attributes:
-        address: Address of the cluster; None for RAY_ADDRESS or, if that is not set, one of this machine alone.
-        replicas: Copies of a policy that is held by processes of the run (a checkpoint, a policy that takes batches).
-        replica_gpus: Graphics cards that each of them gets; None for one if the cluster has any.
+        address: Address of the cluster; None for RAY_ADDRESS or, if that is not set, a new cluster on this machine.
+        replicas: Copies of a policy that runs in processes of the run (a checkpoint, a policy that supports batches).
+        replica_gpus: GPUs of each replica; None for one if the cluster has any.
     """
 
     address: str | None = None
@@ -32,7 +32,7 @@ class Cluster:
 
     @property
     def given(self) -> str | None:
-        """Address of the cluster, or of the environment; None where there is none."""
+        """Address of the cluster, otherwise that of the environment; None if there is none."""
         return self.address or os.environ.get("RAY_ADDRESS") or None
 
     def __post_init__(self) -> None:
@@ -44,7 +44,7 @@ class Cluster:
 
 
 def require_ray(cluster: Cluster) -> None:
-    """Check, without loading Ray, that Ray is installed and that something listens at the address of the cluster.
+    """Check, without importing Ray, that Ray is installed and that the address of the cluster accepts connections.
 
     Ray itself would try for minutes to reach an address where nothing listens.
     """

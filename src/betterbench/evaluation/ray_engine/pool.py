@@ -1,7 +1,7 @@
 """A run on a Ray cluster: its workers and replicas of the policy are actors.
 
-No file system is shared. Workers send finished records to the process that drives the run, which alone writes. When a
-worker dies, only the trials that it was running are lost, and other workers run them again.
+No file system is shared. Workers send finished records to the driver process, the only one that writes. When a
+worker dies, only its running trials are lost, and other workers run them again.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, WorkerError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.ray_engine.cluster import PLACING_S
 from betterbench.evaluation.ray_engine.remote_worker import Delivery, RemoteWorker, Turn, versions_here
 from betterbench.evaluation.ray_engine.replicas import Replicas
@@ -35,6 +34,7 @@ from betterbench.evaluation.workers.worker import even_share
 from betterbench.jobs import RetryLedger, write_durably
 from betterbench.jobs.durable import on_disk
 from betterbench.records import JournalEntry, RunFolder
+from betterbench.tasks.trial import Trial
 
 logger = logging.getLogger(__name__)
 
@@ -54,13 +54,13 @@ def ray_entries(
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster and yield the journal entry of each, after its record is written.
 
-    Only this process writes to the run. A round is asked for when the one before has ended. ``served`` means that
-    replicas hold the policy, and the workers ask them; ``steps`` tells how many steps they have reported.
+    Only this process writes to the run. A round is requested when the previous one has ended. ``served`` means that
+    the policy runs in replicas; ``steps`` counts the steps that workers report.
 
     Raises:
-        InvalidInputError: If the cluster has no place, or has other versions.
-        WorkerError: If workers keep dying, cannot start, or the cluster itself is gone.
-        BetterError: What stops a run: a broken premise, a full disk, a policy that cannot be reached.
+        InvalidInputError: If the cluster has no free resources or other versions.
+        WorkerError: If workers keep dying or cannot start, or the cluster is gone.
+        BetterError: An error that stops the run: a broken premise, a full disk, an unreachable policy.
     """
     pool = RayPool(session, run, settings, steps or StepCount())
     try:
@@ -76,7 +76,7 @@ def ray_entries(
 
 @dataclass(slots=True, eq=False)
 class _WorkerActor:
-    """A worker as the pool sees it."""
+    """State of a worker in the pool."""
 
     actor: Any
     calls: deque[Any]  # under way, the oldest first
@@ -103,11 +103,11 @@ class RayPool:
         self._asked_at = 0.0
 
     def start_replicas(self) -> None:
-        """Start the replicas of the policy, which the workers then ask."""
+        """Start the replicas of the policy."""
         self._replicas.start()
 
     def entries(self, trials: Sequence[Trial]) -> Iterator[JournalEntry]:
-        """Yield the journal entries of some trials as they end; the workers stay for the next ones."""
+        """Yield the journal entries of trials as they end; the workers stay alive for the next ones."""
         self._ledger.put_back(trials)
         for _ in range(min(self._session.workers, self._ledger.left) - len(self._workers)):
             self._add_worker()
@@ -141,7 +141,7 @@ class RayPool:
         return bool(self._ledger.left or any(worker.trials for worker in self._workers))
 
     def _add_worker(self, replica: int | None = None) -> None:
-        """Add a worker; where the policy has replicas it asks the one of that number, or the next in turn."""
+        """Add a worker, connected to the replica with that number, or the next in turn, if there are replicas."""
         settings, addresses = self._settings, self._replicas.addresses
         if addresses:
             replica = self._made % len(addresses) if replica is None else replica
@@ -235,7 +235,7 @@ class RayPool:
         worker.ready = True
 
     def _handle_exit(self, worker: _WorkerActor, error: Exception) -> Iterator[JournalEntry]:
-        """Replace a worker that is lost, and queue its trials again or give them up."""
+        """Replace a lost worker, and queue its trials again or give them up."""
         logger.warning("a worker of the cluster died; %d trials go to others", len(worker.trials))
         self._workers.remove(worker)
         kill(self._ray, [worker.actor])
@@ -246,7 +246,7 @@ class RayPool:
             self._add_worker(worker.replica)
 
     def _replace_replicas(self) -> bool:
-        """Replace the replicas that have died, with the workers that asked them; False if none was replaced."""
+        """Replace dead replicas together with their workers; False if none was replaced."""
         dead = self._replicas.replace_dead()
         for worker in [w for w in self._workers if w.replica in dead]:
             self._workers.remove(worker)

@@ -1,4 +1,4 @@
-"""Worker of a Ray cluster, which an actor runs. Importing this module does not import Ray."""
+"""Worker of a Ray cluster, run by an actor. Importing this module does not import Ray."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.worker import Worker
 from betterbench.records import JournalEntry, RunFolder
 from betterbench.sim.graphics import take_device
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import load_sources
 from betterbench.version import __version__
 
@@ -27,7 +27,7 @@ TURN_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """The journal entry of a trial that has ended, and its record; None for a trial that broke down."""
+    """The journal entry of a trial that has ended, and its record, None for a broken trial."""
 
     entry: JournalEntry
     record: bytes | None
@@ -40,8 +40,8 @@ class Turn:
     Attributes:
         deliveries: The trials that have ended since its last report.
         scenes: Scenes that are new to this worker, by their hash.
-        problem: Error for which the run has to stop, or None.
-        envs: Trials that it can run at once from now on; 0 where that is not known.
+        problem: Error that stops the run, or None.
+        envs: Trials that it can run at once from now on; 0 if unknown.
         steps: Control steps that it has taken since its last report.
     """
 
@@ -53,7 +53,7 @@ class Turn:
 
 
 def versions_here() -> dict[str, str]:
-    """Return the versions and architecture that all machines of a run must share for trials to have the same bits."""
+    """Return the versions and architecture that all machines of a run must share for bit-identical results."""
     return {
         "betterbench": __version__,
         "suite": SUITE_VERSION,
@@ -69,7 +69,7 @@ class RemoteWorker:
     """
 
     def __init__(self, settings: RunSettings, description: bytes, known: Sequence[str]) -> None:
-        """Keep the settings, the content of ``run.json`` and the hashes of the scenes that the run holds already."""
+        """Store the settings, the content of ``run.json`` and the hashes of the scenes already in the run."""
         self._settings, self._description, self._known = settings, description, tuple(known)
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._worker: Worker | None = None
@@ -77,9 +77,9 @@ class RemoteWorker:
         self._steps = 0  # since the last report
 
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
-        """Open the worker with further variables in its environment.
+        """Open the worker with additional environment variables.
 
-        Returns the versions here, to be compared, and "problem" if the worker cannot be opened.
+        Returns the versions of this machine for comparison, and "problem" if the worker cannot be opened.
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)
@@ -100,7 +100,7 @@ class RemoteWorker:
         return versions
 
     def turn(self, trials: Sequence[Trial]) -> Turn:
-        """Take more trials, go on with all for a while, and report; trials wait until an environment is free."""
+        """Accept more trials, run for a while, and report; trials wait until an environment is free."""
         if self._worker is None:
             raise InvalidInputError("worker", "is not prepared", "Call prepare first")
         self._waiting.extend(trials)
@@ -118,7 +118,7 @@ class RemoteWorker:
         self._steps += 1
 
     def close(self) -> None:
-        """Close the worker and delete its folder; harmless when closed."""
+        """Close the worker and delete its folder; does nothing if already closed."""
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.close()

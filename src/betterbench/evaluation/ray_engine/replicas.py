@@ -1,4 +1,4 @@
-"""Replicas: actors of a Ray cluster that hold copies of the policy and answer the workers of the run."""
+"""Replicas: actors of a Ray cluster with copies of the policy, which answer the workers of the run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""Number of replicas that are replaced before the run stops as if the policy's server could not be reached."""
+"""Maximum number of replaced replicas; then the run stops as if the policy's server were unreachable."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0
@@ -38,8 +38,8 @@ class Replicas:
     """The replicas of a run.
 
     Attributes:
-        addresses: Addresses at which workers ask the replicas.
-        environment: Variables that a worker needs in its environment to ask them.
+        addresses: Addresses of the replicas.
+        environment: Environment variables that a worker needs to connect to them.
     """
 
     def __init__(self, session: RaySession, settings: RunSettings) -> None:
@@ -51,12 +51,12 @@ class Replicas:
         self.environment: Mapping[str, str] = {}
 
     def start(self) -> None:
-        """Start all replicas, and wait until they answer."""
+        """Start all replicas and wait until they answer."""
         self.environment = {_KEY_NAME: secrets.token_hex(24)}
         self._actors, self.addresses = self._started(self._session.cluster.replicas)
 
     def replace_dead(self) -> list[int]:
-        """Replace the replicas that have died, and return their numbers; none if all live or too many have died."""
+        """Replace dead replicas and return their numbers; none if all are alive or too many have died."""
         dead = [number for number, actor in enumerate(self._actors) if not self._answers(actor)]
         self._replaced += len(dead)
         if not dead or self._replaced > MAX_REPLACEMENTS:
@@ -88,7 +88,7 @@ class Replicas:
             raise
 
     def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
-        """Wait until replicas have a place on the cluster, not until they have loaded the policy."""
+        """Wait until replicas have resources on the cluster, not until they have loaded the policy."""
         _, late = self._session.ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
         if late:
             raise InvalidInputError(
@@ -99,7 +99,7 @@ class Replicas:
             )
 
     def _address(self, starting: Any) -> str:  # noqa: ANN401 -- a reference of Ray
-        """Wait until a replica has loaded the policy, however long that takes, and return where workers ask it."""
+        """Wait without a limit until a replica has loaded the policy, and return its address."""
         ray, policy = self._session.ray, self._settings.policy
         try:
             address, problem = ray.get(starting)
@@ -120,7 +120,7 @@ class Replicas:
 
 
 class _Replica:
-    """One copy of the policy behind the openpi protocol, on the address of its machine; callers need the key."""
+    """One copy of the policy, served with the openpi protocol on its machine's address; clients need the key."""
 
     def __init__(self, policy: str) -> None:
         self._policy = policy
@@ -131,7 +131,7 @@ class _Replica:
         return self._server is not None
 
     def start(self, key: str, limit_s: float) -> tuple[str, BetterError | None]:
-        """Serve, and return the address, or what prevents it; an answer may take ``limit_s`` [s]."""
+        """Serve the policy and return the address, or the error; an answer may take ``limit_s`` [s]."""
         node: str = importlib.import_module("ray").util.get_node_ip_address()
         try:
             self._server = open_server(

@@ -10,7 +10,7 @@ from typing import Any, Self
 from betterbench.errors import BetterError, InvalidInputError, WorkerError
 from betterbench.evaluation.ray_engine.cluster import Cluster
 
-TRY_AGAIN = "Look at Ray's logs, then run the same command again: it goes on where it stopped."
+TRY_AGAIN = "Look at Ray's logs, then run the same command again; it resumes the run."
 
 _OBJECT_STORE_BYTES = 128 * 1024 * 1024
 
@@ -28,29 +28,29 @@ def loss_errors(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a m
 
 
 def first_line(error: Exception) -> str:
-    """Return why something failed in one line, without the traceback that Ray puts before it."""
+    """Return the reason of an error in one line, without Ray's traceback."""
     cause = getattr(error, "cause", None)
     text = str(error) if cause is None else f"{type(cause).__name__}: {cause}"
     return (text.splitlines() or [type(error).__name__])[0][:200].rstrip(".: ")
 
 
 def cluster_lost(error: Exception) -> WorkerError:
-    """Return the error of a run whose cluster does not answer."""
+    """Return the error for a cluster that does not answer."""
     return WorkerError(f"The Ray cluster does not answer any more ({first_line(error)}). {TRY_AGAIN}")
 
 
 def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an error of Ray
-    """Return the error of this package that was raised on the cluster, or one line about any other error there."""
+    """Return an error of this package raised on the cluster, or a one-line error for any other one."""
     if isinstance(error.cause, BetterError):
         return error.cause
     return WorkerError(f"{what}: {first_line(error)}. {TRY_AGAIN}")
 
 
 class RaySession:
-    """A connection to a cluster, or a cluster of this machine alone, for the time of a run. A context manager."""
+    """A connection to a cluster, or a local cluster, for the duration of a run. A context manager."""
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
-        """Prepare; without a number of workers there are as many as the cluster has processors."""
+        """Prepare; the default number of workers is the number of the cluster's processors."""
         self.cluster, self.ray = cluster, import_ray()
         self._workers = workers
         self._owned = False
@@ -85,11 +85,11 @@ class RaySession:
 
     @property
     def workers(self) -> int:
-        """Number of workers: what was asked for, or what the cluster has processors for."""
+        """Number of workers: the requested one, or the number of the cluster's processors."""
         return self._workers or max(1, int(self._total("CPU")))
 
     def replica_gpus(self) -> float:
-        """Graphics cards of each replica of the policy."""
+        """GPUs of each replica of the policy."""
         asked = self.cluster.replica_gpus
         if asked is not None:
             return asked
@@ -101,7 +101,7 @@ class RaySession:
         return ", ".join(f"{name} {free[name]:g}" for name in ("CPU", "GPU") if name in free) or "nothing"
 
     def _total(self, resource: str) -> float:
-        """Return how much of a resource the cluster has, free or not."""
+        """Return the total amount of a resource of the cluster, free or not."""
         try:
             return float(self.ray.cluster_resources().get(resource, 0.0))
         except loss_errors(self.ray) as error:
@@ -109,7 +109,7 @@ class RaySession:
 
 
 def kill(ray: Any, actors: Any) -> None:  # noqa: ANN401 -- a module without types and its handles
-    """End actors; those that have ended already, with their cluster or without, are skipped."""
+    """End actors; those that have already ended are skipped."""
     for actor in actors:
         try:
             ray.kill(actor)

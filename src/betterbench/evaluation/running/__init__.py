@@ -1,1 +1,1 @@
-"""Whole runs: a plan from its first trial to its last, a run that your own loop fills, and the replay of a record."""
+"""Whole runs: running a plan, filling a run from your own loop, and replaying a record."""

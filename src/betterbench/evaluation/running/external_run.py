@@ -1,4 +1,4 @@
-"""External runs: your own loop asks for observations and gives actions, and the records of ``better eval`` are kept."""
+"""External runs: your own loop gets observations and gives actions; records are those of ``better eval``."""
 
 from __future__ import annotations
 
@@ -15,20 +15,22 @@ import numpy.typing as npt
 from betterbench.episodes import POLICY_BOUNDARY, Question, Reply
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError
 from betterbench.evaluation.planning.manifest import run_context, same_policy
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.trials.given_policy import kind_of_callers, needs_in_run
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+from betterbench.jobs.conflict import require_same
 from betterbench.jobs.durable import on_disk
 from betterbench.policies.description import describe_policy
 from betterbench.policies.factory import PolicyFactory
-from betterbench.records import Journal, JournalEntry, Outcome, RunFolder, first_difference
+from betterbench.records import Journal, JournalEntry, Outcome, RunFolder
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 LOCK_PATIENCE_S = 60.0
-"""Longest wait for another process that drives the same run [s]; each holds the lock while it writes one line."""
+"""Longest wait for another process of the same run [s]; each holds the lock only while it writes a line."""
 
 _RETRY_S = 0.05
 _STARTS = 20  # another process may be writing the run's first file
@@ -36,9 +38,9 @@ _NOTHING = np.empty(0)
 
 
 class ExternalRun:
-    """A run folder that your own loop fills, with the records of ``better eval``. A context manager.
+    """A run folder filled by your own loop, with the same records as of ``better eval``. A context manager.
 
-    Several processes may drive one run, each other trials of it: the folder is locked only while a line is written.
+    Several processes may run different trials of one run: the folder is locked only while a line is written.
 
     Attributes:
         start: Start of the current episode, or None.
@@ -56,13 +58,13 @@ class ExternalRun:
     ) -> None:
         """Create the run, or resume the one in the folder if it has the same plan.
 
-        The policy of the plan is the name under which the report shows yours. Without ``needs_images`` no image is
-        rendered. ``metadata`` is what else is known of the policy (checkpoint, revision), a JSON document being stored
-        as such, and ``engine`` names in the manifest what drives the run.
+        The policy of the plan is the name of your policy in the report. Without ``needs_images`` no image is
+        rendered. ``metadata`` has further facts about the policy (checkpoint, revision), stored as a JSON document
+        if it is one, and ``engine`` is the name of your loop in the manifest.
 
         Raises:
             InvalidInputError: If the policy has the name of a built-in policy.
-            RunConflictError: If the folder holds another run, or one with another policy.
+            RunConflictError: If the folder contains another run, or one with another policy.
             StorageError: If the disk is full.
         """
         if not needs_in_run(plan.policy).thread:
@@ -84,9 +86,9 @@ class ExternalRun:
         self._asked = 0.0
 
     def waiting(self) -> Iterator[Trial]:
-        """Yield the trials that are not done yet, in the order of the plan; other processes may do some meanwhile.
+        """Yield the unfinished trials in the order of the plan; other processes may finish some in the meantime.
 
-        Of a plan until decided, those of a round follow when all of the round before have been played.
+        In a plan until decided, a round follows when all trials of the previous round are finished.
         """
         for trials in Schedule(self.plan, is_done=self._is_done, succeeded=self.folder.succeeded).rounds():
             for trial in trials:
@@ -101,14 +103,15 @@ class ExternalRun:
         return any(e.status == "done" and e.key == trial for e in self.folder.entries())
 
     def outcome(self, trial: Trial) -> Outcome:
-        """Return the outcome of a trial that is done; RecordError if its record is missing or unreadable."""
+        """Return the outcome of a finished trial; RecordError if its record is missing or unreadable."""
         return self.folder.read_brief(trial.id).outcome
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
-        """Play a whole trial with a callable, and return its journal entry.
+        """Run a whole trial with a callable, and return its journal entry.
 
-        ``act`` returns one action (dim,) or a chunk (horizon, dim) for an observation. An exception of it ends the
-        trial as ``policy_error``, and the run can go on. Other errors are those of :meth:`begin` and :meth:`act`.
+        ``act`` returns one action (dim,) or a chunk (horizon, dim) for an observation. If it raises an exception, the
+        trial ends as ``policy_error``, and the run can continue. It also raises the errors of
+        :meth:`begin` and :meth:`act`.
         """
         seen: Observation | None = self.begin(trial)
         while seen is not None:
@@ -127,9 +130,9 @@ class ExternalRun:
         """Begin the episode of a trial of the plan, abandon the current one, and return the first observation.
 
         Raises:
-            PolicyError: If the trial broke down; the journal says why.
-            PremiseError: If the scene does not show what the instruction presupposes; the run has to stop.
-            StorageError: If the disk is full; the run has to stop.
+            PolicyError: If the trial failed with an error; the journal has the reason.
+            PremiseError: If the scene contradicts the premise of the instruction; the run must stop.
+            StorageError: If the disk is full; the run must stop.
         """
         self.abandon("the external loop began another episode")
         self._steps, self.entry = self._trial_runner.steps(trial), None
@@ -140,9 +143,9 @@ class ExternalRun:
         return seen
 
     def act(self, actions: np.ndarray) -> Observation | None:
-        """Play one action (dim,), or a chunk (horizon, dim) that is played whole.
+        """Execute one action (dim,), or a whole chunk (horizon, dim).
 
-        Actions that cannot be played end the trial as ``policy_error`` with the reason in its record.
+        Invalid actions end the trial as ``policy_error`` with the reason in its record.
 
         Returns:
             The observation for the next answer, or None if the episode has ended and :attr:`entry` is its entry.
@@ -156,12 +159,12 @@ class ExternalRun:
         return self._advance(Reply(np.asarray(actions), time.perf_counter() - self._asked))
 
     def fail(self, reason: str) -> None:
-        """End the current episode as ``policy_error``, which counts, because of a reason in the policy."""
+        """End the current episode as ``policy_error`` because the policy failed; the trial counts."""
         if self._steps is not None:
             self._advance(PolicyError(reason))
 
     def abandon(self, reason: str) -> None:
-        """End the current episode, if there is one, for a reason that the journal keeps; the same run runs it again."""
+        """End the current episode, if any, with a reason for the journal; resuming the run runs it again."""
         if self._steps is not None:
             self._advance(PolicyUnavailableError(f"{reason}. Run it again by starting the same run again"))
 
@@ -177,7 +180,7 @@ class ExternalRun:
         self.close()
 
     def _advance(self, reply: Reply | PolicyError | None) -> Observation | None:
-        """Run the episode on to its next question, or to its end."""
+        """Continue the episode until its next request or its end."""
         steps = self._steps
         if steps is None:
             raise AssertionError("there is a current episode")
@@ -214,7 +217,7 @@ class ExternalRun:
 
 
 class _Declared(PolicyFactory):
-    """The declaration of a policy that answers outside of this package."""
+    """The declaration of a policy that runs outside this package."""
 
     def __init__(self, info: PolicyInfo) -> None:
         super().__init__(info.name, kind=kind_of_callers(info.name))
@@ -224,7 +227,7 @@ class _Declared(PolicyFactory):
 def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
     """Return the run; several processes may open it at once.
 
-    A run that exists is opened without its lock, because taking the lock removes half-written records, which another
+    An existing run is opened without its lock, because taking the lock removes partial records, which another
     process may be writing.
     """
     form = json.loads(json.dumps(plan.to_json()))
@@ -238,13 +241,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
                 raise
             time.sleep(_RETRY_S)
     run = RunFolder.open(out)
-    difference = first_difference(run.plan, form, "plan")
-    if difference is not None:
-        where, there, asked = difference
-        raise RunConflictError(
-            f"{out}: the run in this folder is another one: {where} is {there} there and {asked} here. "
-            "Give the same settings to resume it, or choose another folder."
-        )
+    require_same(out, run.plan, form, "run", where="plan", cure="Give the same settings to resume it")
     return run
 
 

@@ -10,13 +10,13 @@ from betterbench.records import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""Number of first trials that have to end with the same error; a policy that fails at random does not do that."""
+"""Number of first trials that must end with the same error; a policy that fails at random does not do this."""
 
 
 class FailingStart:
-    """Reads the entries of a run from its beginning and warns once, if the first ones all hold the same error.
+    """Reads the entries of a run from its beginning and warns once if the first ones all have the same error.
 
-    The run goes on, because a policy may really fail on every trial.
+    The run continues, because a policy may really fail in every trial.
     """
 
     def __init__(self, policy: str) -> None:
@@ -27,7 +27,7 @@ class FailingStart:
         self._over = False
 
     def add(self, entry: JournalEntry) -> None:
-        """Take in the entry of a trial that has ended."""
+        """Add the entry of a finished trial."""
         if self._over:
             return
         # The numbers in a reason are those of the trial or the step.
@@ -39,7 +39,7 @@ class FailingStart:
         if self._alike == FIRST_TRIALS:
             self._over = True
             logger.warning(
-                "the first %d trials all ended with the same error (%s). The run goes on; stop it with Ctrl-C and try "
+                "the first %d trials all ended with the same error (%s). The run continues; stop it by Ctrl-C and try "
                 "better doctor --policy '%s'.",
                 FIRST_TRIALS,
                 entry.message,

@@ -1,4 +1,4 @@
-"""Trials whose record or scene is missing, damaged or not theirs: the command that resumes a run runs them again."""
+"""Trials whose record or scene is missing, damaged or wrong; they are run again when the run is resumed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ logger = logging.getLogger(__name__)
 
 
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
-    """Note in the journal which finished trials have to be run again, and return how many they are.
+    """Mark in the journal the finished trials that must be run again, and return their number.
 
-    A file that cannot be used is moved to ``RUN/set-aside`` and never deleted. Raises OSError if that is not possible.
+    An unusable file is moved to ``RUN/set-aside`` and never deleted. Raises OSError if that is not possible.
     """
     lost = 0
     sound: set[tuple[str, str | None]] = set()

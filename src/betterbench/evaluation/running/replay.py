@@ -1,4 +1,4 @@
-"""Replaying a record: its actions are simulated again, and all that follows from them is compared bit for bit."""
+"""Replay of a record: its actions are simulated again, and all results are compared bit for bit."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from betterbench.tasks import GoalTracker, Truth
 from betterbench.tasks.interventions import ResolvedCondition, resolve_condition
 
 VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
-"""Columns that the goal tracker gives."""
+"""Columns computed by the goal tracker."""
 
 MOST_DEVIATIONS = 6.0
-"""Largest noise on an executed action that is believed, in standard deviations."""
+"""Largest plausible noise on an executed action, in standard deviations."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
-"""Metadata that follow from what is installed; a difference of versions is a note."""
+"""Metadata that depend on installed versions; a difference is only a note."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +35,10 @@ class ReplayCheck:
         rows: Rows compared.
         first_difference: First row whose state differs, or None if all are equal.
         largest_difference: Largest difference of a position or angle [m, rad].
-        verdict_agrees: Whether the goal tracker gives the same truth again, and the outcome follows from it.
+        verdict_agrees: Whether the goal tracker computes the same values again, and the outcome follows from them.
         notes: Possible reasons for a difference.
-        differing: Fields that do not follow from the actions and the trial, by name, with both values where they are
-            single ones.
+        differing: Fields that do not follow from the actions and the trial, by name, with both values if they are
+            scalars.
         fields: Number of fields compared.
     """
 
@@ -57,13 +57,13 @@ class ReplayCheck:
 
 
 def check_record(path: Path) -> ReplayCheck:
-    """Simulate a record's actions again and compare all that follows from them and from the trial.
+    """Simulate a record's actions again and compare all results.
 
-    That is every column, the outcome, and the metadata but for versions. A record in the folder of its run is also
+    Compared are every column, the outcome, and the metadata except versions. A record in the folder of its run is also
     compared with the run's plan and journal.
 
     Raises:
-        RecordError: If the record or its scene cannot be read, or is not the one that plan and journal mean.
+        RecordError: If the record or its scene cannot be read, or does not match plan and journal.
     """
     record = read_record(path)
     run = _run_of(path, record)
@@ -87,7 +87,7 @@ def check_record(path: Path) -> ReplayCheck:
 
 
 def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
-    """Return the scene of a record: with the render preset that it or the plan names, else with the one that fits."""
+    """Return the scene of a record, with the render preset of the record or the plan, otherwise a matching one."""
     meta = record.metadata
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
     *others, last = [named] if isinstance(named, str) and named in QUALITIES else QUALITIES
@@ -107,9 +107,9 @@ def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Return the run in whose folder a record lies, compared with its plan and journal, or None for a record alone.
+    """Return the run of a record, after comparing it with plan and journal; None for a record outside a run.
 
-    Raises RecordError if they differ, or it is not at its place.
+    Raises RecordError if they differ or the record is not at its path in the run.
     """
     place = path.absolute()
     if len(place.parents) < 4 or not (place.parents[3] / "run.json").is_file():
@@ -127,7 +127,7 @@ def _run_of(path: Path, record: Record) -> RunFolder | None:
 
 
 def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[Record, Truth, int | None]:
-    """Return what the actions of a record give in a scene, the last truth, and the first row with success, or None."""
+    """Return the replayed record in a scene, the last predicates, and the first row with success, or None."""
     meta = record.metadata
     tracker = GoalTracker(
         scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
@@ -163,7 +163,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
 
 
 def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Iterator[str]:
-    """Yield the differences between a recorded outcome and the one that follows from the actions."""
+    """Yield the differences between a recorded outcome and the replayed one."""
     told, steps = record.outcome, record.n_steps
     limit = scene.task.step_limit(scene.condition)
     if truth.success:
@@ -220,7 +220,7 @@ def _compare(record: Record, again: Record, notes: tuple[str, ...], *, outcome: 
 
 
 def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return the rows in which two columns differ in any bit."""
+    """Return the rows in which two columns are not bit-identical."""
     a, b = (np.ascontiguousarray(x).reshape(len(x), -1) for x in (ours, theirs))
     if a.shape[1] == 0:
         return np.empty(0, dtype=np.intp)

@@ -1,4 +1,4 @@
-"""Running a plan: workers run its trials, one journal holds what has ended, and the same command resumes the run."""
+"""Running a plan: workers run its trials, a journal lists finished ones, and the same command resumes the run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.planning.manifest import run_context, same_policy
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.repeat import require_same_policy
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require_ray
@@ -31,10 +31,11 @@ from betterbench.interface import PolicyInfo
 from betterbench.jobs.durable import on_disk
 from betterbench.policies.description import describe_policy
 from betterbench.policies.factory import PolicyFactory
-from betterbench.policies.kinds import needs_of
+from betterbench.policies.kinds import PolicyNeeds, needs_of
 from betterbench.records import Journal, JournalEntry, RunFolder
 from betterbench.sim.graphics import require_drawing
 from betterbench.statistics import Decisions
+from betterbench.tasks.trial import Trial
 
 if TYPE_CHECKING:
     from betterbench.evaluation.ray_engine.session import RaySession
@@ -47,17 +48,17 @@ Engine = Literal["local", "ray"]
 MAX_WORKERS = 256
 
 MAX_PASSES = 3
-"""Most passes of a run through its trials while their records disappear."""
+"""Maximum passes of a run through its trials if records disappear."""
 
 _TURN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Progress of a run; ``started_with`` trials were done before this process, which has run for ``elapsed_s`` [s].
+    """Progress of a run; ``started_with`` trials were done before this process, which has run ``elapsed_s`` [s].
 
     Attributes:
-        planned: Number of trials of the plan; of a run until decided, the most that may be run.
+        planned: Number of trials of the plan; for a run until decided, the maximum.
         decisions: Decisions after the last round of a run until decided, or None.
     """
 
@@ -84,31 +85,31 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run every trial of a plan that is not in the journal yet; with ``until_decided``, as many as its verdicts need.
+    """Run every trial of a plan that is not in the journal yet; with ``until_decided``, only those that are needed.
 
-    Trials whose record is missing or damaged are run again. The policy is asked for its conventions before anything is
-    written. Results do not depend on the number of workers and environments, nor on the engine.
+    Trials whose record is missing or damaged are run again. The conventions of the policy are compared before anything
+    is written. Results do not depend on the number of workers and environments, nor on the engine.
 
     Args:
         plan: The same plan resumes an unfinished run.
         out: Folder of the run.
-        workers: Worker processes; with 1 the trials run in this process, but for a policy that is not ours, which is
-            always asked in a process of its own. None for one per processor of this machine or of the cluster, or for a
+        workers: Worker processes; with 1 the trials run in this process, except for a user's policy, which
+            always runs in a separate process. None for one per processor of this machine or of the cluster, or for a
             single one if each would load the weights of a policy again.
-        envs: Environments of each worker; None for 1 where the policy answers at once. Where it does not, a warm-up
-            chooses the number from what the policy and the simulation take, within the memory that is free.
+        envs: Environments of each worker; None for 1 if the policy answers immediately. Otherwise a warm-up
+            chooses the number from the times of the policy and the simulation, within the free memory.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
         cluster: Cluster on which the actors are placed.
         policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
-        allow_changed_policy: True to resume with a policy that declares something else than when the run began.
-        repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
-        policies: Factory of a policy that has no address, for one worker; None for the address of the plan.
+        allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
+        repeats: Run that must have the same policy, unless changed ones are allowed; None for no comparison.
+        policies: Factory of a policy without an address, for one worker; None for the address of the plan.
         on_progress: Called once at the start and after every trial.
         on_steps: Called about twice a second with the control steps of this session.
 
     Raises:
-        RunConflictError: If the folder holds another run or another process writes to it, or the policy has changed.
-        PremiseError: If a scene does not show what its instruction presupposes.
+        RunConflictError: If the folder contains another run, another process writes to it, or the policy has changed.
+        PremiseError: If a scene contradicts the premise of its instruction.
         InvalidInputError: If a number is out of range, or the policy answers in another action space.
         UnknownNameError: If there is no such policy.
         PolicyUnavailableError: If the policy's server cannot be reached.
@@ -119,7 +120,7 @@ def evaluate(
     _check_numbers(workers, envs, engine, policy_timeout_s)
     if engine == "ray":
         require_ray(cluster)
-    began, steps = time.perf_counter(), StepCount(on_steps)
+    began, steps, needs = time.perf_counter(), StepCount(on_steps), needs_in_run(plan.policy)
     with ExitStack() as stack:
         processors = min(os.cpu_count() or 1, MAX_WORKERS)
         alone = engine == "local" and (workers or processors) == 1
@@ -130,7 +131,7 @@ def evaluate(
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
         count = session.workers if session else workers or processors
         settings = RunSettings.of(plan, out, policy_timeout_s=policy_timeout_s)
-        settings = _with_policy(settings, asked, workers=count, envs=envs)
+        settings = _with_policy(settings, asked, needs, workers=count, envs=envs)
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
             require_same_policy(repeats, declared)
@@ -145,28 +146,28 @@ def evaluate(
             schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
             found = _entries(run, settings, schedule, asked=asked, session=session, steps=steps)
             with closing(found) as entries:
-                _record(schedule, journal, out, entries, began=began, on_progress=on_progress)
-            if not (_restored(run, journal, plan.policy) and left):
+                _record(schedule, journal, out, entries, needs=needs, began=began, on_progress=on_progress)
+            if not (_restored(run, journal, needs) and left):
                 break
     return run
 
 
 def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
-    """Say what was assumed about a policy, and check that this machine can draw what it is to see.
+    """Log assumptions about a policy, and check that this machine can render its images.
 
-    Otherwise every trial would break for the same reason.
+    Otherwise every trial would fail for the same reason.
     """
     if "assumed" in info.metadata:
         logger.warning("%s", info.metadata["assumed"])
-    if engine == "local" and plan.world is None and info.needs_images and plan.observation != "state_only":
+    if engine == "local" and not plan.world.drawn_by and info.needs_images and plan.observation != "state_only":
         require_drawing()
 
 
-def _restored(run: RunFolder, journal: Journal, policy: str) -> bool:
+def _restored(run: RunFolder, journal: Journal, needs: PolicyNeeds) -> bool:
     """Write again what somebody has removed, such as a policy in a process of this machine; tell if trials are lost."""
     with on_disk(run.path):
         changed = [run.restore(), journal.restore()]
-        return (any(changed) or needs_in_run(policy).process) and reopen_lost(run, journal) > 0
+        return (any(changed) or needs.process) and reopen_lost(run, journal) > 0
 
 
 def _record(
@@ -175,16 +176,17 @@ def _record(
     out: Path,
     entries: Iterable[JournalEntry],
     *,
+    needs: PolicyNeeds,
     began: float,
     on_progress: Callable[[Progress], None] | None,
 ) -> None:
-    """Append entries to the journal as they come, and report each."""
+    """Append entries to the journal as they arrive, and report each."""
     plan = schedule.plan
     planned = len(plan.trials)
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
     if on_progress is not None:
         on_progress(Progress(done, planned, 0.0, started_with, None, schedule.decisions))
-    failing = FailingStart(plan.policy) if needs_in_run(plan.policy).thread and not started_with else None
+    failing = FailingStart(plan.policy) if needs.thread and not started_with else None
     for entry in entries:
         with on_disk(out):
             journal.append(entry)
@@ -215,20 +217,21 @@ class _Asked:
 def _ask_policy(
     plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
 ) -> _Asked:
-    """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
+    """Create the policy, or connect to it, and compare its conventions; the stack closes the resources."""
     if given is not None:
-        return _Asked(given.check(plan.action_space, plan.observation), 1, given)
-    address, world = plan.policy, "" if plan.world is None else plan.world.world
+        return _Asked(given.check(plan.action_space, plan.observation, rate_hz=plan.world.control_rate_hz), 1, given)
+    address, world, rate_hz = plan.policy, plan.world.dialect, plan.world.control_rate_hz
     needs = needs_of(address)
     if alone or needs.server or not needs.thread:
         policies = PolicyFactory(address, apart=True, timeout_s=timeout_s, world=world)
         stack.callback(policies.close)
-        return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
+        info = policies.check(plan.action_space, plan.observation, rate_hz=rate_hz)
+        return _Asked(info, usual_envs(policies), policies)
     with ExitStack() as own:
         # A policy of the user may hold weights. It is asked in a process of its own, so that they are loaded either
         # there or, after that process has ended, in the workers.
         run = (plan.action_space, plan.observation)
-        host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world))
+        host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world, rate_hz=rate_hz))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
         if not (info.heavy or host.takes_batches):
             return _Asked(info, envs, PolicyFactory(address, apart=True, timeout_s=timeout_s, world=world))
@@ -239,21 +242,23 @@ def _ask_policy(
         return _Asked(info, envs, host=host, shared=True, one_worker=one_worker)
 
 
-def _with_policy(settings: RunSettings, asked: _Asked, *, workers: int, envs: int | None) -> RunSettings:
+def _with_policy(
+    settings: RunSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
+) -> RunSettings:
     """Return settings with what is known of the policy, and the environments that were asked for or may be chosen."""
-    first, most = (envs, envs) if envs else envs_between(asked.envs, workers, foreign=settings.world is not None)
+    first, most = (envs, envs) if envs else envs_between(asked.envs, workers, world=settings.world)
     return replace(
         settings,
         envs=first,
         most_envs=most,
         workers=workers,
         served_at=asked.host.address if asked.host else None,
-        known=asked.info if needs_in_run(settings.policy).server else None,
+        known=asked.info if needs.server else None,
     )
 
 
 def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
-    """Return how the run is carried out, as ``run.json`` says it."""
+    """Return the description of the engine for ``run.json``."""
     form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
     if settings.most_envs > settings.envs:
         form["most_envs"] = settings.most_envs  # a warm-up chooses; the journal says how many there were
@@ -269,24 +274,6 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
         raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "It must be > 0")
     if engine not in get_args(Engine):
         raise UnknownNameError("engine", engine, get_args(Engine))
-
-
-def _by_scene(trials: list[Trial], *, last: int = 0, foreign: bool = False) -> list[Trial]:
-    """Order trials: those that share compiled scenes follow each other, and long tasks come before short ones.
-
-    The ``last`` trials are ordered by their own lengths, since at the end of a run workers should wait for short trials
-    only. Results do not depend on the order.
-    """
-    if foreign:
-        return sorted(trials, key=lambda t: (t.task, t.seed))
-    limits = dict[tuple[str, str], int]()
-    for trial in {(t.task, t.condition): t for t in trials}.values():
-        found = trial.resolve()
-        limits[trial.task, trial.condition] = found.task.step_limit(found.condition)
-    longest = {task: max(s for (of, _), s in limits.items() if of == task) for task, _ in limits}
-    ordered = sorted(trials, key=lambda t: (-longest[t.task], t.task, t.seed))
-    begin = max(0, len(ordered) - last)
-    return ordered[:begin] + sorted(ordered[begin:], key=lambda t: -limits[t.task, t.condition])
 
 
 def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
@@ -308,7 +295,7 @@ def _entries(
     """Yield the journal entry of every trial, as they end."""
     workers = settings.workers
     last = 2 * workers * max(settings.envs, settings.most_envs)  # so that each environment takes some of them
-    later = (_by_scene(trials, last=last, foreign=settings.world is not None) for trials in schedule.rounds())
+    later = (settings.world.in_order(trials, last=last) for trials in schedule.rounds())
     first = next(later, [])
     if not first:
         return

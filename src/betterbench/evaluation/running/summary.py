@@ -11,9 +11,9 @@ from betterbench.records import JournalEntry, RunFolder
 
 
 def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:
-    """Return of how many trials (n) how many (k) succeeded, on training conditions and on variations, or broke down.
+    """Return the numbers of trials, successes (training conditions and variations) and broken trials, as n and k.
 
-    With ``seeds``, the successes are those of the trials with such a seed.
+    With ``seeds``, only trials with these seeds count as successes.
     """
     counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
     for entry in run.entries():
@@ -29,12 +29,12 @@ def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[
 
 
 def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
-    """Return the entries of the trials that broke: without a record, or with an error of the policy at its end."""
+    """Return the entries of broken trials: without a record, or ended by an error of the policy."""
     return tuple(e for e in run.entries() if e.status == "error" or e.message is not None)
 
 
 def require_a_trial(run: RunFolder) -> None:
-    """Raise PolicyError, with what broke first, if every trial broke: in the policy, its server or outside of both."""
+    """Raise PolicyError, with the first error, if every trial broke for any reason."""
     broken = broken_trials(run)
     if broken and len(broken) == len(run.entries()):
         first = broken[0]
@@ -49,9 +49,9 @@ class PolicyService:
     Attributes:
         p50_s: Median over the trials of the median time of an answer [s].
         max_s: Longest time of an answer [s].
-        concurrency: Requests under way on average.
-        retries: Requests that were sent again; None if the policy has no connection.
-        reconnects: Connections that were made again; None likewise.
+        concurrency: Average number of pending requests.
+        retries: Number of repeated requests; None if the policy has no connection.
+        reconnects: Number of reconnections; None likewise.
     """
 
     p50_s: float
@@ -62,7 +62,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return how the policy answered in the trials of a session that took so long [s]; None if it is unknown."""
+    """Return the answer times in the trials of a session of ``elapsed_s`` [s]; None if unknown."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -85,21 +85,21 @@ RunPart = Literal["policy", "simulation", "rendering", "wire"]
 """Part of a run that takes time."""
 
 WAITED = 0.2
-"""Share of the time of the workers that they wait, from which on the policy is the bottleneck."""
+"""Share of waiting in the workers' time above which the policy is the bottleneck."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunTimes:
-    """Time by part, summed over all trials of a run, those of earlier sessions included.
+    """Time by part, summed over all trials of a run, including earlier sessions.
 
     Attributes:
-        policy_s: Time from question to answer without ``wire_s``; the answers of several environments overlap [s].
+        policy_s: Time from request to answer without ``wire_s``; the answers of several environments overlap [s].
         simulation_s: Scenes, physics, privileged state and records [s].
         rendering_s: Observations, mostly images [s].
-        wire_s: Processor time of this side for the messages: resizing, packing and sending images, reading answers;
-            the way through the network belongs to the policy [s].
-        idle_s: Time in which a worker had nothing to do but wait for the policy [s].
-        envs: Environments of each worker in the last trial, or None where the policy answers in the worker itself.
+        wire_s: CPU time of betterbench for messages: resizing, packing and sending images, reading answers;
+            network latency counts as policy time [s].
+        idle_s: Time in which a worker only waited for the policy [s].
+        envs: Environments of each worker in the last trial, or None if the policy runs in the worker itself.
     """
 
     policy_s: float
@@ -143,7 +143,7 @@ class RunTimes:
 
 
 def run_times(entries: Iterable[JournalEntry]) -> RunTimes | None:
-    """Return where the time of some trials went, from the journal; None if it tells of none."""
+    """Return the times of trials from the journal; None if it has none."""
     walls = [e.wall for e in entries if "simulation_s" in e.wall]
     if not walls:
         return None

@@ -1,1 +1,1 @@
-"""Policies behind the openpi protocol: server, sessions, the host of a run, shadow simulations of experts."""
+"""Policies served with the openpi protocol: server, sessions, the host of a run, shadow simulations of experts."""

@@ -1,18 +1,16 @@
 """A host: the process that serves a policy to all workers of a run over openpi.
 
-The policy itself runs in yet another process, so that a crash there costs only the trial that it was answering.
+The policy itself runs in another process, so that a crash there affects only the current trial.
 """
 
 from __future__ import annotations
 
 import contextlib
 import logging
-import multiprocessing
 import os
 import threading
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from typing import Self
 
 from betterbench.errors import BetterError, PolicyError
@@ -20,14 +18,15 @@ from betterbench.evaluation.serving.server import open_server
 from betterbench.evaluation.trials.shared_policy import Deadline
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
 from betterbench.interface import PolicyInfo
-from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
+from betterbench.jobs.worker_process import SpawnedProcess, interrupts_blocked, prepare_process
 from betterbench.policies.clients.connection import LONGEST_WAIT_S
 from betterbench.policies.factory import PolicyFactory
+from betterbench.sim.scenes import CONTROL_RATE_HZ
 
 logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
-"""Most restarts of a host that died."""
+"""Maximum restarts of a host that died."""
 
 HUNG = 75
 """Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
@@ -38,32 +37,38 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""Time that a worker waits for a host [s]: a host that is started again loads its weights again."""
+"""Time that a worker waits for a host [s]: a restarted host loads its weights again."""
 
 
 class Host:
-    """Serves one policy from a process of its own. A context manager, which starts and ends it.
+    """Serves one policy from a separate process. A context manager, which starts and ends it.
 
     Attributes:
-        takes_batches: Whether one instance answers all environments.
+        takes_batches: Whether one instance serves all environments.
     """
 
     def __init__(
-        self, policy: str, *, run: tuple[str, str], timeout_s: float = POLICY_TIMEOUT_S, world: str = ""
+        self,
+        policy: str,
+        *,
+        run: tuple[str, str],
+        timeout_s: float = POLICY_TIMEOUT_S,
+        world: str = "",
+        rate_hz: float = CONTROL_RATE_HZ,
     ) -> None:
-        """Prepare; ``run`` is the action space and observation preset to compare the policy's conventions with.
+        """Prepare; ``run`` has the action space and observation preset for the comparison of conventions.
 
-        ``world`` is the foreign world of the run.
+        ``world`` is the world in whose conventions a server is spoken to, and ``rate_hz`` the control rate of the run
+        [Hz].
         """
-        self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world), timeout_s, 0
+        self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world, rate_hz), timeout_s, 0
         self._port = 0
         self.takes_batches = False
-        self._process: BaseProcess | None = None
-        self._pipe: Connection | None = None  # closing it ends the process
+        self._running: SpawnedProcess | None = None  # closing its pipe ends it
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
-        """Start it, and wait until it has loaded the policy."""
+        """Start the process and wait until it has loaded the policy."""
         try:
             self._start()
             self._info, self.takes_batches, self._port = self._greeting()
@@ -77,48 +82,44 @@ class Host:
 
     @property
     def info(self) -> PolicyInfo:
-        """Description of the policy, as it declares it."""
+        """The policy's description of itself."""
         if self._info is None:
             raise AssertionError("the host was not started")
         return self._info
 
     @property
     def address(self) -> str:
-        """Address at which workers ask the policy; its server declares how chunks are played."""
+        """Address of the policy for workers; its server declares how chunks are executed."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
         """Start the process again if it has died, at the same port; PolicyError if it died too often."""
-        process = self._process
-        if process is None or process.is_alive():
+        if self._running is None or self._running.process.is_alive():
             return
-        hung = process.exitcode == HUNG
+        status = self._running.process.exitcode
+        hung = status == HUNG
         self._restarts += not hung
         if self._restarts > MAX_RESTARTS:
             raise PolicyError(
-                f"{self._policy}: its process died {self._restarts} times (status {process.exitcode}). Run the same "
+                f"{self._policy}: its process died {self._restarts} times (status {status}). Run the same "
                 "command again with --workers 1 to see why."
             )
-        how = "hangs" if hung else f"died (status {process.exitcode})"
+        how = "hangs" if hung else f"died (status {status})"
         logger.warning("the process of %s %s and is started again", self._policy, how)
         self._end()
         self._start()
 
     def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        arguments = (self._policy, self._run, self._timeout_s, self._port, theirs)
-        with interrupts_blocked():
-            self._process = context.Process(target=serve, args=arguments, name="betterbench-policy")
-            self._pipe = ours
-            self._process.start()
-        theirs.close()
+        with interrupts_blocked():  # until it is known here
+            self._running = SpawnedProcess(
+                serve, self._policy, self._run, self._timeout_s, self._port, name="betterbench-policy"
+            )
 
     def _greeting(self) -> tuple[PolicyInfo, bool, int]:
         """Return the policy's description from the process, whether it takes batches, and its port."""
-        process, pipe = self._process, self._pipe
-        if process is None or pipe is None:
+        if self._running is None:
             raise AssertionError("the host was not started")
+        process, pipe = self._running.process, self._running.connection
         # A child of the process may hold its end of the pipe open when it has died.
         while not pipe.poll(_POLL_S) and process.is_alive():
             pass
@@ -128,27 +129,21 @@ class Host:
         if isinstance(message, tuple):
             return message
         raise message or PolicyError(
-            f"{self._policy}: its process ended while loading; what it wrote stands above. "
+            f"{self._policy}: its process ended while loading; see its output above. "
             "With --workers 1 it is loaded in this process."
         )
 
     def _end(self) -> None:
         """Let the process close its policy and end; kill it if it does not."""
-        process, self._process = self._process, None
-        pipe, self._pipe = self._pipe, None
-        if pipe is not None:
-            pipe.close()
-        if process is not None and process.pid is not None:
-            process.join(_CLOSE_S)
-            process.kill()
-            process.join()
-            process.close()
+        running, self._running = self._running, None
+        if running is not None:
+            running.end(_CLOSE_S)
 
 
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
-    """Return the address at which the workers of a run ask a policy that the run itself serves.
+    """Return the address of a policy served by the run itself, with options for its workers.
 
-    An answer has a deadline of ``timeout_s`` [s], and a server that died is waited for ``patience_s`` [s].
+    An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
     """
     # The server keeps and names the deadline itself; this longer one is for a server that does not. The first answer
     # may have to wait until weights are loaded.
@@ -157,17 +152,17 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
     return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
 
 
-def serve(policy: str, run: tuple[str, str, str], timeout_s: float, port: int, pipe: Connection) -> None:
+def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port: int, pipe: Connection) -> None:
     """Serve a policy until this process is ended; the main function of a host.
 
-    ``run`` is its action space, its observation preset, and its foreign world or "". The port is any free one if
-    ``port`` is 0. What the policy says about itself and the port are sent to ``pipe``, or the error that prevents it;
-    the process ends when the other end is closed.
+    ``run`` is its action space, its observation preset, the world in whose conventions a server is spoken to, and its
+    control rate [Hz]. The port is any free one if ``port`` is 0. What the policy says about itself and the port are
+    sent to ``pipe``, or the error that prevents it; the process ends when the other end is closed.
     """
     prepare_process()
-    *conventions, world = run
+    space, observation, world, rate_hz = run
     with _errors_sent(pipe), PolicyFactory(policy, apart=True, timeout_s=timeout_s, world=world) as policies:
-        info, batches = policies.check(*conventions), policies.takes_batches
+        info, batches = policies.check(space, observation, rate_hz=rate_hz), policies.takes_batches
         deadline = Deadline(timeout_s, exit_hung)
         server = open_server(policy, port=port, made=policies.take(), deadline=deadline)
         with contextlib.suppress(OSError):
@@ -177,7 +172,7 @@ def serve(policy: str, run: tuple[str, str, str], timeout_s: float, port: int, p
 
 
 def exit_hung() -> None:
-    """End this process, whose policy hangs, after its clients have been told; nothing else ends a call."""
+    """End this process, whose policy hangs, after notifying its clients; a hanging call cannot be ended otherwise."""
     threading.Timer(_EXIT_DELAY_S, os._exit, (HUNG,)).start()
 
 

@@ -1,4 +1,4 @@
-"""Memory of a server that runs for weeks: what was freed goes back to the machine."""
+"""Returning freed memory to the system, for servers that run for weeks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import gc
 
 
 def return_memory() -> None:
-    """Give freed memory back to the system, which the allocator of glibc keeps otherwise; elsewhere nothing happens."""
+    """Return freed memory to the system, which glibc's allocator would keep; does nothing with other allocators."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

@@ -1,4 +1,4 @@
-"""The server of a policy behind the openpi protocol, for the workers of a run and for other clients."""
+"""The server of a policy with the openpi protocol, for the workers of a run and for other clients."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ logger = logging.getLogger(__name__)
 
 WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
-"""Actions in one answer of an expert: openpi's own policies for one arm answer 5 to 16, at 10 to 20 Hz."""
+"""Actions per answer of an expert: openpi's own policies for one arm send 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
 MOST_CLIENTS = 10_000
 KEPT_INSTANCES = 1
-"""Instances of a policy that wait for a next client after theirs has left; further ones are closed."""
+"""Number of idle instances of a policy that are kept for new clients; others are closed."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""Signs by which a server notices the start of an episode; the protocol has no message for it."""
+"""How a server detects the start of an episode; the protocol has no message for it."""
 
 
 def open_server(
@@ -57,25 +57,25 @@ def open_server(
     made: Policy | None = None,
     deadline: Deadline | None = None,
 ) -> PolicyServer:
-    """Return a server of a policy; it is bound to its port and answers once it is started.
+    """Return a server of a policy, bound to its port; it answers once it is started.
 
     Args:
         policy: Address of the policy.
         host: Interface to listen on.
         port: Port to listen on; 0 for any free one.
         chunk: Actions in one answer of an expert.
-        batch: Observations that a policy which takes batches gets at once, at most.
-        clients: Clients that are served at once, at most; the workers of a run are not counted.
+        batch: Maximum observations in one call of a policy that supports batches.
+        clients: Maximum simultaneous clients, not counting the workers of a run.
         trial: Trial of clients that name none; without it, an expert finds the trial by the instruction.
-        layout: Preset in which an expert reads requests and answers; None for ours, and openpi's LIBERO layout.
-        api_key: Key that clients have to show, or None.
-        made: The policy, if it has been made already; the server closes it.
-        deadline: Deadline of an answer for the workers of a run, whose records hold the text of an error; None for all
+        layout: Preset in which an expert reads requests and answers; None for native and openpi's LIBERO layout.
+        api_key: Key that clients must send, or None.
+        made: The policy, if it already exists; the server closes it.
+        deadline: Deadline of an answer for the workers of a run, whose records contain error messages; None for all
             other clients.
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or
-            damaged, or the port cannot be had.
+            damaged, or the port is not available.
         UnknownNameError: If there is no such policy, task, condition or preset.
     """
     if not 1 <= chunk <= MAX_CHUNK:
@@ -88,7 +88,7 @@ def open_server(
     needs = kind.needs_of(policy)
     if needs.trial:
         raise InvalidInputError(
-            f"policy {policy}", "a replay plays one known trial, so it cannot be served", "Evaluate it directly"
+            f"policy {policy}", "a replay belongs to one trial, so it cannot be served", "Evaluate it directly"
         )
     if trial is not None:
         resolve_condition(trial.task, trial.condition)
@@ -139,11 +139,11 @@ def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None, layout: Ada
 
 
 class SessionStore:
-    """The instances of a policy: one for all connections if it takes batches, else one for each at a time.
+    """The instances of a policy: one for all connections if it supports batches, otherwise one for each.
 
-    An instance whose connection has ended serves the next one, so that weights are not loaded again for a client that
-    connects again. Of several that wait, all but :data:`KEPT_INSTANCES` are closed. A new connection always begins with
-    a reset.
+    An instance whose connection has ended serves the next one, so that weights are not loaded again when a client
+    reconnects. Of several idle instances, all but :data:`KEPT_INSTANCES` are closed. A new connection always begins
+    with a reset.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class SessionStore:
         self._lock, self._closed = threading.Lock(), False
         info = first.info
         if info.heavy and not self._shares:
-            logger.warning("%s takes no batches: every client gets an instance with weights of its own", address)
+            logger.warning("%s does not support batches: every client gets an instance with its own weights", address)
         self.metadata = declare(
             address,
             action_space(info.action_space),
@@ -213,9 +213,9 @@ def declare(
 ) -> dict[str, Any]:
     """Return the metadata frame of a server.
 
-    ``batch`` is the largest number of observations that it answers at once, ``more`` what else a client may want to
-    know. ``cameras`` are those it looks at, None for all. ``expert`` says that it simulates the client's trial, which
-    our own clients then name.
+    ``batch`` is the maximum number of observations in one call, ``more`` further facts for clients. ``cameras`` are
+    those that it uses, None for all. ``expert`` means that it simulates the client's trial, which our own clients
+    then name.
     """
     return {
         "betterbench": {

@@ -24,7 +24,7 @@ from betterbench.tasks import Condition, TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
-"""Difference up to which two states are the same [m, rad]; clients send them as float32."""
+"""Largest difference of two equal states [m, rad]; clients send them as float32."""
 ASTRAY = 1e-3
 """Difference above which a client has left the path of the answered actions [m, rad]."""
 
@@ -33,7 +33,7 @@ States = list[tuple[StateRule, np.ndarray]]
 
 
 class ShadowSession:
-    """One client of a served expert: finds its trial and its step, and asks the shadow simulation."""
+    """One client of a served expert: finds its trial and step, and gets actions from the shadow simulation."""
 
     def __init__(
         self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None, layout: Adapter | None = None
@@ -42,9 +42,9 @@ class ShadowSession:
 
         Args:
             shadows: The simulations of all clients.
-            chunk: Actions in one answer, at most.
+            chunk: Maximum actions in one answer.
             trial: Trial of a client that names none, or None to find it by the instruction.
-            layout: Layout of requests and answers; None for ours, and openpi's LIBERO layout.
+            layout: Layout of requests and answers; None for native and openpi's LIBERO layout.
         """
         self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
         self._counter = Counter()
@@ -82,16 +82,16 @@ class ShadowSession:
         return layout.reply(shadow.in_space(layout.answer.space, step, actions), shadow.observation(step))
 
     def close(self) -> None:
-        """Forget the connection; a few shadows stay, for clients that connect again."""
+        """Close the connection; a few shadow simulations are kept for clients that reconnect."""
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
         """Return the control step of a client: the one it sends, the end of the last chunk, or an earlier one of it.
 
-        Many clients execute fewer actions than they were answered, or none when they ask again. A client that does not
-        count is at the step of the chunk where the robot was as its state says, relative to the start of the episode.
+        Many clients execute fewer actions than they received, or none before they repeat a request. For a client that
+        does not count, the step is the one in the chunk that matches its state, relative to the start of the episode.
 
-        Raises PolicyError if the robot was there at none of these steps.
+        Raises PolicyError if no step matches.
         """
         if self._counter.begins or self._start is None:
             self._start = (shadow.observation(step), states)
@@ -117,7 +117,7 @@ class ShadowSession:
 
 
 def state_gap(states: States, seen: Observation, first: Observation, states_then: States, layout: Adapter) -> float:
-    """Return by how much the states of a client differ from an observation, each relative to the start of the episode.
+    """Return the difference between a client's states and an observation, each relative to the start of the episode.
 
     The largest difference of all numbers [m, rad]; rotation vectors are compared as rotations.
 
@@ -126,7 +126,7 @@ def state_gap(states: States, seen: Observation, first: Observation, states_then
         seen: The observation.
         first: The observation at the start.
         states_then: States that the client sent at the start.
-        layout: Adapter that tells the meaning of the numbers of a state.
+        layout: Adapter with the meaning of the numbers of a state.
     """
     worst = 0.0
     then = {rule.key: sent for rule, sent in states_then}
@@ -149,7 +149,7 @@ def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
 
 
 class Counter:
-    """Counts the control steps of a client that may not send them, and notices where an episode begins."""
+    """Counts the control steps of a client that may not send them, and detects the start of an episode."""
 
     def __init__(self) -> None:
         self._episode: object = None
@@ -167,7 +167,7 @@ class Counter:
         return self._next
 
     def answered(self, step: int, count: int) -> None:
-        """Note that ``count`` actions from ``step`` on were answered; a client without steps executes them all."""
+        """Record that ``count`` actions from ``step`` on were sent; a client without steps executes them all."""
         self._next = step + count
 
 
@@ -181,7 +181,7 @@ def _check_space(start: EpisodeStart, space: str, who: str) -> None:
 
 
 def trial_of(instruction: str) -> TrialId:
-    """Return the first trial of the suite that has an instruction: of a training condition, with seed 0.
+    """Return the first trial of the suite with an instruction: a training condition, with seed 0.
 
     InvalidInputError names the closest instructions if no training condition has it.
     """
@@ -197,21 +197,21 @@ def trial_of(instruction: str) -> TrialId:
     listed = "; ".join(f"{folded[c]!r} ({conditions[folded[c]].id})" for c in close)
     raise InvalidInputError(
         "prompt",
-        f"no training condition says {instruction[:200]!r}. The closest are {listed}",
+        f"no training condition has the instruction {instruction[:200]!r}. The closest are {listed}",
         "Send one of them, name the trial in better/episode, or serve with --task, --condition and --seed",
     )
 
 
 class PolicySession:
-    """One client of a policy that sees observations."""
+    """One client of a policy that gets observations."""
 
     def __init__(
         self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
-        """Prepare for a connection with a policy of its own, or one that answers each observation independently.
+        """Prepare a connection with its own policy, or one that answers each observation independently.
 
-        ``trial`` is the one whose episode number a policy is told by a client that sends none. ``within`` is True for
-        the workers of a run: an error is reported in the text that goes into a record.
+        ``trial`` gives the episode number if a client sends none. ``within`` is True for the workers of a run: errors
+        then have the message for the record.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
         self._counter = Counter()
@@ -222,7 +222,7 @@ class PolicySession:
         if request.observation is None:
             raise InvalidInputError(
                 "the request",
-                "holds no observation",
+                "contains no observation",
                 "Send better/joint_positions and its like (preset native), or observation/state (preset openpi_libero)",
             )
         space = self._policy.info.action_space

@@ -2,8 +2,8 @@
 
 A trial is a pure function of its id: the same task, condition, seed and actions give the same state to the last bit on
 the same machine. So a shadow needs only the number of the control step from its client. A client that executes fewer
-actions of a chunk than it got, asks again, or connects again, also to a restarted server, gets the same actions.
-What the client measures is compared with the shadow's own state, which shows when it executed another action.
+actions of a chunk than it got, repeats a request, or reconnects, also to a restarted server, gets the same actions.
+The client's measurements are compared with the shadow's own state, which reveals that it executed other actions.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from betterbench.tasks.interventions import resolve_condition
 TOLERANCE = 1e-6
 """Largest difference between client and shadow: joint angles [rad], end effector [m] and distance of the pads [m]."""
 KEPT = 64
-"""Simulations that a server keeps at once, of 20 MB each. For further clients the oldest ones are dropped, and
-simulated again."""
+"""Maximum number of simulations of a server, 20 MB each. For further clients the oldest ones are dropped and
+simulated again when needed."""
 SPARE = 4
-"""Simulations that are kept beyond one for each client, for those that connect again."""
+"""Simulations that are kept beyond one per client, for clients that reconnect."""
 
 
 def require_within(trial: TrialId, step: int, step_limit: int) -> None:
-    """Check that a trial is not over at a control step; raise InvalidInputError if it is."""
+    """Raise InvalidInputError if a trial is over at a control step."""
     if step >= step_limit:
         raise InvalidInputError(
             "better/step",
@@ -45,14 +45,14 @@ def require_within(trial: TrialId, step: int, step_limit: int) -> None:
 
 
 class ShadowSimulation:
-    """One trial as one privileged policy plays it, up to the last step that was asked for."""
+    """One trial with one privileged policy, simulated up to the last requested step."""
 
     def __init__(self, policy: str, trial: TrialId) -> None:
         """Build the scene and reset it.
 
         Raises:
             UnknownNameError: If there is no such policy, task or condition.
-            PolicyError: If the scene does not show what its instruction presupposes.
+            PolicyError: If the scene contradicts the premise of its instruction.
         """
         found = resolve_condition(trial.task, trial.condition)
         self.trial, self.condition = trial, found.condition
@@ -75,7 +75,7 @@ class ShadowSimulation:
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
         """Return the policy's actions from a control step on: (1 to ``count``, 7), fewer if it fails on the way.
 
-        ``seen`` is what the client measures at that step, to be compared.
+        ``seen`` is the client's measurement at that step, for comparison.
 
         Raises:
             InvalidInputError: If the trial has ended by that step.
@@ -109,7 +109,7 @@ class ShadowSimulation:
         )
 
     def in_space(self, space: str, step: int, actions: np.ndarray) -> np.ndarray:
-        """Return actions that have been played from a control step on, (n, 7), as actions of another space, (n, dim).
+        """Convert actions executed from a control step on, (n, 7), to another action space, (n, dim).
 
         They command the same poses and joint angles one step later.
         """
@@ -133,7 +133,7 @@ class ShadowSimulation:
         return np.array(rows)
 
     def _advance(self, until: int, *, needed: int | None = None) -> None:
-        """Play on until ``until`` actions are known; action ``needed`` has to be among them, or all if it is None."""
+        """Simulate until ``until`` actions are known; action ``needed`` must be among them, or all if it is None."""
         while len(self._actions) < until and self._end is None:
             try:
                 action = np.asarray(self._expert.act_on_state(self._state), dtype=np.float64).copy()
@@ -179,7 +179,7 @@ class ShadowSimulations:
         self._lock = threading.Lock()
 
     def of(self, trial: TrialId) -> ShadowSimulation:
-        """Return the shadow of a trial; a new one if it is not kept."""
+        """Return the shadow simulation of a trial, a new one if it was dropped."""
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:
@@ -189,12 +189,12 @@ class ShadowSimulations:
             return shadow
 
     def client_came(self) -> None:
-        """Note that a client has connected."""
+        """Count a client that has connected."""
         with self._lock:
             self._clients += 1
 
     def client_left(self) -> None:
-        """Note that a client has left, and drop what is kept beyond what the others need."""
+        """Count a client that has left, and drop surplus simulations."""
         with self._lock:
             self._clients -= 1
             dropped = self._drop_oldest()
@@ -202,7 +202,7 @@ class ShadowSimulations:
             return_memory()
 
     def _drop_oldest(self) -> bool:
-        """Drop simulations that are too many, and tell whether there were any; the caller holds the lock."""
+        """Drop surplus simulations and return whether there were any; the caller holds the lock."""
         most = min(KEPT, self._clients + SPARE)
         dropped = len(self._kept) > most
         while len(self._kept) > most:

@@ -1,1 +1,1 @@
-"""One trial in one process: the policy, the thread in which it answers, and the run of the episode up to its record."""
+"""One trial in one process: the policy, its thread, and the episode up to its record."""

@@ -1,4 +1,4 @@
-"""A policy that the caller of an evaluation has made, asked in this process."""
+"""A policy instance from the caller of an evaluation, run in this process."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Needs of a policy that the caller made: a thread waits for it, since nobody knows how long it takes."""
+"""Needs of a caller's policy: a thread waits for it, because its answer times are unknown."""
 
 
 class GivenPolicy(PolicyFactory):
-    """Factory of one instance that exists already, under the name that it declares.
+    """Factory that returns one existing instance, under its declared name.
 
-    The instance answers one observation at a time, also if it takes batches. The caller closes it.
+    The instance answers one observation at a time, even if it supports batches. The caller closes it.
     """
 
     def __init__(self, policy: Policy) -> None:
         """Check the instance.
 
         Raises:
-            InvalidInputError: If it is no policy, or has the name of a built-in policy or of a server.
+            InvalidInputError: If it is not a policy, or has the name of a built-in policy or of a server.
         """
         require_policy(policy, "policy")
         name = policy.info.name
         if not name or find_kind(name) is not None:
             problem = f"the name {name!r} is an address of betterbench" if name else "its name is empty"
             raise InvalidInputError(
-                "policy", problem, "Give its PolicyInfo another name, or pass the address as a text"
+                "policy", problem, "Give its PolicyInfo another name, or pass the address as a string"
             )
         made = type(policy)
         super().__init__(name, kind=kind_of_callers(name, lambda: source_of(f"{made.__module__}:{made.__qualname__}")))
@@ -46,7 +46,7 @@ class GivenPolicy(PolicyFactory):
 
 
 def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
-    """Return the kind of a policy that the caller made, which is not in the register: no other process can make it.
+    """Return the kind of a caller's policy, which is not registered because other processes cannot create it.
 
     Args:
         name: Name that the policy declares; it may have the characters of addresses.
@@ -64,7 +64,7 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 
 
 def needs_in_run(policy: str) -> PolicyNeeds:
-    """Return what the policy of a plan needs, which is a name of the caller's own where no kind has such addresses."""
+    """Return the needs of a plan's policy; if no kind has its address, it is a caller's policy."""
     kind = find_kind(policy)
     return CALLERS if kind is None else kind.needs_of(policy)
 

@@ -21,14 +21,13 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """The outcome of a question.
+    """The outcome of a request.
 
     Attributes:
-        ticket: Number that :meth:`PolicyThread.ask` gave to the question.
-        outcome: The reply, or what was raised instead; None for :meth:`PolicyThread.connect` that went well.
-        figures: Counts of the policy's connection since the episode began (retries, reconnects), by name.
-        wire_s: Processor time on this side for the messages: images are resized, packed and sent, the answer is read
-            [s].
+        ticket: Number that :meth:`PolicyThread.ask` returned.
+        outcome: The reply, or the exception; None after a successful :meth:`PolicyThread.connect`.
+        figures: Counts of the policy's connection since the start of the episode (retries, reconnects), by name.
+        wire_s: CPU time of this side for messages: resizing, packing and sending images, reading the answer [s].
     """
 
     ticket: int
@@ -38,9 +37,9 @@ class Answered:
 
 
 class PolicyThread:
-    """Asks one policy in a thread of its own, question after question.
+    """Sends requests to one policy in a separate thread, one after the other.
 
-    The policy is made in that thread when it is first asked, so the simulation does not wait for connecting or loading.
+    The policy is created in that thread at the first request, so the simulation does not wait for it to load.
     """
 
     def __init__(
@@ -53,8 +52,8 @@ class PolicyThread:
     ) -> None:
         """Start the thread.
 
-        ``make`` is called again at the next question if it fails. ``client`` says that the policy is one of our own
-        clients of a server: it counts its requests, and is told the trial, which only the server of an expert gets.
+        ``make`` is called again at the next request if it fails. ``client`` means that the policy is one of our own
+        clients of a server: it counts its requests and gets the trial, which it sends only to the server of an expert.
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
@@ -68,42 +67,42 @@ class PolicyThread:
         self._thread.start()
 
     def ask(self, seen: EpisodeStart | Observation | WorldState, trial: TrialId) -> int:
-        """Ask, and return the number under which the answer will be put into the outbox."""
+        """Send a request and return the number of its answer in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, seen, trial))
         return ticket
 
     def connect(self) -> int:
-        """Make the policy without asking it anything, and return the number of the outcome in the outbox."""
+        """Create the policy without a request, and return the number of the outcome in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, None, None))
         return ticket
 
     @property
     def ready_at(self) -> float:
-        """Since when the policy can be asked, by ``time.perf_counter`` [s]; infinite until it is made and loaded."""
+        """Time since which the policy is ready, by ``time.perf_counter`` [s]; infinite until it is loaded."""
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """Ask a policy that has a process of its own in another one from the next episode on: its trial has failed."""
+        """After a failed trial, run a policy with its own process in a new process from the next episode on."""
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
 
     def dismiss(self) -> None:
-        """End the thread, and close its policy, after the question that it is answering."""
+        """End the thread and close its policy after the current request."""
         self._inbox.put(None)
 
     def cut(self) -> None:
-        """Close the policy from another thread, which ends its waiting.
+        """Close the policy from another thread, which ends its current request.
 
-        Only our own clients allow that, and policies in a process of their own.
+        Only our own clients and policies in separate processes support this.
         """
         if self._policy is not None:
             with contextlib.suppress(Exception):
                 close_policy(self._policy)
 
     def join(self, timeout_s: float) -> bool:
-        """Wait up to so many seconds for the thread after :meth:`dismiss`, and return whether it has ended."""
+        """Wait up to ``timeout_s`` seconds for the thread after :meth:`dismiss`, and return whether it has ended."""
         self._thread.join(max(0.0, timeout_s))
         return not self._thread.is_alive()
 
@@ -129,20 +128,20 @@ class PolicyThread:
 
 
 def name_trial(client: object, trial: TrialId) -> None:
-    """Tell one of our own clients which trial begins; never call this with a policy of a user."""
+    """Give one of our own clients the trial that begins; never call this with a user's policy."""
     told = getattr(client, "name_trial", None)
     if callable(told):
         told(trial)
 
 
 def ready_at(policy: object) -> float:
-    """Return since when a policy can be asked [s]: one in a process of its own says it, and others always can."""
+    """Return the time since which a policy is ready [s]: reported by one in a separate process, otherwise always."""
     told = getattr(policy, "ready_at", None)
     return told if isinstance(told, float) else -math.inf
 
 
 def shared_cost_s(policy: object) -> float:
-    """Return the processor time that another thread has spent on the messages of a shared policy so far [s]."""
+    """Return the CPU time that another thread has spent on messages of a shared policy so far [s]."""
     cost = getattr(policy, "cost_s", 0.0)
     return cost if isinstance(cost, float) else 0.0
 

@@ -1,4 +1,4 @@
-"""One policy for many connections: all that wait are answered in one batch, under a deadline."""
+"""One policy for many connections: all pending requests are answered in one batch, with a deadline."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ class Deadline:
     """The deadline of a policy that the run itself serves."""
 
     limit_s: float
-    """Longest time from question to answer [s]."""
+    """Longest time from request to answer [s]."""
     on_hang: Callable[[], None]
-    """Called when it has passed: a call that hangs can only be ended with its process."""
+    """Called after the deadline: a hanging call can only be ended together with its process."""
 
 
 class SharedPolicy:
-    """A policy of which there is one for all connections; all that wait are answered in one batch.
+    """One policy for all connections; all pending requests are answered in one batch.
 
-    Only one thread calls the policy. A policy that takes no batches gets one observation at a time.
+    Only one thread calls the policy. A policy without batches gets one observation at a time.
     """
 
     def __init__(
@@ -47,16 +47,16 @@ class SharedPolicy:
         self._collector: BatchCollector[_Asked, _Given] = BatchCollector(self._answer, limit=batch, expected=expected)
 
     def seat(self) -> Policy:
-        """Return the policy as one connection sees it."""
+        """Return the policy for one connection."""
         return _SharedClient(self._policy, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
-        """Stop the thread, after at most so many seconds if given, and close the policy unless it still hangs."""
+        """Stop the thread, within ``timeout_s`` seconds if given, and close the policy unless it still hangs."""
         if self._collector.close(timeout_s=timeout_s):
             close_policy(self._policy)
 
     def cut(self) -> None:
-        """Close the policy while it is asked, which ends the call; only one in a process of its own allows that."""
+        """Close the policy during a call, which ends the call; only a policy in a separate process supports this."""
         close_policy(self._policy)
         self._collector.close(timeout_s=0.0)
 
@@ -77,18 +77,18 @@ class SharedPolicy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """An answer, and its share of the processor time of its batch [s]."""
+    """An answer, and its share of the CPU time of its batch [s]."""
 
     actions: np.ndarray
     cost_s: float
 
 
 _Asked = tuple[EpisodeStart | None, Observation]
-"""The episode that begins with an observation, if one does, and the observation."""
+"""The episode that begins with an observation, or None, and the observation."""
 
 
 class _SharedClient:
-    """A shared policy as one connection sees it."""
+    """A shared policy for one connection."""
 
     def __init__(
         self, policy: Policy, collector: BatchCollector[_Asked, _Given], deadline: Deadline | None = None
@@ -97,15 +97,15 @@ class _SharedClient:
         self._policy, self._collector, self._deadline = policy, collector, deadline
         self._start: EpisodeStart | None = None
         self.cost_s = 0.0
-        """Processor time of the messages of this connection so far: its share of the batches it was in [s]."""
+        """CPU time for messages of this connection so far: its share of its batches [s]."""
 
     @property
     def ready_at(self) -> float:
-        """Since when the shared policy can be asked, by ``time.perf_counter`` [s]."""
+        """Time since which the shared policy is ready, by ``time.perf_counter`` [s]."""
         return ready_at(self._policy)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Note that an episode begins; the policy is reset with the first observation."""
+        """Mark the start of an episode; the policy is reset with the first observation."""
         self._start = start
 
     def act(self, observation: Observation) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""One trial in one worker: the scene is built, the episode is run and the record is written."""
+"""One trial in one worker: it builds the scene, runs the episode and writes the record."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from betterbench.errors import (
     StorageError,
     encodable,
 )
-from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.plan import Plan
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.interface.state import AnyPolicy
@@ -28,16 +28,15 @@ from betterbench.jobs.retries import MAX_DEATHS
 from betterbench.json_form import file_digest
 from betterbench.policies.factory import PolicyFactory, answer_limit_s, close_policy
 from betterbench.records import JournalEntry, RunFolder, TrialStatus
-from betterbench.sim.scenes import Scene
-from betterbench.sim.scenes.stage import quality_preset
-from betterbench.sim.worlds import ForeignScene, WorldProcesses, WorldSettings
+from betterbench.sim.worlds import OWN_WORLD, SceneOptions, TrialScene, World, WorldProcesses
 from betterbench.tasks import Looks
+from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 logger = logging.getLogger(__name__)
 
 POLICY_TIMEOUT_S = 300.0
-"""Deadline of one answer of a policy in this process [s], unless another one is asked for."""
+"""Default deadline of one answer of a policy in this process [s]."""
 
 _SPARE_RENDERERS = 3
 
@@ -51,19 +50,19 @@ class RunSettings:
 
     Attributes:
         run: Folder of the run.
-        policy: Address of the policy, as the records name it.
+        policy: Address of the policy, as in the records.
         envs: Environments that a worker keeps open at once, or begins with.
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
-        served_at: Address of the process that holds the policy for all workers, or None.
+        served_at: Address of the process that runs the policy for all workers, or None.
         task_files: The user's files that workers load before anything else.
-        held: Folders around the run that the process which started it has locked.
+        held: Folders around the run that are locked by the process that started it.
         looks: Looks of objects and rooms.
         known: Description that an outside policy server gave at the start of the run; None without such a server.
-        world: The foreign world in which the trials are run, or None for ours.
+        world: The world in which the trials are run.
         most_envs: Environments that a warm-up may choose at most; no more than ``envs`` where their number is settled.
         workers: Workers of the run, which share the memory of their machine.
-        trials: Trials that are left when the run begins, at most; 0 where that is not known.
-        turn: Number of the worker among those of the run, which decides the EGL device that it draws with.
+        trials: Maximum number of trials left at the start of the run; 0 if unknown.
+        turn: Index of the worker, which determines its EGL device.
     """
 
     run: str
@@ -79,7 +78,7 @@ class RunSettings:
     held: tuple[HeldFolder, ...] = field(default_factory=held_folders)
     looks: Looks = "seen"
     known: PolicyInfo | None = None
-    world: WorldSettings | None = None
+    world: World = OWN_WORLD
     most_envs: int = 0
     workers: int = 1
     trials: int = 0
@@ -87,7 +86,7 @@ class RunSettings:
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
-        """Return the settings of a plan that is run into a folder."""
+        """Return the settings for a plan and the folder of its run."""
         return cls(
             str(run.absolute()),
             plan.policy,
@@ -103,7 +102,7 @@ class RunSettings:
 
     @property
     def asked(self) -> str:
-        """Address at which a worker asks the policy."""
+        """Address of the policy for workers."""
         return self.served_at or self.policy
 
     @property
@@ -113,7 +112,7 @@ class RunSettings:
 
 
 class TrialRunner:
-    """Runner of one worker's trials, with the objects that they share: policies, observer and world processes."""
+    """Runs the trials of one worker, with shared objects: policies, observer and world processes."""
 
     def __init__(
         self,
@@ -122,7 +121,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Ask the policy what it needs; raises a BetterError if that fails."""
+        """Get the needs of the policy; raises a BetterError if that fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -131,23 +130,24 @@ class TrialRunner:
             apart=True,
             known=settings.known,
             timeout_s=settings.policy_timeout_s,
-            world="" if settings.world is None else settings.world.world,
+            world=settings.world.dialect,
         )
-        self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
+        rate_hz = settings.world.control_rate_hz
+        self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation, rate_hz=rate_hz)
         images = settings.observation if self.info.needs_images else "state_only"
         shown = observation_spec(images).only(self.info.cameras)
         self._observer = Observer(shown, renderers=max(settings.envs, settings.most_envs) + _SPARE_RENDERERS)
-        self._processes = WorldProcesses(() if settings.world is None else settings.world.command)
+        self._processes = WorldProcesses(settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:
-        """Run one trial and write its record and, once, its scene; stop wherever its policy has to answer first.
+        """Run one trial and write its record and, once, its scene; pause whenever the policy must answer.
 
-        Yields as :func:`betterbench.episodes.episode_steps`, and nothing where the policy needs no thread. Returns the
+        Yields as :func:`betterbench.episodes.episode_steps`, and nothing if the policy needs no thread. Returns the
         journal entry; the caller writes it, so that only one process appends.
 
         Raises:
-            PremiseError: If the scene does not show what the instruction presupposes; the run has to stop.
-            StorageError: If the disk is full; the run has to stop.
+            PremiseError: If the scene contradicts the premise of the instruction; the run must stop.
+            StorageError: If the disk is full; the run must stop.
         """
         began = time.perf_counter()
         status: TrialStatus = "done"
@@ -156,7 +156,7 @@ class TrialRunner:
         ground_truth: dict[str, str] = {}
         digest: str | None = None
         stored: str | None = None
-        scene: Scene | ForeignScene | None = None
+        scene: TrialScene | None = None
         try:
             scene, context = self._set_up(trial)
             wall["setup_s"] = round(time.perf_counter() - began, 6)
@@ -177,7 +177,7 @@ class TrialRunner:
         except Exception as error:  # noqa: BLE001 - the trial is listed as an error and run again; the run goes on
             status, message = "error", f"{type(error).__name__}: {error}"
         finally:
-            if isinstance(scene, ForeignScene):
+            if scene is not None:
                 scene.close(well=digest is not None)
         wall |= {"total_s": round(time.perf_counter() - began, 6), "worker": float(os.getpid())}
         return JournalEntry(
@@ -194,7 +194,7 @@ class TrialRunner:
         )
 
     def close(self) -> None:
-        """Free the renderers, and close what was made of the policy and not taken."""
+        """Free the renderers, and close unused instances of the policy."""
         self._observer.close()
         self.policies.close()
         self._processes.close()
@@ -204,9 +204,7 @@ class TrialRunner:
         """Observer that makes the observations; None for a privileged policy, which gets the state."""
         return None if self.policies.needs.state else self._observer
 
-    def _run_here(
-        self, scene: Scene | ForeignScene, trial: Trial, context: TrialContext
-    ) -> tuple[EpisodeResult, dict[str, str]]:
+    def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
         """Run an episode of a policy that needs no thread; return its result and what a faulty policy knows of it."""
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
@@ -217,7 +215,7 @@ class TrialRunner:
                 close_policy(policy)
 
     def _run_asking(
-        self, scene: Scene | ForeignScene, context: TrialContext
+        self, scene: TrialScene, context: TrialContext
     ) -> Generator[Question | None, Reply | None, EpisodeResult]:
         """Run an episode that stops wherever its policy has to answer, again if the policy's process was killed."""
         for left in reversed(range(MAX_DEATHS)):
@@ -237,52 +235,30 @@ class TrialRunner:
                 logger.warning("%s seed %d: %s; it is run again", scene.condition.id, scene.seed, error)
         raise AssertionError("the last attempt returns or raises")
 
-    def _set_up(self, trial: Trial) -> tuple[Scene | ForeignScene, TrialContext]:
-        if self.settings.world is not None:
-            return self._set_up_foreign(trial, self.settings.world)
-        found = trial.resolve()
-        scene = Scene(
-            found.task,
-            found.condition,
-            seed=trial.seed,
-            action_space=action_space(self.settings.action_space),
-            quality=quality_preset(self.settings.quality),
-            robot_name=self.settings.robot,
-            looks=self.settings.looks,
-        )
-        shown = self._shown_by is not None and self._observer.spec.cameras
-        context = TrialContext(
-            policy=self.settings.policy,
-            variation=trial.variation,
-            axis=trial.axis,
-            base_condition=trial.base_condition,
-            interventions=() if found.variation is None else tuple(str(i) for i in found.variation.interventions),
-            camera_preset=self._observer.spec.name if shown else None,
-        )
-        return scene, context
-
-    def _set_up_foreign(self, trial: Trial, world: WorldSettings) -> tuple[ForeignScene, TrialContext]:
-        cameras = bool(self._observer.spec.cameras)
-        scene = world.open_scene(
+    def _set_up(self, trial: Trial) -> tuple[TrialScene, TrialContext]:
+        settings, spec = self.settings, self._observer.spec
+        shown = self._shown_by is not None and bool(spec.cameras)
+        scene = settings.world.open_scene(
             self._processes,
             task=trial.task,
             condition=trial.condition,
             seed=trial.seed,
-            action_space=action_space(self.settings.action_space),
-            images=cameras,
-            depth=self._observer.spec.depth,
+            action_space=action_space(settings.action_space),
+            images=shown,
+            depth=spec.depth,
+            options=SceneOptions(settings.quality, settings.robot, settings.looks),
         )
         context = TrialContext(
-            policy=self.settings.policy,
+            policy=settings.policy,
             variation=trial.variation,
             axis=trial.axis,
             base_condition=trial.base_condition,
-            interventions=() if trial.variation is None else (f"{world.world}: {trial.variation}",),
-            camera_preset=self._observer.spec.name if cameras else None,
+            interventions=settings.world.interventions(trial),
+            camera_preset=spec.name if shown else None,
         )
         return scene, context
 
-    def _write(self, scene: Scene | ForeignScene, result: EpisodeResult) -> tuple[str, str]:
+    def _write(self, scene: TrialScene, result: EpisodeResult) -> tuple[str, str]:
         """Write the record of a trial and, once, its scene; return the record's SHA-256 and the scene's digest."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)

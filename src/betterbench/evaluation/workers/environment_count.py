@@ -54,22 +54,22 @@ class Window:
 
     @property
     def wanted(self) -> int:
-        """Environments with which the worker never waits: about twice the knee."""
+        """Number of environments with which the worker never waits."""
         return math.ceil(KNEES * (self.latency_s + self.worker_s) / max(self.worker_s, 1e-6))
 
     @property
     def idle(self) -> float:
-        """Share of its time that the worker waited."""
+        """Share of the worker's time that was spent waiting."""
         return max(0.0, 1.0 - self.rate * self.worker_s)
 
 
 class EnvironmentCount:
     """Chooses the number of environments of one worker.
 
-    It begins with ``first``. What was asked before the first answer came does not count, because a server may compile
-    its model then, nor does an answer for which a connection was made again. As soon as most environments have been
-    answered, a window of answers is measured and the number is set; another window shows whether that paid, and if not
-    the number goes back.
+    It begins with ``first``. Requests before the first answer do not count, because a server may compile its model
+    then, nor do answers after a reconnection. As soon as most environments have had an answer, a window of answers is
+    measured and the number is set. Another window shows whether this helped; if not, the previous
+    number is restored.
     """
 
     def __init__(
@@ -83,8 +83,8 @@ class EnvironmentCount:
     ) -> None:
         """Begin.
 
-        ``room`` is given the number of now and returns how many the memory has room for; ``left`` returns how many
-        trials there are left for this worker, with those under way.
+        ``room`` gets the current number and returns how many environments fit into memory; ``left`` returns the number
+        of trials left for this worker, including running ones.
         """
         self.number = first
         self.settled = most <= first
@@ -103,20 +103,20 @@ class EnvironmentCount:
         self._answered = set()
 
     def worked(self, seconds: float, *, on_setup: bool) -> None:
-        """Note that the worker has worked for so long, on setting a trial up or on a chunk [s]."""
+        """Record the worker's time for setting up a trial or for a chunk [s]."""
         if on_setup:
             self._set_up_s += seconds
         else:
             self._worked_s += seconds
 
     def answered(self, environment: int, *, asked_at: float, now: float, took_s: float, clean: bool) -> None:
-        """Note an answer to an observation.
+        """Record an answer to an observation.
 
         Args:
-            environment: The number of the environment that had asked.
-            asked_at: Time of the question [s], on the clock of ``now``.
+            environment: Index of the environment.
+            asked_at: Time of the request [s], on the clock of ``now``.
             now: Time of the answer [s].
-            took_s: Time from question to answer [s].
+            took_s: Time from request to answer [s].
             clean: Whether it came without a retry or another connection.
         """
         if self.settled:
@@ -141,7 +141,7 @@ class EnvironmentCount:
             self._open_window()
 
     def limit(self, most: int) -> None:
-        """Go back to so many at most, for good: the policy did not take more."""
+        """Limit the number permanently, because the policy did not accept more."""
         self.number, self._most, self.settled = min(self.number, max(1, most)), max(1, most), True
 
     def _decide(self, window: Window) -> None:

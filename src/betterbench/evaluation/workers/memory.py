@@ -14,7 +14,7 @@ _SHARE = 0.5
 """Share of the free memory that further environments may take."""
 
 _LEAST_BYTES = 16 << 20
-"""Least memory that an environment is assumed to need: its scene, its record and its connection [bytes]."""
+"""Assumed minimum memory of an environment: its scene, its record and its connection [bytes]."""
 
 _V2 = ("memory.max", "memory.current")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes")
@@ -24,14 +24,14 @@ _FILES_V2, _FILES_V1 = "inactive_file", "total_inactive_file"
 def free_bytes(*, proc: Path = PROC, groups: Path = CONTROL_GROUPS) -> int | None:
     """Return how much memory this process can still take: of the machine, and of each control group it is in.
 
-    None where the system does not tell. Files in a group's cache count as free, as far as they are not in use.
+    None if unknown. Files in a group's cache count as free if they are not in use.
     """
     found = list(_machine_free(proc)) + list(_groups_free(proc, groups))
     return max(0, min(found)) if found else None
 
 
 def used_bytes(pid: int | None = None, *, proc: Path = PROC) -> int:
-    """Return the resident memory of a process and all processes below it; 0 where the system does not tell."""
+    """Return the resident memory of a process and all processes below it; 0 if unknown."""
     waiting, total = [os.getpid() if pid is None else pid], 0
     page = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
     seen = set[int]()
@@ -50,13 +50,13 @@ def used_bytes(pid: int | None = None, *, proc: Path = PROC) -> int:
 
 
 def room_for(envs: int, *, used_before: int, sharing: int, free: int | None = None, used: int | None = None) -> int:
-    """Return how many environments there is memory for where ``envs`` are open.
+    """Return how many environments fit into memory if ``envs`` are open.
 
     Args:
         envs: Environments that are open.
         used_before: Memory that this process used before it opened the first one [byte].
         sharing: Workers of this machine, which open theirs at the same time.
-        free: Free memory [byte]; asked of the system if not given.
+        free: Free memory [byte]; determined from the system by default.
         used: Memory that this process uses now [byte]; likewise.
     """
     free = free_bytes() if free is None else free

@@ -1,33 +1,30 @@
-"""A pool of worker processes on this machine, each fed over a pipe with as many trials as it has environments."""
+"""A pool of worker processes on this machine; each gets as many trials as it has environments, over a pipe."""
 
 from __future__ import annotations
 
 import contextlib
 import itertools
 import logging
-import multiprocessing
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from typing import Self
 
 from betterbench.errors import BetterError, PolicyProcessError, WorkerError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.step_count import StepCount, StepReport, StepsTaken
 from betterbench.evaluation.workers.worker import Worker, even_share
 from betterbench.jobs import RetryLedger
-from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
-from betterbench.policies.process.policy_process import exit_text
+from betterbench.jobs.worker_process import SpawnedProcess, interrupts_blocked, prepare_process
 from betterbench.records import JournalEntry
 from betterbench.sim.graphics import take_device
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 logger = logging.getLogger(__name__)
 
 MAX_FAILED_STARTS = 3
-"""Number of processes that may die in a row while they start, before the run goes on with those it has."""
+"""Maximum consecutive processes that die during start; then the run continues with the existing ones."""
 
 _CURE = "Run the same command again with fewer --workers, or with 1 to see why."
 _TURN_S = 0.02
@@ -35,29 +32,28 @@ _WATCH_S = 0.5
 _END_S = 10.0
 
 
-@dataclass(eq=False)
-class WorkerProcess:
+class WorkerProcess(SpawnedProcess):
     """One worker process as the pool sees it."""
 
-    process: BaseProcess
-    connection: Connection
-    trials: dict[TrialId, Trial] = field(default_factory=dict)  # given to it, and not ended
-    alone: bool = False  # its one trial was in a process that died
-    lost: bool = False  # its end of the pipe is closed
-    ready: bool = False  # it has loaded what it needs
-    turn: int = 0  # its number among the living ones
-    envs: int = 1  # trials that it can run at once, which it tells
+    def __init__(self, settings: RunSettings) -> None:
+        super().__init__(work, settings, name="betterbench-worker")
+        self.trials: dict[TrialId, Trial] = {}  # given to it, and not ended
+        self.alone = False  # its one trial was in a process that died
+        self.lost = False  # its end of the pipe is closed
+        self.ready = False  # it has loaded what it needs
+        self.turn = settings.turn  # its number among the living ones
+        self.envs = settings.envs  # trials that it can run at once, which it tells
 
 
 @dataclass(frozen=True, slots=True)
 class OpenEnvironments:
-    """A message of a worker process: how many trials it can run at once from now on."""
+    """A message of a worker process: the number of trials that it can run at once from now on."""
 
     envs: int
 
 
 class WorkerPool:
-    """Runs trials in worker processes, and the trials of a process that died again. A context manager."""
+    """Runs trials in worker processes, and repeats those of a process that died. A context manager."""
 
     def __init__(
         self,
@@ -84,11 +80,11 @@ class WorkerPool:
         self.close()
 
     def entries(self, rounds: Iterable[Iterable[Trial]]) -> Iterator[JournalEntry]:
-        """Yield the journal entry of every trial, as they end; a round is asked for when the one before has ended.
+        """Yield the journal entry of every trial as it ends; a round is requested when the previous one has ended.
 
         Raises:
             WorkerError: If workers keep dying.
-            BetterError: An error by which a worker stops the run.
+            BetterError: An error of a worker that stops the run.
         """
         for trials in rounds:
             self._ledger.put_back(trials)
@@ -115,12 +111,9 @@ class WorkerPool:
         """End all processes at once; unfinished trials leave nothing behind."""
         processes, self._processes = self._processes, []
         for worker in processes:
-            if worker.process.is_alive():
-                worker.process.kill()
+            worker.process.kill()
         for worker in processes:
-            worker.process.join()
-            worker.connection.close()
-            worker.process.close()
+            worker.end()
 
     def _wait(self) -> Iterable[WorkerProcess]:
         """Return the processes that have sent something or ended, after at most the time between two watches."""
@@ -131,15 +124,15 @@ class WorkerPool:
         return dict.fromkeys(found)
 
     def _start_workers(self) -> None:
-        """Start processes as long as there is work for them."""
+        """Start processes while there is work for them."""
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
-            with interrupts_blocked():
-                taken = {worker.turn for worker in self._processes}
-                turn = next(number for number in itertools.count() if number not in taken)
-                self._processes.append(start_worker(replace(self._settings, turn=turn)))
+            taken = {worker.turn for worker in self._processes}
+            turn = next(number for number in itertools.count() if number not in taken)
+            with interrupts_blocked():  # until it is known here
+                self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
-        """Give every process an even share of the trials, in turns; a suspect gets a process for itself."""
+        """Distribute the trials evenly over the processes; a suspect trial gets its own process."""
         for worker in self._processes:
             if self._ledger.suspects and not worker.trials and not worker.lost:
                 worker.alone = True
@@ -186,12 +179,7 @@ class WorkerPool:
         """Remove a process that died, and queue its trials again or give them up."""
         yield from self._receive(worker)
         self._processes.remove(worker)
-        worker.process.join(_WATCH_S)
-        if worker.process.is_alive():
-            worker.process.kill()
-            worker.process.join()
-        how = exit_text(worker.process.exitcode)
-        worker.connection.close()
+        how = worker.end(_WATCH_S)
         if not worker.ready:
             self._handle_failed_start(worker, how)
             return
@@ -200,7 +188,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Go on without a process that died before it was ready; its trials are not suspects."""
+        """Continue without a process that died before it was ready; its trials are not suspects."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:
@@ -208,28 +196,18 @@ class WorkerPool:
             return
         if not any(other.ready for other in self._processes):
             raise WorkerError(
-                f"{self._failed_starts} worker processes died while they started ({how}). What they wrote stands "
+                f"{self._failed_starts} worker processes died while they started ({how}). See their output "
                 f"above. {_CURE}"
             )
         self._workers = len(self._processes)
         logger.warning("another worker process cannot start (%s); the run goes on with %d", how, self._workers)
 
 
-def start_worker(settings: RunSettings) -> WorkerProcess:
-    """Start a worker process that ignores Ctrl-C: the process that started it decides what happens then."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=work, args=(settings, theirs), name="betterbench-worker")
-    with interrupts_blocked():
-        process.start()
-    theirs.close()
-    return WorkerProcess(process, ours, turn=settings.turn, envs=settings.envs)
-
-
 def work(settings: RunSettings, connection: Connection) -> None:
     """Take trials from a pipe and send back journal entries; the main function of a worker process.
 
-    None received means that there is no more work, None sent that the worker is ready. An error sent stops the run.
+    Receiving None means that there is no more work; sending None means that the worker is ready. Sending an error stops
+    the run.
     """
     prepare_process(settings.held)
     take_device(settings.turn)

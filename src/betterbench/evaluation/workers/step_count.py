@@ -18,10 +18,10 @@ class StepsTaken:
 
 
 class StepReport:
-    """Counts the steps of one worker and hands them over now and then; called after every step."""
+    """Counts the steps of one worker and reports them at intervals; called after every step."""
 
     def __init__(self, hand_over: Callable[[int], None]) -> None:
-        """Prepare; ``hand_over`` gets the steps since it was last called."""
+        """Prepare; ``hand_over`` gets the steps since its last call."""
         self._hand_over, self._steps = hand_over, 0
         self._next_s = time.monotonic() + REPORT_EVERY_S
 
@@ -43,11 +43,11 @@ class StepCount:
     """
 
     def __init__(self, on_steps: Callable[[int], None] | None = None) -> None:
-        """Prepare; ``on_steps`` is called with the steps of all workers whenever one reports some."""
+        """Prepare; ``on_steps`` is called with the steps of all workers after each report."""
         self.steps, self._on_steps = 0, on_steps
 
     def add(self, steps: int) -> None:
-        """Count steps that a worker reports."""
+        """Add reported steps."""
         self.steps += steps
         if steps and self._on_steps is not None:
             self._on_steps(self.steps)

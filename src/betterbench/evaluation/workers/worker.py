@@ -17,7 +17,6 @@ from typing import Self
 
 from betterbench.episodes import Question, Reply
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyUnavailableError, one_line
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.policy_thread import Answered, PolicyThread, no_answer
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
@@ -27,37 +26,36 @@ from betterbench.interface import BatchPolicy, Observation, Policy
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.factory import PolicyFactory
 from betterbench.records import JournalEntry
+from betterbench.sim.worlds import OWN_WORLD, World
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 logger = logging.getLogger(__name__)
 
 USUAL_ENVS = 8
-"""Environments with which a worker begins for a policy that answers from another process: while some wait, the others
+"""Initial environments of a worker for a policy in another process: while some wait, the others
 are simulated. A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environment_count`)."""
 
-WORLD_ENVS = 2
-"""The same in a foreign world, where every environment is a process with a simulator that takes far longer."""
-
 MOST_WAITING = 32
-"""Environments of all workers together at the beginning: a server that answers one question at a time, in 0.3 s, then
+"""Initial environments of all workers together: a server that answers one request at a time, in 0.3 s, then
 answers the last one in its queue within 10 s, before the deadline."""
 
 MOST_CHOSEN = 96
-"""Environments of all workers together that a warm-up chooses at most: ``better serve`` takes 128 connections."""
+"""Maximum environments of all workers together after a warm-up: ``better serve`` accepts 128 connections."""
 
 MAX_ENVS = 256
 
 _DISTURBED = ("policy_retries", "policy_reconnects")
 
 LEAVE_S = 2.0
-"""Longest time that the threads of the policies may take to end [s]."""
+"""Time limit for the policy threads to end [s]."""
 
 
 def usual_envs(policies: PolicyFactory) -> int:
-    """Return how many environments a worker keeps open unless told otherwise.
+    """Return the default number of environments of a worker.
 
-    It is 1 for a policy that answers at once, and for a Python policy that answers one observation at a time: each
-    environment has an instance of it, and instances may hold weights.
+    It is 1 for a policy that answers immediately, and for a Python policy that answers one observation at a time: each
+    environment has its own instance, and instances may have large weights.
     """
     needs = policies.needs
     if not needs.thread:
@@ -66,24 +64,24 @@ def usual_envs(policies: PolicyFactory) -> int:
 
 
 def fair_envs(envs: int, workers: int) -> int:
-    """Return with how many environments each of several workers begins where one worker alone would with ``envs``."""
+    """Return the initial environments of each of several workers if a single worker would have ``envs``."""
     return max(1, min(envs, MOST_WAITING // workers))
 
 
-def envs_between(envs: int, workers: int, *, foreign: bool = False) -> tuple[int, int]:
+def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[int, int]:
     """Return with how many environments each of several workers begins, and how many a warm-up may choose.
 
-    ``envs`` is the usual number of one worker alone. A policy of which each environment has an instance of its own
-    stays at 1: instances may hold weights.
+    ``envs`` is the usual number of one worker alone, which the ``world`` may change. A policy of which each environment
+    has an instance of its own stays at 1: instances may hold weights.
     """
     if envs == 1:
         return 1, 1
-    first = fair_envs(WORLD_ENVS if foreign else envs, workers)
+    first = fair_envs(world.environments(envs), workers)
     return first, max(first, min(MAX_ENVS, MOST_CHOSEN // workers))
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
-    """Return how many trials a worker is given at once, so that all workers end at about the same time.
+    """Return how many trials a worker gets at once, so that all workers end at about the same time.
 
     Trials that begin together end together. So twelve trials per worker of eight environments are given as six and six,
     not as eight and four. ``left`` counts the trials that have not ended, those under way included.
@@ -94,7 +92,7 @@ def even_share(left: int, workers: int, envs: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """One environment, and the answer that its trial waits for."""
+    """One environment, and the pending answer for its trial."""
 
     thread: PolicyThread | None = None
     trial: TrialId | None = None
@@ -112,7 +110,7 @@ class _Slot:
 class Worker:
     """Runs trials of a plan, several at once, in the thread that calls it.
 
-    Physics and rendering run in that thread and the policy answers in others. Results do not depend on the order: every
+    Physics and rendering run in that thread, the policy in others. Results do not depend on the order: every
     trial is a pure function of its scene and its policy. A context manager, which closes itself.
     """
 
@@ -123,7 +121,7 @@ class Worker:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Prepare, and ask the policy what it needs; the worker closes ``policies``, or makes its own.
+        """Prepare, and get the needs of the policy; the worker closes ``policies``, or creates its own.
 
         ``on_step`` is called after every control step of any trial.
         """
@@ -165,29 +163,29 @@ class Worker:
 
     @property
     def envs(self) -> int:
-        """Number of environments that are kept open: as settled, or as the warm-up has chosen."""
+        """Number of open environments: fixed, or chosen by the warm-up."""
         return self._count.number
 
     @property
     def busy(self) -> bool:
-        """Whether a trial is under way."""
+        """Whether a trial is running."""
         return any(slot.steps is not None for slot in self._slots)
 
     @property
     def free(self) -> int:
-        """Number of environments that can take a trial."""
+        """Number of free environments."""
         return sum(slot.steps is None and not slot.connecting for slot in self._slots)
 
     @property
     def problem(self) -> BetterError | None:
-        """Error that the next call of :meth:`finished` raises, known early: there may be no trial left for it."""
+        """Error that the next call of :meth:`finished` will raise; available earlier, since no trial may be left."""
         return self._stop
 
     def _open_trials(self) -> int:
         return sum(slot.steps is not None for slot in self._slots)
 
     def start(self, trial: Trial) -> None:
-        """Take a trial, which :meth:`finished` runs; InvalidInputError if no environment is free."""
+        """Accept a trial for :meth:`finished`; InvalidInputError if no environment is free."""
         for slot in self._slots:
             if slot.steps is None and not slot.connecting:
                 slot.steps, slot.trial = self._trial_runner.steps(trial), trial.id
@@ -198,14 +196,14 @@ class Worker:
         raise InvalidInputError("trial", "no environment of the worker is free", "Check `free` first")
 
     def finished(self, timeout_s: float) -> list[JournalEntry]:
-        """Go on with the trials until one has ended or so many seconds have passed, and return the journal entries.
+        """Run the trials until one has ended or ``timeout_s`` seconds have passed, and return the journal entries.
 
         Raises:
-            PremiseError: If a scene does not show what its instruction presupposes.
+            PremiseError: If a scene contradicts the premise of its instruction.
             StorageError: If the disk is full.
-            PolicyUnavailableError: If the policy's server cannot be reached. The call before has returned the entry of
-                the trial in which that happened.
-            HandshakeError: If the policy has become another one, likewise.
+            PolicyUnavailableError: If the policy's server cannot be reached. The previous call returned the entry of
+                that trial.
+            HandshakeError: If the policy has changed, likewise.
         """
         if self._stop is not None:
             raise self._stop
@@ -227,7 +225,7 @@ class Worker:
         return ended
 
     def close(self) -> None:
-        """Drop the trials that have not ended, and close the policy, unless it hangs."""
+        """Drop unfinished trials, and close the policy unless it hangs."""
         threads, self._leaving = self._leaving, []
         for slot in self._slots:
             if slot.steps is not None:
@@ -249,7 +247,7 @@ class Worker:
         self._trial_runner.close()
 
     def _advance(self, slot: _Slot) -> JournalEntry | None:
-        """Go on with one trial until it waits, and return its journal entry when it has ended."""
+        """Continue one trial until it waits; return its journal entry if it has ended."""
         steps = slot.steps
         if steps is None:
             return None
@@ -293,7 +291,7 @@ class Worker:
         return replace(entry, wall={**entry.wall, **slot.figures, **loop})
 
     def _resize(self) -> None:
-        """Open further environments, or close free ones, until there are as many as were chosen."""
+        """Open or close environments to reach the chosen number."""
         surplus = len(self._slots) - self._count.number
         if surplus > 0:
             for slot in [s for s in self._slots if s.steps is None and not s.connecting][:surplus]:
@@ -308,11 +306,11 @@ class Worker:
             slot.ticket = slot.thread.connect()
 
     def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
-        """Take a further environment into use; if the policy does not take its connection, do with those there are."""
+        """Start using a new environment, or keep the current ones if the policy refuses its connection."""
         slot.connecting = False
         if isinstance(outcome, BaseException):
             logger.warning(
-                "the policy takes no further connection (%s); this worker goes on with those it has",
+                "the policy accepts no further connection (%s); this worker continues with its existing ones",
                 one_line(str(outcome)),
             )
             self._slots.remove(slot)
@@ -322,7 +320,7 @@ class Worker:
             self._count.limit(sum(not s.connecting for s in self._slots))
 
     def _collect(self, timeout_s: float) -> None:
-        """Wait for an answer, take all that have come, and note which trials can go on."""
+        """Wait for an answer, collect all available ones, and mark the trials that can continue."""
         now = time.perf_counter()
         if self._timed:
             timeout_s = min([timeout_s, *(max(0.0, self._due(s) - now) for s in self._slots if s.waits)])
@@ -360,7 +358,7 @@ class Worker:
             )
 
     def _ask(self, slot: _Slot, question: Question) -> None:
-        """Put a question to the policy, in the thread of the environment."""
+        """Send a request to the policy, in the thread of the environment."""
         if slot.trial is None:
             raise AssertionError("only a trial asks")
         if slot.thread is None:
@@ -374,7 +372,7 @@ class Worker:
         return PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
 
     def _share(self) -> Policy:
-        """Return the shared instance as one environment sees it; called in the threads of the environments."""
+        """Return the shared instance for one environment; called in the environments' threads."""
         with self._lock:
             if self._shared is None:
                 taken = self._trial_runner.policies.take()
@@ -384,15 +382,15 @@ class Worker:
             return self._shared.seat()
 
     def _due(self, slot: _Slot) -> float:
-        """Return when the deadline of a question ends, by ``time.perf_counter`` [s].
+        """Return the deadline of a request, by ``time.perf_counter`` [s].
 
-        It begins when the policy is loaded, which has a deadline of its own.
+        It starts when the policy is loaded, which has its own deadline.
         """
         ready_at = -math.inf if slot.thread is None else slot.thread.ready_at
         return max(slot.asked_at, ready_at) + self._settings.policy_timeout_s
 
     def _end_overdue(self) -> None:
-        """End the trials whose policy hangs, with the process in which it does, and replace its thread."""
+        """End the trials whose policy hangs, together with its process, and replace its thread."""
         limit = self._settings.policy_timeout_s
         overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() > self._due(s)]
         for slot in overdue:

@@ -1,4 +1,4 @@
-"""The part of the privileged state that stays the same in an episode: objects, their shapes, slots of the table."""
+"""Constant part of the privileged state during an episode: objects, their shapes, and slots of the table."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """A named box or disc in an object's frame that tasks refer to: an opening, a ring, a handle, a stacking surface.
+    """A named box or disc in an object's frame that tasks refer to, such as an opening, ring, handle or top surface.
 
     Attributes:
         name: Kind of the region ("inside", "ring", "handle", "top").
         position: Center in the object frame [m].
-        half_size: Half extents along the region's own axes [m]. For a disc the first two are its radius.
+        half_size: Half extents along the region's own axes [m]. For a disc, the first two are its radius.
         quaternion: Rotation of the region in the object frame (w, x, y, z).
     """
 
@@ -36,14 +36,14 @@ class ObjectInfo:
     """Constant properties of one object of a scene: its kind, its asset, its looks and its size.
 
     Attributes:
-        name: Name in the scene ("burger_1"); it carries no meaning for any verdict.
+        name: Name in the scene ("burger_1"); verdicts do not depend on it.
         kind: Its noun in instructions ("burger"); two objects of one kind are interchangeable.
         asset: Identity of the asset ("burger#3").
-        color: Color word a person would use ("red").
+        color: Color word ("red").
         shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
         role: "item", "distractor", "container" or "fixture".
         size_m: Extents of the bounding box in the object frame [m]; the origin is the center of its bottom face.
-        slot: Name of the slot the object starts at, or None.
+        slot: Name of the object's start slot, or None.
     """
 
     name: str
@@ -60,8 +60,8 @@ class ObjectInfo:
     slot: str | None = None
 
     def region(self, name: str) -> Region:
-        """Return a region by name; an unknown one raises an UnknownNameError."""
-        for region in self.regions:  # half of the time of find_named, at every control step
+        """Return a region by name. Raises UnknownNameError if it does not exist."""
+        for region in self.regions:  # takes half the time of find_named, at every control step
             if region.name == name:
                 return region
         return find_named(f"region of {self.name}", name, self.regions)
@@ -73,9 +73,9 @@ class SlotInfo:
 
     Attributes:
         position: Center on the table [m], world frame.
-        yaw: Nominal heading of what stands there [rad].
-        trained_kinds: Kinds of object that stood here in the training distribution.
-        picked_kinds: Kinds of object that were picked here in the training distribution.
+        yaw: Nominal heading of an object in the slot [rad].
+        trained_kinds: Kinds of object in this slot in the training distribution.
+        picked_kinds: Kinds of object picked from this slot in the training distribution.
     """
 
     name: str
@@ -87,10 +87,10 @@ class SlotInfo:
 
 @dataclass(frozen=True, slots=True)
 class SceneInfo:
-    """The part of the privileged state that does not change, for one scene.
+    """Constant part of the privileged state of one scene.
 
     Attributes:
-        objects: All objects, in the order in which states list them.
+        objects: All objects, in the order of the states.
         home_position: End-effector position at reset [m], world frame.
         gripper_opening_m: Largest distance of the finger pads [m].
     """
@@ -106,7 +106,7 @@ class SceneInfo:
         self._index.update({o.name: i for i, o in enumerate(self.objects)})
 
     def index(self, name: str) -> int:
-        """Return an object's position in the lists of a state; an unknown name raises an UnknownNameError."""
+        """Return the index of an object in the lists of a state. Raises UnknownNameError if it does not exist."""
         try:
             return self._index[name]
         except KeyError:
@@ -117,11 +117,11 @@ class SceneInfo:
         return self.objects[self.index(name)]
 
     def __contains__(self, name: str) -> bool:
-        """Tell whether the scene has an object of this name."""
+        """Return whether the scene has an object of this name."""
         return name in self._index
 
     def of_kind(self, kind: str) -> tuple[ObjectInfo, ...]:
-        """Return all objects that an instruction could mean by ``kind``."""
+        """Return all objects to which ``kind`` in an instruction can refer."""
         return tuple(o for o in self.objects if o.kind == kind)
 
     def slot(self, name: str) -> SlotInfo:
@@ -137,5 +137,5 @@ class SceneInfo:
 
 
 def _form(value: Region | ObjectInfo | SlotInfo | SceneInfo) -> dict[str, Any]:
-    """Return the fields of a value by name; ``asdict`` would copy every number, and takes ten times as long."""
+    """Return the fields of a value by name; ``asdict`` takes ten times as long because it copies every number."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

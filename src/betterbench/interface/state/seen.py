@@ -1,6 +1,6 @@
 """Objects in the image of a camera: the visible part of each and its position in the image.
 
-These values follow from a record and the model alone.
+These values can be computed from a record and the model.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose
 
 GRIPPER = "gripper"
-"""Name under which the gripper, its hand and both fingers, is listed beside the objects."""
+"""Name of the gripper (hand and fingers) in the list of objects."""
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom edge of a region [pixel]; its last column is ``right - 1``."""
@@ -24,12 +24,12 @@ class SeenObject:
 
     Attributes:
         box: The smallest box around all its visible pixels.
-        fraction: Visible pixels divided by those that it would have alone and with nothing cut off by the image, in
-            [0, 1].
+        fraction: Visible pixels divided by the pixels that the object would have without occlusion and without the
+            image border, in [0, 1].
         pixels: Number of visible pixels.
-        centroid: Mean column and row of its visible pixels [pixel]; it may lie beside them.
-        runs: Its visible pixels in reading order (row by row), as lengths of runs that alternate: first not of the
-            object, then of it, then not.
+        centroid: Mean column and row of its visible pixels [pixel]; it may be outside them.
+        runs: Run-length encoding of its visible pixels, row by row: alternating lengths, beginning with pixels outside
+            the object.
     """
 
     box: Box
@@ -39,9 +39,9 @@ class SeenObject:
     runs: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        """Refuse an object without a pixel: it is not listed."""
+        """Raise InvalidInputError for an object without visible pixels."""
         if self.pixels <= 0:
-            raise InvalidInputError("pixels", f"{self.pixels}", "List only what has a visible pixel")
+            raise InvalidInputError("pixels", f"{self.pixels}", "List only objects with visible pixels")
 
     @property
     def side(self) -> int:
@@ -58,10 +58,10 @@ class FrameView:
         camera: Name of the camera.
         width: Columns of the image [pixel].
         height: Rows of the image [pixel].
-        T_world_camera: Pose of the camera in the convention of OpenCV: x right in the image, y down, z forward.
-        focal: Focal length [pixel]; the optical axis goes through the middle of the image.
-        objects: Visible objects, by name in the scene; the gripper as :data:`GRIPPER`. What has no visible pixel is not
-            listed.
+        T_world_camera: Pose of the camera in the OpenCV convention: x right in the image, y down, z forward.
+        focal: Focal length [pixel]; the optical axis goes through the center of the image.
+        objects: Visible objects by name in the scene; the gripper is :data:`GRIPPER`. Objects without visible pixels
+            are not listed.
     """
 
     camera: str
@@ -77,7 +77,7 @@ class FrameView:
 
 
 def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
-    """Tell whether a pixel, given by column and row, is one of those that runs stand for; see :class:`SeenObject`."""
+    """Return whether a pixel, given by column and row, is covered by runs; see :class:`SeenObject`."""
     if not 0 <= x < width or y < 0:
         return False
     at, end = y * width + x, 0
@@ -89,7 +89,7 @@ def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
 
 
 def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
-    """Return the visible pixel of an object that is nearest to its centroid, which lies beside a ring."""
+    """Return the visible pixel of an object nearest to its centroid, which may be outside, as for a ring."""
     cx, cy = seen.centroid
     best: tuple[float, int, int] | None = None
     start = 0
@@ -102,12 +102,12 @@ def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
                 best = found if best is None else min(best, found)
         start += length
     if best is None:
-        raise InvalidInputError("runs", "hold no pixel of the object", "Give at least two runs")
+        raise InvalidInputError("runs", "contain no pixel of the object", "Give at least two runs")
     return best[1], best[2]
 
 
 def _rows(row: int, first: int, length: int, width: int) -> list[tuple[int, int, int]]:
-    """Return a run that may go over several rows as row, first and last column of each."""
+    """Return a run that may span several rows as triples of row, first and last column."""
     parts = []
     while length > 0:
         here = min(length, width - first)

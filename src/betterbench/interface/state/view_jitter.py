@@ -1,4 +1,4 @@
-"""Offsets of the cameras and of the key light of a trial from their nominal poses."""
+"""Offsets of a trial's cameras and key light from their nominal poses."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class CameraOffset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewJitter:
-    """The jitter of everything that images depend on beside the model and the state.
+    """Jitter of cameras and lights, on which images depend in addition to model and state.
 
     Attributes:
-        cameras: Offset per camera; a camera that is not named is at its nominal place.
+        cameras: Offset per camera; cameras that are not listed have their nominal pose.
         key_light_turn_rad: Rotation of the key light's direction in the world frame as an axis-angle vector [rad].
     """
 
@@ -47,4 +47,4 @@ class ViewJitter:
 
 
 NO_JITTER = ViewJitter()
-"""Every camera and light at its nominal place."""
+"""No jitter: all cameras and lights at their nominal poses."""

@@ -1,4 +1,4 @@
-"""The part of the privileged state that changes: one value per control step."""
+"""Changing part of the privileged state: one value per control step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Contact(NamedTuple):
     """One pair of touching bodies and the sum of the normal forces of all its contact points [N].
 
     A body is an object's name, "left_finger", "right_finger", "hand", "arm", "table" or "floor". This is a named tuple
-    because several are made at every control step.
+    for speed, because several are created at every control step.
     """
 
     a: str
@@ -29,20 +29,20 @@ class WorldState:
     """The privileged state at one control step.
 
     Objects are listed in the order of ``info.objects``. All values are in the world frame: positions [m], speeds [m/s]
-    and turning speeds [rad/s].
+    and angular speeds [rad/s].
 
     Attributes:
         step: Number of control steps taken since reset.
         time_s: Simulated time since reset [s].
         quaternions: Object rotations (w, x, y, z).
         ee_pose: Pose of the tool center point between the finger pads; z points along the approach.
-        commanded_pose: Pose the controller is driving the tool center point to.
+        commanded_pose: Commanded pose of the tool center point.
         finger_width_m: Distance of the finger pads [m].
         gripper_command: Last applied gripper command, -1 open to +1 closed.
         joint_positions: Arm joint angles [rad].
         joint_velocities: Arm joint velocities [rad/s].
-        contacts: Touching pairs that involve the gripper or an object; where something may not be touched, also what
-            the robot has touched since the state before.
+        contacts: Touching pairs that involve the gripper or an object. If some objects must not be touched, this
+            includes all contacts of the robot since the previous state.
         held: Name of the object that both fingers touch and that nothing else supports, or None.
     """
 
@@ -67,15 +67,23 @@ class WorldState:
         i = self.info.index(name)
         return Pose(self.positions[i], self.quaternions[i])
 
+    def position(self, name: str) -> Vector:
+        """Return the position of a named object in the world [m]: the center of its bottom face at rest."""
+        return self.positions[self.info.index(name)]
+
+    def quaternion(self, name: str) -> Quaternion:
+        """Return the rotation of a named object in the world (w, x, y, z)."""
+        return self.quaternions[self.info.index(name)]
+
     def touching(self, a: str, b: str) -> bool:
-        """Tell whether two named bodies touch."""
+        """Return whether two named bodies touch."""
         for first, second, _ in self.contacts:  # noqa: SIM110 - three times as fast as any()
             if (first == a and second == b) or (first == b and second == a):
                 return True
         return False
 
     def touched_by_gripper(self, name: str) -> bool:
-        """Tell whether any part of the gripper touches the object."""
+        """Return whether any part of the gripper touches the object."""
         for a, b, _ in self.contacts:  # noqa: SIM110 - three times as fast as any()
             if (a == name and b in GRIPPER_BODIES) or (b == name and a in GRIPPER_BODIES):
                 return True
@@ -86,7 +94,7 @@ GRIPPER_BODIES = frozenset({"left_finger", "right_finger", "hand"})
 
 
 class PrivilegedPolicy(Protocol):
-    """A policy that sees the privileged state: the expert and the faulty policies."""
+    """A policy with access to the privileged state: the expert or a faulty policy."""
 
     @property
     def name(self) -> str:
@@ -97,4 +105,4 @@ class PrivilegedPolicy(Protocol):
 
 
 AnyPolicy = Policy | PrivilegedPolicy
-"""A policy under test, or one that sees the privileged state."""
+"""A policy under test, or one with access to the privileged state."""

@@ -1,1 +1,1 @@
-"""Studies: learners trained on every arm, evaluated, diagnosed and compared, from one plan to one page."""
+"""Studies: learners trained on every arm, evaluated, diagnosed and compared, from a plan to a page."""

@@ -1,4 +1,4 @@
-"""Rates and gaps of groups of learners, and the difference of two groups on the trials that they share."""
+"""Rates and gaps of groups of learners, and the difference of two groups on their common trials."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from betterbench.tasks import stream
 
 @dataclass(frozen=True, slots=True)
 class ArmFinding:
-    """Results of the learners of one arm on one task, or on all ("").
+    """Results of the learners of one arm on one task, or on all tasks ("").
 
     Attributes:
-        training: Success on training conditions.
-        variations: Success on all variations.
-        gap: Success of the twin minus success of the variation.
-        intention: Share of variation trials whose first attempt was right.
+        training: Success rate on training conditions.
+        variations: Success rate on all variations.
+        gap: Success rate of the twins minus that of the variations.
+        intention: Share of variation trials with a right first attempt.
     """
 
     task: str
@@ -43,10 +43,10 @@ class ArmContrast:
     """Comparison of two groups of learners on the same trials; the second group is the baseline.
 
     Attributes:
-        success: Success on variations, first minus second, over pairs of trials; its p-value is that of the sign-flip
-            test over pairs of learners of one task and seed.
-        gap: Illusion gap, first minus second. Its interval is the wider one of those over trials and over pairs of
-            learners; its p-value is that of the same test.
+        success: Difference of the success rates on variations, over pairs of trials. Its p-value is from the sign-flip
+            test over pairs of learners with the same task and seed.
+        gap: Difference of the illusion gaps. Its interval is the wider of those over trials and over pairs of learners;
+            its p-value is from the same test.
         learners: Number of pairs of learners.
     """
 
@@ -64,7 +64,7 @@ def success_of(trials: Iterable[TrialOutcome]) -> Figure:
 
 
 def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> Difference:
-    """Return the illusion gap over pairs of twin and trial; several variations share a twin, which is a cluster."""
+    """Return the illusion gap over pairs of twin and trial, clustered by the twin that variations share."""
     pairs = [(f.learner, twin, trial) for f in learners for twin, trial in f.pairs(variation)]
     return wider_paired_difference(
         [(twin.success, trial.success) for _, twin, trial in pairs],
@@ -75,13 +75,13 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Return the figure of a difference of so many pairs; without one it has no ends."""
+    """Return the figure of a difference over a number of pairs; without pairs it has no interval."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 
 
 def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
-    """Return the results of learners of one arm and lever; the task is "" for all."""
+    """Return the results of the learners of one arm and lever on a task, or on all tasks for ""."""
     varied = [trial for f in chosen for trial in f.varied]
     known = [trial.intention for trial in varied if trial.intention is not None]
     pairs = sum(len(f.pairs()) for f in chosen)
@@ -93,7 +93,7 @@ def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) ->
 
 
 def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
-    """Return the contrast of two groups of learners, over pairs of one task and training seed and of equal trials."""
+    """Return the contrast of two groups of learners, over pairs with the same task, training seed and trials."""
     others = {(f.learner.task, f.learner.seed): f for f in second}
     pairs = [
         (f, others[key])
@@ -120,7 +120,7 @@ def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: S
     )
     gap = difference_of(gap_of([a for a, _ in pairs]), gap_of([b for _, b in pairs]))
     wider = replace(gap, low=min(gap.low, 2.0 * drawn.low), high=max(gap.high, 2.0 * drawn.high))
-    tested = p if len(known) > 1 else None  # of one pair nothing is known about others
+    tested = p if len(known) > 1 else None  # a single pair of learners does not generalize
     found = figure_of(wider, len(known), noun="learner pairs", p_value=tested)
     of_trials = figure_of(success, len(trials), p_value=solved if len(means) > 1 else None)
     return ArmContrast(name, task, of_trials, found, len(known))
@@ -132,7 +132,7 @@ def _mean_success(learner: LearnerOutcome) -> float:
 
 
 def _mean_gap(learner: LearnerOutcome) -> float | None:
-    """Return the illusion gap of one learner without an interval; None without a pair."""
+    """Return the illusion gap of one learner without an interval; None without pairs."""
     pairs = learner.pairs()
     return sum(twin.success - trial.success for twin, trial in pairs) / len(pairs) if pairs else None
 

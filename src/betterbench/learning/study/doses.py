@@ -1,4 +1,4 @@
-"""Doses of a confound: failure rates on the variations that break it, by the share of demonstrations that hold it."""
+"""Doses of a confound: failure rates on variations that break it, by its share of the demonstrations."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label
 
 CROSSED = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS, Label.SEMANTIC_FEATURE_COLLAPSE)
-"""Labels of what is planted: balanced conditions cross words, places and looks, so less of them is less of these."""
+"""Labels of planted confounds. Balanced conditions cross words, places and looks, which reduces them."""
 PLANTED = 0.95
-"""Dose from which a confound is planted."""
+"""Minimum dose at which a confound counts as planted."""
 
 
 @dataclass(frozen=True, slots=True)
 class DoseFinding:
-    """Results of learners that were trained with confounds in a share of their demonstrations.
+    """Results of learners trained with confounds in a given share of their demonstrations.
 
     Attributes:
-        dose: That share.
-        task: The task; "" for all.
-        failure: Failed trials of the variations for which the audit predicts one of :data:`CROSSED`.
-        predicted: Of the failed ones that the diagnosis calls a failure of reasoning, those with that very label.
-        exposed: Of the same, those with a label that the variation's card names.
+        dose: Share of the demonstrations with confounds.
+        task: The task; "" for all tasks.
+        failure: Failure rate on the variations for which the audit predicts one of :data:`CROSSED`.
+        predicted: Share of reasoning failures on these variations that have the predicted label.
+        exposed: Share of the same failures with a label on the variation's card.
     """
 
     dose: float
@@ -42,7 +42,7 @@ class DoseFinding:
 def doses_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> Iterator[DoseFinding]:
-    """Yield the results by dose, over all tasks and then for each; none for a plan without mixtures."""
+    """Yield the results by dose, over all tasks and then per task; empty for a plan without mixtures."""
     if all(len(shares) == 1 for shares in plan.arms.values()):
         return
     for task in ("", *plan.tasks):
@@ -68,7 +68,7 @@ def doses_of(
 def _matching(
     learner: LearnerOutcome, prediction: Prediction | None
 ) -> Iterator[tuple[TrialOutcome, str, frozenset[str]]]:
-    """Yield the trials of variations that break what is planted, with the predicted label and those of the card."""
+    """Yield the trials of variations that break a planted confound, with the predicted label and those of the card."""
     for forecast in () if prediction is None else prediction.variations:
         if forecast.risk > 0.0 and forecast.label in CROSSED:
             known = frozenset(label.value for label in exposed_labels(learner.learner.task, forecast.variation))
@@ -77,7 +77,7 @@ def _matching(
 
 
 def rises(doses: Sequence[DoseFinding]) -> bool | None:
-    """Return whether failure rises with the dose, and nowhere falls by more than the intervals leave open.
+    """Return whether failure rises with the dose without any significant fall in between.
 
     None if fewer than two doses were measured.
     """
@@ -93,6 +93,6 @@ def rises(doses: Sequence[DoseFinding]) -> bool | None:
 
 
 def named_when_planted(doses: Sequence[DoseFinding]) -> Figure:
-    """Return the share of failures with a label of the variation's card, over doses with a planted confound."""
+    """Return the share of failures with a label on the variation's card, over doses with a planted confound."""
     planted = [d.exposed for d in doses if d.dose >= PLANTED and not d.task]
     return Figure.of_rate(Rate(sum(f.k or 0 for f in planted), sum(f.n or 0 for f in planted)))

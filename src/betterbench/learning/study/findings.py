@@ -1,4 +1,4 @@
-"""Findings of a study: rates, gaps, construct validity, score of the audit's prediction, and effect of the words."""
+"""Findings of a study: rates, gaps, construct validity, score of the audit's prediction, and effect of words."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.interventions import resolve_condition
 
 SOLVED = 0.5
-"""Success from which a variation counts as solved, once its interval leaves this rate out."""
+"""Success rate above which a variation counts as solved, if its interval excludes this rate."""
 DROPPED = 0.5
-"""Share of the success in training below which a variation counts as failed, for the score of the prediction."""
+"""Share of the success in training below which a variation counts as failed in the score of the prediction."""
 CONTRAST = "balanced against confounded"
 """Name of the contrasts of a page."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
-"""Names of the contrasts that tell coverage from decorrelation: the arms of the first one differ in how many conditions
-were shown, those of the second one in whether each word is tied to its place."""
+"""Names of the contrasts that separate coverage from decorrelation. The arms of the first differ in the number of shown
+conditions, those of the second in whether each word is tied to its place."""
 
 GapVerdict = Literal[
     "no gap",
@@ -62,13 +62,14 @@ class VariationFinding:
     """Results of the learners on one variation.
 
     Attributes:
-        risk: Predicted by the audit of the confounded set; None without one.
-        predicted: The label that was predicted, "" for none.
-        never_shown: Its words, categories and colors that the confounded or the balanced learners were never shown.
-        success: Success by arm.
+        risk: Risk predicted by the audit of the confounded set; None without an audit.
+        predicted: Predicted label, "" for none.
+        never_shown: Words, categories and colors of the variation that the confounded or the balanced learners were
+            never shown.
+        success: Success rate by arm.
         gaps: Illusion gap by arm.
-        validity: Share of the confounded learners' gap that balancing removes; None where there is no sure gap.
-        labels: Labels of the confounded learners' failures with their counts, the most frequent first.
+        validity: Share of the confounded learners' gap that balancing removes; None without a significant gap.
+        labels: Labels of the confounded learners' failures with their counts, most frequent first.
     """
 
     task: str
@@ -87,12 +88,12 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """Results on the variations whose words, categories and colors all learners have been shown.
+    """Results on the variations without words, categories or colors that some learners were never shown.
 
     Attributes:
         variations: Number of these variations.
-        balanced: Success of the balanced learners there.
-        contrast: The balanced learners against the confounded ones there.
+        balanced: Success rate of the balanced learners on them.
+        contrast: Contrast of the balanced and the confounded learners on them.
     """
 
     variations: int
@@ -102,14 +103,14 @@ class KnownFinding:
 
 @dataclass(frozen=True, slots=True)
 class RepeatedFinding:
-    """Replication of the verdict that decorrelation is enough, with learners that were left out of the verdict.
+    """Replication of the verdict "decorrelation is enough" with learners that were excluded from the verdict.
 
-    Each training seed is left out in turn. The variations are those that have this verdict by the learners of all other
-    seeds, the trials are of the balanced learner left out, in the same scenes.
+    Each training seed is left out in turn. The variations are those with this verdict according to the learners of all
+    other seeds. The trials are those of the excluded balanced learner in the same scenes.
 
     Attributes:
-        variations: Number of variations with the verdict, summed over the seeds left out.
-        success: Success of the balanced learners left out there.
+        variations: Number of variations with the verdict, summed over the excluded seeds.
+        success: Success rate of the excluded balanced learners on them.
     """
 
     variations: int
@@ -127,13 +128,13 @@ class WordFinding:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFinding:
-    """Score of the audit's prediction, which was made before training, on the confounded learners.
+    """Score of the audit's prediction, made before training, on the confounded learners.
 
     Attributes:
-        area: Chance that a variation that was failed had the higher risk (AUROC); ``n`` counts variations.
-        failed: Number of variations that were failed.
-        label: Share of failed trials that have the label that was predicted for their variation.
-        exposed: Share of failed trials with a label that their variation's card names.
+        area: Probability that a failed variation had a higher risk than a solved one (AUROC); ``n`` counts variations.
+        failed: Number of failed variations.
+        label: Share of failed trials with the predicted label of their variation.
+        exposed: Share of failed trials with a label on their variation's card.
     """
 
     area: Figure
@@ -144,16 +145,15 @@ class PredictionFinding:
 
 @dataclass(frozen=True, slots=True)
 class StudyFindings:
-    """Findings of a study, as its page shows them.
+    """Findings of a study for its page.
 
     Attributes:
-        roles: Per role the arm that plays it.
-        coverage: The contrasts :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; none without
+        roles: Arm of each role.
+        coverage: The contrasts :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty without
             such an arm.
-        known: The contrast of the balanced and the confounded learners on the variations of which everything was shown;
-            None without these arms.
-        repeated: Whether verdicts hold for learners that were left out; None without two training seeds of both arms.
-        doses: Results by the share of the demonstrations that holds the confounds, where the plan mixes.
+        known: Results on the variations without anything never shown; None without the balanced and confounded arms.
+        repeated: Replication of the verdicts with excluded learners; None without two training seeds of both arms.
+        doses: Results by the share of demonstrations with confounds; empty for a plan without mixtures.
     """
 
     roles: Mapping[str, str]
@@ -170,7 +170,7 @@ class StudyFindings:
 
     @property
     def compared(self) -> tuple[ArmContrast, ...]:
-        """All contrasts: over all tasks and by task, and on the variations of which everything was shown."""
+        """All contrasts: over all tasks, by task, and on the variations without anything never shown."""
         known = () if self.known is None else (self.known.contrast,)
         return (*self.contrasts, *known, *self.coverage)
 
@@ -178,7 +178,7 @@ class StudyFindings:
 def findings_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> StudyFindings:
-    """Return the findings of a study, which depend on the arguments only.
+    """Return the findings of a study, which depend only on the arguments.
 
     Args:
         plan: The plan.
@@ -211,7 +211,7 @@ def findings_of(
 
 
 def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> Iterator[ArmContrast]:
-    """Yield the contrasts that tell coverage from decorrelation, of the pairs of roles that were trained."""
+    """Yield the contrasts that separate coverage from decorrelation, for the trained pairs of roles."""
     for name in (COVERAGE, DECORRELATION):
         pair = name.split(" against ")
         if all(role in roles for role in pair):
@@ -223,7 +223,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return the results on the variations in which nothing is new to either arm."""
+    """Return the results on the variations without anything new to either arm."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [
@@ -239,7 +239,7 @@ def _on_the_known(
 
 
 def _repeated(learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> RepeatedFinding | None:
-    """Return the success of balanced learners where the other training seeds say that decorrelation is enough."""
+    """Return the success rate of balanced learners where the other training seeds say that decorrelation is enough."""
     if not {"confounded", "balanced"} <= roles.keys():
         return None
     chosen, trials, seeds = 0, list[TrialOutcome](), 0
@@ -316,14 +316,14 @@ def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: 
 
 
 def solves(figure: Figure | None) -> bool | None:
-    """Return whether learners solve something; None where too few trials leave that open."""
+    """Return whether learners solve more than half of the trials; None if too few trials leave it open."""
     if figure is None or figure.low is None or figure.high is None:
         return None
     return True if figure.low > SOLVED else False if figure.high < SOLVED else None
 
 
 def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
-    """Return the verdict on the cause of a variation's gap, from the success of the roles that were trained."""
+    """Return the verdict on the cause of a variation's gap, from the success of the trained roles."""
     confounded, diverse, balanced, covered = (
         solves(success.get(role)) for role in ("confounded", "diverse-confounded", "balanced", "covered")
     )
@@ -341,7 +341,7 @@ def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
 
 
 def reworded(task: str) -> tuple[str, ...]:
-    """Return the variations whose scene is that of their twin and whose words ask for another first object."""
+    """Return the variations with the same scene as their twin whose instruction asks for another first object."""
     found = []
     for variation in get_task(task).variations:
         twin = resolve_condition(task, variation.base).condition
@@ -356,7 +356,7 @@ def reworded(task: str) -> tuple[str, ...]:
 
 
 def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
-    """Return the rate at which the first target of learners changes between twins that differ in words only.
+    """Return the rate at which the first target of learners changes between twins that differ only in words.
 
     A trial without an attempt has no target, and its pair counts as unchanged.
     """

@@ -1,45 +1,42 @@
 """Training of the learners of a study: one in this process, or several in parallel, each in its own process.
 
-A learner of this size keeps one processor busy: two that are trained side by side take as long as one.
+A learner of this size uses one processor, so that two in parallel take as long as one.
 """
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from betterbench.errors import BetterError, RecordError, TrainingError, described
 from betterbench.jobs.lock import HeldFolder, held_folders
-from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
+from betterbench.jobs.worker_process import SpawnedProcess, prepare_process
 from betterbench.json_form import file_digest
 from betterbench.policies.kinds.learned import LEARNED, learned_address
 from betterbench.policies.learned.loading import FILE_NAME as CHECKPOINT
 from betterbench.policies.learned.loading import checkpoint_of
 from betterbench.policies.learned.recipe import TrainingRecipe
-from betterbench.policies.process.policy_process import exit_text
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 _STOP_S = 5.0
 
 
 OnWork = Callable[[int, int, str], None]
-"""Called with how much of a piece of work is done, of how much, and a note."""
+"""Callback with the completed and total units of work, and a note."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainedPolicy:
-    """Trained learner, as a policy that can be evaluated.
+    """Trained learner as a policy for evaluation.
 
     Attributes:
         address: Address of the policy.
         digest: SHA-256 of its checkpoint.
-        observation: Observation preset under which it is evaluated.
-        quality: Render preset under which it is evaluated.
+        observation: Observation preset for its evaluation.
+        quality: Render preset for its evaluation.
     """
 
     address: str
@@ -48,12 +45,12 @@ class TrainedPolicy:
     quality: str = "fast"
 
     def require(self) -> None:
-        """Raise RecordError if its checkpoint is not the one that was trained."""
+        """Raise RecordError if its checkpoint is not the trained one."""
         require_weights(checkpoint_of(LEARNED.parse(self.address)), self.digest)
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
-        """Return the policy of a recipe, which is evaluated with the eyes that it has been trained with."""
+        """Return the policy of a recipe, to be evaluated with the views of its training."""
         if recipe.sees != "pixels":
             return cls(address, digest)
         return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)
@@ -61,11 +58,11 @@ class TrainedPolicy:
 
 @dataclass(frozen=True, slots=True)
 class TrainingJob:
-    """A learner to be trained.
+    """A learner to train.
 
     Attributes:
-        out: Folder in which that is done.
-        begins_with: SHA-256 of the checkpoint that the recipe names as its start; "" if nobody knows.
+        out: Folder of the training.
+        begins_with: SHA-256 of the start checkpoint of the recipe; "" if unknown.
     """
 
     recipe: TrainingRecipe
@@ -73,43 +70,36 @@ class TrainingJob:
     begins_with: str = ""
 
 
-@dataclass(slots=True)
-class _Learner:
-    """Learner in training, with its process.
+class _Learner(SpawnedProcess):
+    """Process that trains a learner, and what it has told."""
 
-    Attributes:
-        done: Steps that are done.
-        note: Its last message.
-    """
-
-    job: TrainingJob
-    process: BaseProcess
-    link: Connection
-    done: int = 0
-    planned: int = 0
-    note: str = ""
-    policy: TrainedPolicy | None = None
+    def __init__(self, job: TrainingJob, device: str) -> None:
+        super().__init__(_learn, job, device, loaded_files(), held_folders(), name="betterbench-learner")
+        self.job = job
+        self.done = self.planned = 0  # steps
+        self.note = ""  # its last message
+        self.policy: TrainedPolicy | None = None
 
 
 def train_learners(
     jobs: Sequence[TrainingJob], device: str, tell: OnWork, *, workers: int = 1
 ) -> tuple[TrainedPolicy, ...]:
-    """Train all jobs at once, and return the policies in their order; a single one is trained in this process.
+    """Train all jobs in parallel and return the policies in order; a single job is trained in this process.
 
-    The frames that learners of pixels see are drawn before, by ``workers`` processes.
+    The frames for learners of pixels are rendered first, by ``workers`` processes.
 
     Raises:
         TrainingError: If a process dies.
-        BetterError: Whatever stops one of them; the others are stopped too, and what each has saved stays.
+        BetterError: Error of a job. The other jobs are stopped too, and everything saved is kept.
     """
     for job in jobs:
         _draw(job, tell, workers)
     if len(jobs) == 1:
         return (_train(jobs[0], device, tell),)
-    learners = [_begin(job, device) for job in jobs]
+    learners = [_Learner(job, device) for job in jobs]
     try:
         while any(learner.policy is None for learner in learners):
-            at_work = {learner.link: learner for learner in learners if learner.policy is None}
+            at_work = {learner.connection: learner for learner in learners if learner.policy is None}
             for link in wait(list(at_work)):
                 _listen(at_work[link])  # type: ignore[index]
             tell(
@@ -118,33 +108,20 @@ def train_learners(
                 ", ".join(p.note for p in learners if p.note),
             )
     finally:
-        for learner in learners:
-            _end(learner)
+        for learner in learners:  # what is still at work has saved what it needs to go on
+            learner.end(_STOP_S if learner.policy is not None else 0.0)
     return tuple(learner.policy for learner in learners if learner.policy is not None)
 
 
-def _begin(job: TrainingJob, device: str) -> _Learner:
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(
-        target=_learn, args=(job, device, theirs, loaded_files(), held_folders()), name="betterbench-learner"
-    )
-    with interrupts_blocked():  # the process that started it decides what happens at Ctrl-C
-        process.start()
-    theirs.close()
-    return _Learner(job, process, ours)
-
-
 def _listen(learner: _Learner) -> None:
-    """Take one message; raise what the process raised, or a TrainingError if it has ended without a word."""
+    """Process one message; raise the error of the process, or TrainingError if it ended without a message."""
     try:
-        said = learner.link.recv()
+        said = learner.connection.recv()
     except (EOFError, OSError):
-        learner.process.join(_STOP_S)
-        how = exit_text(learner.process.exitcode)
+        how = learner.end(_STOP_S)
         raise TrainingError(
-            f"the process that trained {learner.job.out.name} has ended ({how}). What it saved stays: "
-            "run the same command again, with fewer --workers if the memory was too small."
+            f"the process that trained {learner.job.out.name} has ended ({how}). Its saved state is kept: run the "
+            f"same command again, with fewer --workers if memory ran out."
         ) from None
     if isinstance(said, BaseException):
         raise said
@@ -154,20 +131,12 @@ def _listen(learner: _Learner) -> None:
         learner.done, learner.planned, learner.note = said
 
 
-def _end(learner: _Learner) -> None:
-    """End a process that is still at work; it has saved what it needs to go on."""
-    if learner.policy is None:
-        learner.process.kill()
-    learner.process.join(_STOP_S)
-    learner.link.close()
-
-
 def _learn(
-    job: TrainingJob, device: str, link: Connection, files: Sequence[TaskFile], held: Sequence[HeldFolder]
+    job: TrainingJob, device: str, files: Sequence[TaskFile], held: Sequence[HeldFolder], link: Connection
 ) -> None:
-    """Train one learner and say how it goes; the main function of a process."""
+    """Train one learner and report its progress; the main function of a process."""
     prepare_process(held)
-    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the study has ended
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the parent process has ended
         try:
             load_sources(files)
             link.send(_train(job, device, lambda *said: link.send(said)))
@@ -175,12 +144,12 @@ def _learn(
             link.send(problem)
         except (BrokenPipeError, ConnectionResetError):
             raise
-        except Exception as problem:  # noqa: BLE001 - it is told where somebody reads it
+        except Exception as problem:  # noqa: BLE001 - sent to the parent process, which raises it
             link.send(TrainingError(f"{job.out.name}: {described(problem)}"))
 
 
 def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
-    """Draw the frames of a learner of pixels that are missing; two processes would not draw into one folder."""
+    """Render the missing frames for a learner of pixels, before several processes need them."""
     if job.recipe.sees != "pixels":
         return
     from betterbench.learning.training.data import read_training_set  # noqa: PLC0415 - needs torch
@@ -194,18 +163,18 @@ def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
 
 
 def require_weights(place: Path, digest: str) -> None:
-    """Raise RecordError if a checkpoint, or the one in a folder, is not the one that a stage of the study has left."""
+    """Raise RecordError if a checkpoint, or the one in a folder, differs from the result of the study's stage."""
     path = place / CHECKPOINT if place.is_dir() else place
     there = file_digest(path) if path.is_file() else None
     if there != digest:
-        problem = "is missing" if there is None else "holds other weights than those that this study has trained"
+        problem = "is missing" if there is None else "contains other weights than those trained by this study"
         raise RecordError(
             f"{path}: {problem}. Put the checkpoint back, or run a new study into another folder; nothing was deleted."
         )
 
 
 def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
-    """Train a learner in this process; the errors are those of the training loop."""
+    """Train a learner in this process; raises as the training loop does."""
     if job.begins_with and job.recipe.start is not None:
         require_weights(Path(job.recipe.start), job.begins_with)
     from betterbench.learning.training.data import read_training_set  # noqa: PLC0415 - needs torch

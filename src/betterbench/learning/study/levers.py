@@ -1,4 +1,4 @@
-"""Levers: effects of changes of the recipe, per axis and as a whole, in the form of the paper's Table 3."""
+"""Levers: effects of changes of the recipe, per axis and overall, in the layout of the paper's Table 3."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ class LeverRow:
     """Results of the learners of one recipe.
 
     Attributes:
-        found: Results on all their tasks; its ``lever`` is "" for the recipe as it is.
-        axes: Success on the variations of each axis, by its name.
-        against: The difference to what they are compared with, over the trials of the same tasks and training seeds;
-            None for the recipe as it is.
-        start: Arm whose learners these begin with, so that they have seen its demonstrations too; None for none.
-        compared: Lever of the learners that these are compared with; None for the recipe as it is.
+        found: Results on all their tasks; its ``lever`` is "" for the unchanged recipe.
+        axes: Success rate on the variations of each axis, by axis name.
+        against: Difference from the learners they are compared with, over trials of the same tasks and training seeds;
+            None for the unchanged recipe.
+        start: Arm whose learners provide the initial weights, so that its demonstrations were also seen; None without
+            one.
+        compared: Lever of the learners they are compared with; None for the unchanged recipe.
     """
 
     found: ArmFinding
@@ -34,11 +35,11 @@ class LeverRow:
 
 @dataclass(frozen=True, slots=True)
 class LeverTable:
-    """Comparison of levers on the same learners; the first row is the recipe as it is.
+    """Comparison of levers on the same learners; the first row is the unchanged recipe.
 
     Attributes:
-        arm: Arm of all these learners.
-        tasks: Their tasks.
+        arm: Arm of the learners.
+        tasks: Tasks of the learners.
         seeds: Number of training seeds of each task.
     """
 
@@ -49,7 +50,7 @@ class LeverTable:
 
 
 def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[LeverTable]:
-    """Yield one table for each arm and each set of tasks on which levers were tried, in the order of the plan."""
+    """Yield one table per arm and set of tasks on which levers were tried, in the order of the plan."""
     groups: dict[tuple[str, tuple[str, ...]], list[Lever]] = {}
     for lever in plan.levers:
         for arm in lever.arms or tuple(plan.arms):

@@ -1,4 +1,4 @@
-"""Outcomes of the trials of learners: the data from which the findings of a study are computed."""
+"""Outcomes of the trials of learners, from which the findings of a study are computed."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class TrialOutcome:
     """Outcome of one trial.
 
     Attributes:
-        variation: Its variation, or None on a training condition.
-        condition: The training condition; on a variation that of its twin.
-        label: Label that the diagnosis gives it.
-        intention: Whether its first attempt was right; None without a record.
-        target: Slot or object of its first attempt; None if there was none.
+        variation: Variation, or None for a training condition.
+        condition: Training condition; for a variation, that of its twin.
+        label: Label of the diagnosis.
+        intention: Whether the first attempt was right; None without a record.
+        target: Slot or object of the first attempt; None without an attempt.
     """
 
     variation: str | None
@@ -37,7 +37,7 @@ class TrialOutcome:
 
     @property
     def twin(self) -> tuple[str, int]:
-        """The training condition and the seed that it shares with its twin."""
+        """The training condition and seed shared with the twin."""
         return self.condition, self.seed
 
 
@@ -49,7 +49,7 @@ class LearnerOutcome:
     trials: tuple[TrialOutcome, ...]
 
     def of(self, variation: str | None) -> list[TrialOutcome]:
-        """Return the trials of a variation, or with None those of the training conditions."""
+        """Return the trials of a variation, or of the training conditions for None."""
         return [t for t in self.trials if t.variation == variation]
 
     @property
@@ -58,7 +58,7 @@ class LearnerOutcome:
         return [t for t in self.trials if t.variation is not None]
 
     def pairs(self, variation: str | None = None) -> list[tuple[TrialOutcome, TrialOutcome]]:
-        """Return twin and trial of each trial of a variation, or with None of all variations."""
+        """Return twin and trial of each trial of a variation, or of all variations for None."""
         trained = {t.twin: t for t in self.of(None)}
         trials = self.varied if variation is None else self.of(variation)
         return [(trained[t.twin], t) for t in trials if t.twin in trained]
@@ -89,5 +89,5 @@ def trials_form(trials: Iterable[TrialOutcome]) -> list[dict[str, Any]]:
 
 
 def read_trials(form: object, where: str) -> tuple[TrialOutcome, ...]:
-    """Return the trials that a JSON form stands for; RecordError if it stands for none."""
+    """Return the trials of a JSON form. Raises RecordError if it is malformed."""
     return read_form(_TRIALS, form, where=where, cure="Delete the file to evaluate again", raises=RecordError)

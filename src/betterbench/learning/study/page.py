@@ -1,4 +1,4 @@
-"""The page of a study, and all its numbers as JSON and CSV."""
+"""Page of a study, with all its numbers as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -30,36 +30,37 @@ from betterbench.version import __version__
 FILES = ("study.html", "study.json", "numbers.csv", "trials.csv")
 
 LEAST_DIFFERENCE = 0.30
-"""Difference of the illusion gaps that is expected of balanced learners, as a fraction."""
+"""Expected reduction of the illusion gap for balanced learners, as a fraction."""
 LEAST_SOLVED = 0.70
-"""Share of the variations of which everything was shown that balanced learners are expected to solve."""
+"""Expected success rate of balanced learners on the variations without anything never shown."""
 LEAST_DECORRELATED = 0.20
-"""Success on variations that balanced learners are expected to have above diverse-confounded ones, as a fraction."""
+"""Expected advantage in success of balanced over diverse-confounded learners on variations, as a fraction."""
 MOST_DEAF, LEAST_HEARING = 0.20, 0.70
-"""Share of reworded twins in which a confounded learner changes its target at most, and a balanced one at least."""
+"""Expected share of reworded twins with a changed target: at most, for confounded learners, and at least, for balanced
+ones."""
 GOOD_AREA = 0.9
 LEAST_NAMED = 0.90
-"""Share of the failed trials of learners with a planted confound in which the diagnosis has to name it."""
+"""Expected share of failed trials of learners with a planted confound in which the diagnosis names the confound."""
 
 _WHAT_VERDICTS_SAY = {
-    "no gap": "the confounded learners solve it: there is nothing that balancing could remove",
+    "no gap": "the confounded learners solve it, so balancing has nothing to remove",
     "coverage is enough": (
-        "the diverse-confounded learners, which were shown as many conditions as the balanced ones with each word tied "
-        "to its place, solve what the confounded ones fail"
+        "the diverse-confounded learners saw as many conditions as the balanced ones, with each word tied to its "
+        "place, and solve what the confounded ones fail"
     ),
     "decorrelation is enough": "the balanced learners solve what the confounded ones fail",
-    "needs more than decorrelation": "the balanced learners fail it, and those trained on it solve it",
-    "hard for another reason": "even learners that were trained on it fail it",
-    "open": "too few trials, or an arm is missing: an interval holds 50 %",
+    "needs more than decorrelation": "the balanced learners fail it, but learners trained on it solve it",
+    "hard for another reason": "even learners trained on it fail it",
+    "open": "too few trials or a missing arm: an interval contains 50 %",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """Expectation of a study, and its result.
+    """Expectation of a study with its result.
 
     Attributes:
-        held: Whether it held; None where that is open or was not measured.
+        held: Whether it was met; None if open or not measured.
     """
 
     expected: str
@@ -68,10 +69,10 @@ class Expectation:
 
 
 def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
-    """Write page, JSON and CSV of a study into its folder, and return what was found.
+    """Write page, JSON and CSV of a study into its folder, and return the findings.
 
-    What was measured stands in study.json and the CSV files, whose bytes do not depend on interruptions; the page also
-    says what it took.
+    study.json and the CSV files contain the measurements; their bytes do not depend on interruptions. The page also
+    reports the durations.
 
     Raises:
         RecordError: If a prediction was changed after it was written.
@@ -96,7 +97,7 @@ def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
 
 
 def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
-    """Return all findings as a JSON document, which does not depend on interruptions of the study."""
+    """Return all findings as a JSON document that does not depend on interruptions of the study."""
     form: dict[str, Any] = json.loads(json.dumps(asdict(found)))
     return {
         "betterbench": __version__,
@@ -110,7 +111,7 @@ def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
 
 
 def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
-    """Return the page as HTML that needs no other file."""
+    """Return the page as self-contained HTML."""
     charts = [
         {"chart": c, "wide": Markup(draw(c)), "narrow": Markup(draw(c, narrow=True))}  # noqa: S704 - escaped there
         for c in study_charts(found)
@@ -119,7 +120,7 @@ def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
         environment()
         .get_template("study.html.jinja")
         .render(
-            style=Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
+            style=Markup(study_style()),  # noqa: S704 - our own file
             plan=outcome.plan,
             found=found,
             overall=[a for a in found.arms if not a.task and not a.lever],
@@ -138,8 +139,13 @@ def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
     )
 
 
+def study_style() -> str:
+    """Return the style sheet of the page of a study."""
+    return "".join(asset(f"{name}.css") for name in ("page", "figure", "study"))
+
+
 def _duration(seconds: float) -> str:
-    """Return a time in words."""
+    """Return a duration in words."""
     if seconds < 90.0:
         return plural(round(seconds), "second")
     minutes = round(seconds / 60.0)
@@ -168,7 +174,7 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
             "validity",
             "Construct validity",
             "Share of the confounded learners' illusion gap that balancing removes, in percent, with its 95 % interval "
-            "(cut at the ends of the scale). Only variations with a gap that is surely above zero.",
+            "(cut at the ends of the scale). Only variations with a gap significantly above zero.",
             (BarGroup("", tuple(Bar(f"{v.task} {v.variation}", v.validity or Figure(), "dot") for v in removed)),),
         )
     if found.doses:
@@ -182,19 +188,19 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
         yield Chart(
             "doses",
             "Failure by dose",
-            "By the share of the demonstrations that hold the confounds: how often variations fail that break one of a "
-            "word, a place or a look, in percent, with its 95 % interval.",
+            "Failure rate on variations that break a confound of word, place or look, by the share of demonstrations "
+            "with confounds, in percent, with its 95 % interval.",
             tuple(groups),
         )
 
 
 def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
-    """Return the expectations of the study with their results; those about learners that have not learned stay open."""
+    """Return the expectations of the study with results; those about learners that have not learned stay open."""
     lines = []
     if found.known is not None and found.known.variations:
         gap, solved = found.known.contrast.gap, found.known.balanced
         where = (
-            f"on the {plural(found.known.variations, 'variation')} without a word or a thing that training never showed"
+            f"on the {plural(found.known.variations, 'variation')} without a word or object that training never showed"
         )
         text = f"Balanced learners solve {100 * LEAST_SOLVED:.0f} % or more {where}"
         held = None if solved.value is None else solved.value >= LEAST_SOLVED
@@ -206,7 +212,7 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
     if found.repeated is not None and found.repeated.variations:
         solved = found.repeated.success
         text = (
-            f"Where decorrelation is enough by the learners of the other training seeds, a balanced one solves "
+            f"Where decorrelation is enough according to the other training seeds, a balanced learner solves "
             f"{100 * LEAST_SOLVED:.0f} % or more"
         )
         held = None if solved.value is None else solved.value >= LEAST_SOLVED
@@ -222,7 +228,7 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
         lines.append(_of_the_able(found, (role,), Expectation(text, word.changed.sentence(), held)))
     if found.prediction is not None:
         area = found.prediction.area
-        text = f"The audit ranks the variations by who fails them with an AUROC of {GOOD_AREA} or more"
+        text = f"The audit's risk ranks failed above solved variations with an AUROC of {GOOD_AREA} or more"
         held = None if area.value is None else area.value >= GOOD_AREA
         said = _area_text(area, found.prediction.failed)
         lines.append(_of_the_able(found, ("confounded",), Expectation(text, said, held)))
@@ -230,7 +236,7 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
 
 
 def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield what was expected of balanced against diverse-confounded learners; nothing of a study without them."""
+    """Yield the expectations on balanced against diverse-confounded learners; empty for a study without them."""
     pair = ("diverse-confounded", "balanced")
     for success in (c.success for c in found.coverage if not c.task and c.name == DECORRELATION):
         least = f"{100 * LEAST_DECORRELATED:.0f} points"
@@ -241,39 +247,42 @@ def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
 
 
 def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield what was expected of mixtures; nothing of a study without them."""
+    """Yield the expectations on mixtures; empty for a study without them."""
     overall = [d for d in found.doses if not d.task]
     if not overall:
         return
     said = ", ".join(f"{d.failure.with_unit()} at {100 * d.dose:.0f} %" for d in overall)
-    yield Expectation("Variations that break a confound fail the oftener the more of it there is", said, rises(overall))
+    yield Expectation("Variations that break a confound fail more often the higher its dose", said, rises(overall))
     named = named_when_planted(found.doses)
     text = (
-        f"Where {100 * PLANTED:.0f} % or more hold it, the diagnosis names a rule of the card in "
-        f"{100 * LEAST_NAMED:.0f} % of the failed trials whose cause it finds in reasoning"
+        f"At doses of {100 * PLANTED:.0f} % or more, the diagnosis gives a label of the card to "
+        f"{100 * LEAST_NAMED:.0f} % of the reasoning failures"
     )
     yield Expectation(text, named.sentence(), None if named.value is None else named.value >= LEAST_NAMED)
 
 
 def _of_the_able(found: StudyFindings, roles: tuple[str, ...], line: Expectation) -> Expectation:
-    """Return an expectation, left open if a role's learners solve less than half of their training conditions."""
+    """Return an expectation, left open if the learners of a role solve less than half of their training conditions."""
     for role in roles:
         arm = next((a for a in found.arms if (a.arm, a.task, a.lever) == (found.roles.get(role), "", "")), None)
         if arm is not None and arm.training.value is not None and arm.training.value < SOLVED:
-            why = f"; but the {role} learners solve {arm.training.with_unit()} of the training conditions only"
+            why = f"; but the {role} learners solve only {arm.training.with_unit()} of the training conditions"
             return replace(line, found=line.found + why, held=None)
     return line
 
 
 def _area_text(area: Figure, failed: int) -> str:
     if area.value is None:
-        return f"not measured: {failed} of {plural(area.n or 0, 'variation')} failed, and some have to of each kind"
+        return (
+            f"not measured: {failed} of {plural(area.n or 0, 'variation')} failed; both failed and solved ones are "
+            f"needed"
+        )
     low, high = area.low or 0.0, area.high or 0.0
     return f"{area.value:.2f} (95 % interval {low:.2f} to {high:.2f}; {failed} of {area.n} variations failed)"
 
 
 def numbers_table(found: StudyFindings) -> Table:
-    """Return every number of the page as one long table; fractions, empty where there is no such number."""
+    """Return all numbers of the page as one long table; fractions, empty if there is no such number."""
     rows: list[tuple[Scalar, ...]] = []
 
     def add(table: str, where: tuple[str, str, str], **figures: Figure | None) -> None:
@@ -312,7 +321,7 @@ def numbers_table(found: StudyFindings) -> Table:
 
 
 def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str], dict[str, Figure]]]:
-    """Yield tasks, no variation, and arm with lever of each row of the tables of levers, and its numbers."""
+    """Yield the key (task, no variation, arm with lever) and the numbers of each row of the lever tables."""
     for table in found.levers:
         for row in table.rows:
             against = {} if row.against is None else {"success": row.against.success, "gap": row.against.gap}

@@ -1,4 +1,4 @@
-"""Plan of a study: its tasks, arms, training seeds and changes of the recipe."""
+"""Plan of a study: tasks, arms, training seeds and changes of the recipe."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from betterbench.tasks import get_task
 from betterbench.tasks.interventions.regimes import Regime, conditions_of
 from betterbench.vqa.dataset import MOST_QUESTIONS
 
-CURE = "Correct the plan; docs/learned.md shows one"
+CURE = "Correct the plan; see docs/learned.md for an example"
 PRESETS = ("small", "full", "levers", "doses", "diverse")
 OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
-"""Fields of a recipe that the study itself decides."""
+"""Fields of a recipe that the study sets itself."""
 MOST_LEARNERS = 1000
 MOST_TRIALS = 200_000
-"""Trials of the learners of one seed, at most; each is planned before the first is run."""
+"""Maximum number of trials of the learners of one seed, because all are planned before the first is run."""
 _SUM_SLACK = 1e-6
 
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,39}$")]
 _Share = Annotated[float, Field(gt=0.0, le=1.0)]
 RegimeShares = Annotated[dict[Regime, _Share], Field(min_length=1)]
-"""Share of the demonstrations of an arm by regime."""
+"""Share of the demonstrations of an arm per regime."""
 
 ROLES: Mapping[str, dict[Regime, float]] = {
     "confounded": {"training": 1.0},
@@ -41,9 +41,9 @@ ROLES: Mapping[str, dict[Regime, float]] = {
     "covered": {"covered": 1.0},
     "diverse-confounded": {"diverse-confounded": 1.0},
 }
-"""Regime shares of each role in the findings: the arm with these shares plays the role, under any name."""
+"""Regime shares of each role in the findings. An arm with these shares has the role, under any name."""
 USUAL_ARMS = ("confounded", "balanced", "covered")
-"""The arms of a plan that names none; all tasks of the suite have these."""
+"""Default arms of a plan; all tasks of the suite support them."""
 
 
 @strict_form
@@ -52,15 +52,15 @@ class Lever:
     """Change of the recipe, compared with the same learners without the change.
 
     Attributes:
-        name: Its name in files and tables.
+        name: Name in files and tables.
         changes: Fields of the recipe.
-        arms: Arms on which it is tried; all if empty.
-        tasks: Tasks on which it is tried; all if empty.
-        start: Arm whose learner of the same task and training seed, with the recipe as it is, training begins with;
-            ``changes`` may then freeze parts of it. None to begin with nothing.
-        against: Lever on the same arms and tasks with which it is compared; the recipe as it is if None.
-        questions: About how many questions are learned beside the actions, about the demonstrations of each regime of
-            its arm; the study asks them. ``co_training`` in ``changes`` may then give their weight.
+        arms: Arms with this change; all if empty.
+        tasks: Tasks with this change; all if empty.
+        start: Arm whose learner of the same task and training seed, with the unchanged recipe, provides the initial
+            weights; ``changes`` may then freeze parts of them. None for random weights.
+        against: Lever on the same arms and tasks for the comparison; the unchanged recipe if None.
+        questions: Approximate number of co-training questions about the demonstrations of each regime of its arm. The
+            study creates them; ``co_training`` in ``changes`` may set their weight.
     """
 
     name: _Name
@@ -74,7 +74,7 @@ class Lever:
 
 @dataclass(frozen=True, slots=True, order=True)
 class PlannedLearner:
-    """One learner of a study; ``lever`` is "" for the recipe as it is."""
+    """One learner of a study; ``lever`` is "" for the unchanged recipe."""
 
     task: str
     arm: str
@@ -83,7 +83,7 @@ class PlannedLearner:
 
     @property
     def name(self) -> str:
-        """Its name in files."""
+        """Name in files."""
         return "-".join(part for part in (self.task, self.arm, self.lever, f"seed{self.seed}") if part)
 
 
@@ -97,14 +97,16 @@ class StudyPlan:
     """Plan of a study.
 
     Attributes:
-        arms: Per arm what its demonstrations show. An arm of two regimes holds a planted confound at that dose.
-        seeds: Seeds of training; each task and arm is trained with each of them.
-        demos: Demonstrations per training condition; other regimes share as many out over theirs.
-        sources: Number of these that the expert gives and from which the others are carried over; 0 if it gives all.
-        noise: Noise on the executed actions of those that are carried over, in action units.
-        trials: Trials per variation of each learner; the training conditions have as many in all.
-        recipe: Fields of the training recipe other than its defaults.
-        levers: Changes of the recipe, each tried on its own.
+        arms: Regime shares of the demonstrations of each arm. An arm with two regimes has a planted confound at that
+            dose.
+        seeds: Training seeds; each task and arm is trained with each seed.
+        demos: Demonstrations per training condition; other regimes distribute the same total over their conditions.
+        sources: Number of these that come from the expert, from which the others are generated; 0 if all come from the
+            expert.
+        noise: Noise on the executed actions of generated demonstrations, in action units.
+        trials: Trials per variation for each learner, and in total for its training conditions.
+        recipe: Fields of the training recipe that differ from its defaults.
+        levers: Changes of the recipe, each applied separately.
     """
 
     tasks: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -119,22 +121,22 @@ class StudyPlan:
     version: Literal[1] = 1
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be done."""
+        """Raise InvalidInputError for an impossible plan."""
         for name, least, most in (("demos", 1, 10_000), ("sources", 0, 10_000), ("trials", 1, 10_000)):
             require_between(name, getattr(self, name), least, most)
         require_between("noise", self.noise, 0.0, 0.5)
         for name, listed in (("tasks", self.tasks), ("seeds", self.seeds), ("levers", [v.name for v in self.levers])):
             if len(set(listed)) < len(listed):
-                raise InvalidInputError(name, "one of them stands there twice", "Give each once")
+                raise InvalidInputError(name, "one of them occurs twice", "Give each once")
         self._require_few()
         for task in map(get_task, self.tasks):
             for regime in {regime for shares in self.arms.values() for regime in shares}:
                 conditions_of(task, regime)
         for arm, shares in self.arms.items():
             if abs(sum(shares.values()) - 1.0) > _SUM_SLACK:
-                raise InvalidInputError(f"arms.{arm}", "its shares do not sum up to 1", "Give shares that do")
+                raise InvalidInputError(f"arms.{arm}", "its shares do not add up to 1", "Give shares that add up to 1")
             if len(shares) > self.demos:
-                problem = f"{self.demos} demonstrations cannot be shared by {len(shares)} regimes"
+                problem = f"{self.demos} demonstrations are too few for {len(shares)} regimes"
                 raise InvalidInputError(f"arms.{arm}", problem, "Give more in demos")
         self.recipe_of(PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0]), ("data",))
         for i, lever in enumerate(self.levers):
@@ -148,10 +150,12 @@ class StudyPlan:
         names = Counter(learner.name for learner in self.learners())
         twice = next((name for name, times in names.items() if times > 1), None)
         if twice is not None:
-            raise InvalidInputError("levers", f"two learners would be called {twice}", "Rename the arm or the lever")
+            raise InvalidInputError(
+                "levers", f"two learners would have the name {twice}", "Rename the arm or the lever"
+            )
 
     def _require_few(self) -> None:
-        """Refuse more learners or trials than a study can have, by their numbers alone, before any of them is made."""
+        """Raise InvalidInputError for too many learners or trials, from the numbers of the plan."""
         plain = len(self.tasks) * len(self.arms)
         levered = sum(len(v.tasks or self.tasks) * len(v.arms or self.arms) for v in self.levers)
         learners = len(self.seeds) * (plain + levered)
@@ -159,11 +163,11 @@ class StudyPlan:
             raise InvalidInputError("seeds", f"they make {learners} learners", f"Give at most {MOST_LEARNERS}")
         most = max(len(get_task(task).variations) for task in self.tasks) + 1
         if len(self.tasks) * most * self.trials > MOST_TRIALS:
-            problem = f"{self.trials} of each variation make more than {MOST_TRIALS} trials for the learners of a seed"
+            problem = f"{self.trials} per variation make more than {MOST_TRIALS} trials for the learners of a seed"
             raise InvalidInputError("trials", problem, "Give fewer trials or tasks")
 
     def learners(self) -> Iterator[PlannedLearner]:
-        """Yield all learners: those of the first seed first, so that a part of the study already says something."""
+        """Yield all learners, those of the first seed first, so that a partial study is already informative."""
         for seed in self.seeds:
             yield from (PlannedLearner(task, arm, seed) for task in self.tasks for arm in self.arms)
         for lever in self.levers:
@@ -172,14 +176,14 @@ class StudyPlan:
                     yield from (PlannedLearner(task, arm, seed, lever.name) for arm in lever.arms or self.arms)
 
     def start_of(self, learner: PlannedLearner) -> PlannedLearner | None:
-        """Return the learner whose weights the training of another one begins with, or None."""
+        """Return the learner whose weights another one starts with, or None."""
         lever = self._lever_of(learner)
         if lever is None or lever.start is None:
             return None
         return PlannedLearner(learner.task, lever.start, learner.seed)
 
     def questions_of(self, learner: PlannedLearner) -> int:
-        """Return about how many questions about each of its sets a learner is asked, 0 if the study asks none."""
+        """Return the approximate number of questions about each set of a learner, 0 if the study creates none."""
         lever = self._lever_of(learner)
         return 0 if lever is None else lever.questions
 
@@ -187,7 +191,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Refuse a lever that is compared with itself, with none, or with one that has no such learners."""
+        """Raise InvalidInputError for a lever that cannot be compared with the one that it names."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}
@@ -199,41 +203,41 @@ class StudyPlan:
         ):
             missing = [one for one in mine if one not in theirs]
             if missing:
-                problem = f"{other.name} is not tried on {', '.join(missing)}"
+                problem = f"{other.name} is not applied to {', '.join(missing)}"
                 raise InvalidInputError(where, problem, f"Give both levers the same {name}")
 
     def _require_weights_fit(self, learner: PlannedLearner, recipe: TrainingRecipe) -> None:
-        """Refuse a start whose weights have other shapes than those of the learner that would begin with them."""
+        """Raise InvalidInputError for a start whose weights have other shapes than those of the new learner."""
         start = self.start_of(learner)
         if start is None:
             return
         plain = self.recipe_of(start, ("data",))
         if plain.co_training is not None or recipe.co_training is not None:
-            problem = "the learner that it begins with answers questions about other demonstrations, or none"
+            problem = "its start learner answers questions about other demonstrations, or none"
             raise InvalidInputError(f"lever {learner.lever}.co_training", problem, "Leave it out, or the start")
         theirs = plain.shape
         other = next((name for name, value in recipe.shape.items() if theirs[name] != value), None)
         if other is not None:
             where, problem = (
                 f"lever {learner.lever}.{other}",
-                f"the learner of {start.arm} that it begins with has another",
+                f"the learner of {start.arm} that it starts with has another value",
             )
             raise InvalidInputError(where, problem, "Leave it out, or change it in the recipe of the study")
 
     def _require_words_known(self, where: str, lever: Lever) -> None:
-        """Refuse a start that has no number for something that the lever's own demonstrations show."""
+        """Raise InvalidInputError for a start whose vocabulary lacks words of the lever's demonstrations."""
         if lever.start is None:
             return
         for task, arm in itertools.product(lever.tasks or self.tasks, lever.arms or self.arms):
             missing = never_shown_before(self.arms[lever.start], task, self.arms[arm])
             if missing:
-                problem = f"its learner of {task} is never shown {', '.join(missing)}, which {arm} shows"
-                raise InvalidInputError(where, problem, "Begin with an arm that shows it, or leave out the task")
+                problem = f"its learner of {task} was never shown {', '.join(missing)}, which {arm} shows"
+                raise InvalidInputError(where, problem, "Use a start arm that shows it, or leave out the task")
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
-        """Return the demonstrations of an arm per training condition, by the regime that they show, all together demos.
+        """Return the demonstrations of an arm per training condition, by regime; their sum is ``demos``.
 
-        Each regime has one at least; the others are those that come nearest to the shares.
+        Each regime has at least one. The others are distributed as close to the shares as possible.
         """
         wanted = {regime: share * self.demos for regime, share in self.arms[arm].items()}
         found = {regime: max(1, math.floor(number + _SUM_SLACK)) for regime, number in wanted.items()}
@@ -244,11 +248,11 @@ class StudyPlan:
         return found
 
     def dose_of(self, arm: str) -> float:
-        """Return the share of the demonstrations of an arm that hold the confounds, in whole demonstrations."""
+        """Return the share of an arm's demonstrations with confounds, in whole demonstrations."""
         return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
-        """Return the first arm that is trained on one regime alone, by the name of its role; None if there is none."""
+        """Return the first arm trained only on the regime of a role; None if there is none."""
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
     def recipe_of(
@@ -261,20 +265,21 @@ class StudyPlan:
     ) -> TrainingRecipe:
         """Return the recipe of a learner for the folders of its demonstrations.
 
-        ``start`` is the folder of what it begins with, and ``questions`` are those of what it is asked, where it is.
+        ``start`` is the folder of its initial weights, and ``questions`` are the folders of its question sets.
 
-        Raises InvalidInputError if a field is unknown or out of range; the text names it.
+        Raises:
+            InvalidInputError: If a field is unknown or out of range; the message names it.
         """
         lever = self._lever_of(learner)
         given = {**self.recipe, **({} if lever is None else lever.changes)}
         where = "recipe" if lever is None else f"lever {lever.name}"
         for name in OWN_FIELDS:
             if name in given:
-                raise InvalidInputError(f"{where}.{name}", "the study decides it", "Leave it out")
+                raise InvalidInputError(f"{where}.{name}", "it is set by the study", "Leave it out")
         begins = lever is not None and lever.start is not None
         if "frozen" in given and not begins:
-            problem = "nothing is trained before it is frozen"
-            raise InvalidInputError(f"{where}.frozen", problem, "Freeze in a lever that has a start")
+            problem = "untrained weights would be frozen"
+            raise InvalidInputError(f"{where}.frozen", problem, "Freeze only in a lever with a start")
         if lever is not None and lever.questions:
             given["co_training"] = _asked(given.get("co_training", {}), questions, f"{where}.co_training")
         fixed = {
@@ -287,17 +292,19 @@ class StudyPlan:
         return read_training_recipe({**given, **fixed}, where=where)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with every value that the file left out."""
+        """Return the JSON form, including all default values."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         return form
 
 
 def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
-    """Return the form of a co-training with questions that the study asks."""
+    """Return the form of a co-training with questions created by the study."""
     if not isinstance(given, dict):
-        raise InvalidInputError(where, "it is no mapping", "Give {weight: 0.25}, or leave it out")
+        raise InvalidInputError(where, "it is not a mapping", "Give {weight: 0.25}, or leave it out")
     if "sets" in given:
-        raise InvalidInputError(f"{where}.sets", "the study asks its own questions", "Leave it out, or the questions")
+        raise InvalidInputError(
+            f"{where}.sets", "the study creates its own questions", "Leave it out, or the questions"
+        )
     return {**given, "sets": questions}
 
 
@@ -311,17 +318,17 @@ _FORM = TypeAdapter(StudyPlan)
 
 
 def read_study_plan(form: object, *, where: str = "plan") -> StudyPlan:
-    """Return the plan that a JSON form stands for.
+    """Return the plan of a JSON form.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown or out of range; the text names it.
-        UnknownNameError: If there is no such task.
+        InvalidInputError: If a field is missing, unknown or out of range; the message names it.
+        UnknownNameError: If a task does not exist.
     """
     return read_form(_FORM, form, where=where, cure=CURE)
 
 
 def preset_text(name: str) -> str:
-    """Return the YAML of a preset; InvalidInputError if there is none of that name."""
+    """Return the YAML of a preset. Raises InvalidInputError if it does not exist."""
     if name not in PRESETS:
-        raise InvalidInputError("--preset", f"{name!r} is no preset", f"Give {' or '.join(PRESETS)}")
+        raise InvalidInputError("--preset", f"{name!r} is not a preset", f"Give {' or '.join(PRESETS)}")
     return resources.files("betterbench.learning.study").joinpath("presets", f"{name}.yaml").read_text(encoding="utf-8")

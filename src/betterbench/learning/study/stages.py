@@ -1,8 +1,8 @@
-"""The stages of a study, one after the other: sets, learners, runs. What is done is never done again.
+"""Stages of a study in order: sets, learners, runs. Finished work is never repeated.
 
-``OUT/stages/NAME.json`` says that a stage is complete, what went into it and what came out, under a seal. A stage that
-was interrupted is resumed by the package whose work it is, to the same bytes. What a stage made is compared with what
-its file says before the next one uses it.
+``OUT/stages/NAME.json`` marks a complete stage and contains its inputs, its outputs and a checksum. An interrupted
+stage is resumed by the package that does the work, with the same bytes as result. The output of a stage is verified
+against its file before the next stage uses it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import itertools
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -23,9 +22,8 @@ from betterbench.certification.refusal import require_certified
 from betterbench.demonstrations.sets.recipe import SetRecipe
 from betterbench.errors import RecordError
 from betterbench.evaluation import make_plan
-from betterbench.jobs import write_durably
-from betterbench.jobs.durable import on_disk, remove_parts
-from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.jobs import job_folder, write_durably
+from betterbench.jobs.durable import on_disk
 from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form, strict_form
 from betterbench.learning.study.learning import OnWork, TrainedPolicy, TrainingJob
 from betterbench.learning.study.outcomes import LearnerOutcome, TrialOutcome, read_trials, trials_form
@@ -41,8 +39,8 @@ from betterbench.vqa import read_set
 STAGES = "stages"
 _MAX_BYTES = 64 << 20
 _HERE = "{study}"
-"""Stands for the folder of the study, which may be moved."""
-_CURE = "Move the file elsewhere, and the stage is looked at again; what it made stays"
+"""Placeholder for the folder of the study, which may be moved."""
+_CURE = "Move the file elsewhere to check the stage again; its output is kept"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +48,12 @@ class StudyProgress:
     """Progress of a study.
 
     Attributes:
-        number: The stage under way, from 1.
+        number: Current stage, from 1.
         stages: Number of stages.
-        name: Name of the stage under way.
-        done: Units of work of this stage that are done.
-        planned: Units of work of this stage in all; 0 if unknown.
-        note: Description of the work under way.
+        name: Name of the current stage.
+        done: Finished units of work of this stage.
+        planned: Total units of work of this stage; 0 if unknown.
+        note: Description of the current work.
     """
 
     number: int
@@ -76,8 +74,8 @@ class StudyOutcome:
     Attributes:
         plan: Plan of the study.
         learners: The trials of each learner.
-        predictions: Folder of the confounded set of each task, whose prediction.json says what would fail.
-        seconds: Durations of the stages by kind [s]; interrupted sittings are not counted.
+        predictions: Folder of the confounded set of each task, whose prediction.json predicts the failures.
+        seconds: Durations of the stages by kind [s]; interrupted sessions are not counted.
     """
 
     plan: StudyPlan
@@ -134,32 +132,27 @@ def run_study(
     certificate: Path | None = None,
     on_progress: OnStudy | None = None,
 ) -> StudyOutcome:
-    """Do everything that a plan asks for and that is not done yet, and return what was measured.
+    """Do all unfinished work of a plan and return the measurements.
 
-    A larger plan goes on in the same folder.
+    A larger plan continues in the same folder.
 
     Args:
         plan: Plan of the study.
         out: Folder of the study.
         workshop: Functions that do the work.
-        certificate: Certificate of the trials, or its folder; the one that ships with the suite if not given.
-        on_progress: Called as the stages go on.
+        certificate: Certificate of the trials, or its folder; default: the packaged one.
+        on_progress: Called during the stages.
 
     Raises:
-        RunConflictError: If another process works in the folder, or a stage was made by another plan.
+        RunConflictError: If another process uses the folder, or a stage belongs to another plan.
         InvalidInputError: If a trial is not certified.
         StorageError: If the disk is full, or the folder was removed or moved meanwhile.
-        BetterError: Whatever stops a stage; what was done before stays.
+        BetterError: Error of a stage; earlier results are kept.
     """
     out = out.absolute()
     require_certified(make_plan("expert", tasks=plan.tasks, trials=plan.trials), certificate)
-    with ExitStack() as stack:
-        with on_disk(out):
-            lock = stack.enter_context(RunLock(out / LOCK_NAME))
-            remove_parts(out / STAGES)
-        result = _Study(plan, out, workshop, on_progress).run()
-        lock.require_in_place()
-        return result
+    with job_folder(out):
+        return _Study(plan, out, workshop, on_progress).run()
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +161,7 @@ class _Learning:
 
     Attributes:
         job: Its training.
-        inputs: Hash of all that decides what it becomes.
+        inputs: Hash of all inputs that determine its weights.
     """
 
     learner: PlannedLearner
@@ -191,13 +184,13 @@ class _Study:
         self._hashes: dict[str, str] = {}
 
     def _all_sets(self) -> Iterator[tuple[str, SetRecipe]]:
-        """Yield name and recipe of each set that some learner needs; the same one serves several."""
+        """Yield name and recipe of each set that any learner needs; learners share sets."""
         for learner in self._learners:
             for regime, demos in self._plan.sets_of(learner.arm).items():
                 yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
 
     def _all_questions(self) -> Iterator[tuple[str, tuple[str, int]]]:
-        """Yield the name of each set of questions that is due, and about which set how many are asked."""
+        """Yield the name of each required question set, its demonstration set and its number of questions."""
         for learner in self._learners:
             if asked := self._plan.questions_of(learner):
                 yield from ((_asked_name(name, asked), (name, asked)) for name in self._sets_of(learner))
@@ -216,7 +209,7 @@ class _Study:
         return SetRecipe((task,), regime, demos, min(plan.sources, demos), noise=plan.noise)
 
     def run(self) -> StudyOutcome:
-        """Do all stages: the sets, then the learners, as many at a time as can be trained side by side."""
+        """Do all stages: the sets, then the learners, as many in parallel as possible."""
         self._require_questions()
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
         self._hashes = hashes
@@ -233,13 +226,13 @@ class _Study:
         return StudyOutcome(self._plan, tuple(found), folders, dict(self._seconds))
 
     def _require_questions(self) -> None:
-        """Refuse a set of questions that a lever names and that cannot be read, before anything is begun."""
+        """Raise an error early for a question set of a lever that cannot be read."""
         asked = (recipe.co_training.sets for recipe in self._asked_elsewhere() if recipe.co_training is not None)
         for place in dict.fromkeys(itertools.chain.from_iterable(asked)):
             read_set(Path(place))
 
     def _asked_elsewhere(self) -> Iterator[TrainingRecipe]:
-        """Yield a recipe for each choice of demonstrations and of sets of questions that a file of the plan names."""
+        """Yield a recipe for each combination of demonstrations and question sets named in the plan's files."""
         seen = set()
         for learner in (one for one in self._learners if not self._plan.questions_of(one)):
             data = self._folders_of(learner)
@@ -259,7 +252,7 @@ class _Study:
         return str(found["sha256"])
 
     def _ask(self, name: str, about: str, count: int, hashes: Mapping[str, str]) -> str:
-        """Ask the questions about a set, and return their hash."""
+        """Create the questions about a set, and return their hash."""
         source, out = (self._out / kind / of for kind, of in (("sets", about), ("questions", name)))
         found = self._stage(
             "questions",
@@ -270,12 +263,12 @@ class _Study:
         return str(found["sha256"])
 
     def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
-        """Return the first learners, as many as there are threads for, with what goes into them."""
+        """Return the next learners to train in parallel, limited by the threads, with their inputs."""
         group: list[_Learning] = []
         threads = 0
         for learner in learners:
             if self._plan.start_of(learner) in [one.learner for one in group]:
-                break  # it begins with what one of these will be
+                break  # it starts from the weights of one of these
             one = self._learning(learner, hashes)
             threads += one.job.recipe.threads
             if group and threads > self._workshop.threads:
@@ -306,7 +299,7 @@ class _Study:
         return _Learning(learner, job, _hash_of(inputs))
 
     def _train(self, group: Sequence[_Learning]) -> list[TrainedPolicy]:
-        """Train those of a group that are not trained yet, and return the policies of all."""
+        """Train the untrained learners of a group, and return the policies of all."""
         self._number += len(group)
         due = [one for one in group if self._there("learners", one.learner.name, one.inputs) is None]
         for name in dict.fromkeys(name for one in due for name in self._sets_of(one.learner)):
@@ -323,7 +316,7 @@ class _Study:
         for one in group:
             output = self._counted("learners", one.learner.name, one.inputs)
             address = str(output["address"]).replace(_HERE, str(self._out))
-            if address != learned_address(one.job.out):  # another address would run another policy, even a file of code
+            if address != learned_address(one.job.out):  # another address could run any policy, even a file of code
                 file = self._marker("learners", one.learner.name)
                 raise RecordError(f"{file}: output.address does not name the learner {one.learner.name}. {_CURE}.")
             policies.append(TrainedPolicy.of(address, str(output["digest"]), one.job.recipe))
@@ -346,7 +339,7 @@ class _Study:
     def _stage(
         self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
     ) -> dict[str, Any]:
-        """Return the output of a stage, from its file if that is complete with the same inputs, else from its work."""
+        """Return the output of a stage, from its file if complete with the same inputs, else by doing the work."""
         self._number += 1
         hashed = _hash_of(inputs)
         if self._there(kind, name, hashed) is None:
@@ -356,7 +349,7 @@ class _Study:
         return self._counted(kind, name, hashed)
 
     def _teller(self, label: str) -> OnWork:
-        """Return a callback that reports the progress of the stage under way, and report its beginning."""
+        """Return a callback that reports the progress of the current stage, and report its beginning."""
 
         def tell(done: int, planned: int, note: str) -> None:
             if self._on_progress is not None:
@@ -369,7 +362,7 @@ class _Study:
         return self._out / STAGES / f"{kind}-{name}.json"
 
     def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
-        """Return the record of a complete stage, or None if it is not done with these inputs."""
+        """Return the record of a complete stage, or None if it is not complete for these inputs."""
         path = self._marker(kind, name)
         there = _read(path, kind) if path.exists() else None
         return there if there is not None and there.inputs == inputs else None
@@ -380,7 +373,7 @@ class _Study:
             write_durably(path, (json.dumps(sealed_form(asdict(done)), indent=1) + "\n").encode())
 
     def _counted(self, kind: str, name: str, inputs: str) -> dict[str, Any]:
-        """Return the output of a complete stage, and add its duration to the total."""
+        """Return the output of a complete stage, adding its duration to the total."""
         there = self._there(kind, name, inputs)
         if there is None:
             raise AssertionError(f"{kind} {name} is done")
@@ -389,12 +382,12 @@ class _Study:
 
 
 def _asked_name(about: str, questions: int) -> str:
-    """Return the name of a set of questions; no set of demonstrations has such a name."""
+    """Return the name of a question set, distinct from all names of demonstration sets."""
     return f"{about}-{questions}-questions"
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:
-    """Return the conditions that a set shows, with task versions: a task that has changed needs another set."""
+    """Return the conditions of a set with task versions; a changed task needs a new set."""
     tasks = [get_task(name) for name in recipe.tasks]
     shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
     return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]
@@ -405,7 +398,7 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path, kind: str) -> _Done | None:
-    """Return the record in the file of a stage; None for an earlier version, whose stage is checked again."""
+    """Return the record in a stage's file; None for an earlier version, whose stage is checked again."""
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
     if "version" not in form:

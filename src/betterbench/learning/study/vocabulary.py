@@ -1,7 +1,7 @@
-"""Words, object categories and colors of a variation that a learner has never been shown.
+"""Words, object categories and colors of a variation that a learner was never shown.
 
-A learner reads all of these as one number, that of the unknown. A failure there shows ignorance and not a shortcut,
-so the variations without anything unknown are also counted separately.
+A learner maps all of them to the same index, that of the unknown. A failure then shows ignorance instead of a shortcut,
+so the variations without unknowns are also counted separately.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def never_shown(regimes: Iterable[Regime], task: str, variation: str) -> tuple[str, ...]:
-    """Return the words, categories and colors of a variation that no condition of some regimes has, in that order."""
+    """Return the words, categories and colors of a variation that no condition of some regimes has, in this order."""
     return _missing(regimes, task, [resolve_condition(task, variation).condition])
 
 
 def never_shown_before(regimes: Iterable[Regime], task: str, later: Iterable[Regime]) -> tuple[str, ...]:
-    """Return the words, categories and colors of the conditions of later regimes that no condition of others has."""
+    """Return the words, categories and colors of the conditions of later regimes that no other condition has."""
     return _missing(regimes, task, _conditions(later, task))
 
 

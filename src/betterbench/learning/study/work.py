@@ -1,4 +1,4 @@
-"""Work that a study delegates: to make a training set, and to train, evaluate and diagnose a learner."""
+"""Work that a study delegates: making a training set, and training, evaluating and diagnosing a learner."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.vqa import SetOptions
 from betterbench.vqa import make_set as make_question_set
 
 QUESTIONS = SetOptions(cameras=("front",), quality="fast")
-"""Options of the questions about a set's demonstrations; a question does not name its camera, so there is only one."""
+"""Options of the questions about a set's demonstrations. They use one camera, because questions do not name cameras."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,15 @@ class Workshop:
     """Functions that do the work of a study; each resumes where it was interrupted.
 
     Attributes:
-        make_set: Makes the set of a recipe in a folder and returns its hash.
-        require_questions: Refuses a recipe that names sets of questions about other demonstrations than its own.
-        ask: Asks about so many questions about the demonstrations of a set, in a folder, and returns their hash.
-        train: Trains some learners, side by side if there are several.
-        evaluate: Evaluates a policy on a task, so many trials per variation, in a folder, and diagnoses it; refuses one
-            whose weights are not those of its digest.
-        threads: Total number of threads of learners that are trained in parallel.
-        require_set: Refuses a folder whose set is not the one with a hash.
+        make_set: Creates the set of a recipe in a folder and returns its hash.
+        require_questions: Raises for a recipe whose question sets are about other demonstrations.
+        ask: Creates approximately a given number of questions about the demonstrations of a set in a folder, and
+            returns their hash.
+        train: Trains learners, several of them in parallel.
+        evaluate: Evaluates a policy on a task in a folder, with a number of trials per variation, and diagnoses it;
+            raises if its weights do not match its digest.
+        threads: Total number of threads of learners trained in parallel.
+        require_set: Raises if the set in a folder does not match a hash.
     """
 
     make_set: Callable[[SetRecipe, Path, OnWork], str]
@@ -47,11 +48,11 @@ class Workshop:
     train: Callable[[Sequence[TrainingJob], OnWork], tuple[TrainedPolicy, ...]]
     evaluate: Callable[[TrainedPolicy, str, int, Path, OnWork], tuple[TrialOutcome, ...]]
     threads: int = 1
-    require_set: Callable[[Path, str], None] = lambda place, sha256: None  # noqa: ARG005 - for sets that are no runs
+    require_set: Callable[[Path, str], None] = lambda place, sha256: None  # noqa: ARG005 - for sets without runs
 
 
 def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
-    """Return the workshop of this machine; MissingDependencyError if torch is not installed."""
+    """Return the workshop of this machine. Raises MissingDependencyError if torch is not installed."""
     require_torch("better study")
 
     def make_set(recipe: SetRecipe, out: Path, tell: OnWork) -> str:
@@ -82,7 +83,7 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
 
         policy.require()
         run = evaluate(plan, out, workers=workers, on_progress=on_progress)
-        policy.require()  # which the workers have read meanwhile
+        policy.require()  # the workers have read the file meanwhile
         _require_evaluated(run, policy)
         found = diagnose_run(run, on_progress=lambda done, of: tell(done, of, "diagnosis"))
         stored.store_diagnosis(run, found)
@@ -91,27 +92,27 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
     def trained(jobs: Sequence[TrainingJob], tell: OnWork) -> tuple[TrainedPolicy, ...]:
         return train_learners(jobs, device, tell, workers=workers)
 
-    # On a card the learners would only take turns.
+    # On a GPU, parallel learners would only take turns.
     threads = workers if device == "cpu" else 1
     return Workshop(make_set, require_questions, asked, trained, evaluated, threads, _require_set)
 
 
 def _require_set(place: Path, sha256: str) -> None:
-    """Raise RecordError if the demonstrations of a set are not those that it was made of."""
+    """Raise RecordError if the demonstrations of a set have changed since it was made."""
     if set_hash(RunFolder.open(place / DEMONSTRATIONS)) != sha256:
         raise RecordError(
-            f"{place}: holds other demonstrations than those that this study has made. Put the set back, or run a new "
+            f"{place}: contains other demonstrations than those made by this study. Put the set back, or run a new "
             "study into another folder; nothing was deleted."
         )
 
 
 def _require_evaluated(run: RunFolder, policy: TrainedPolicy) -> None:
-    """Raise RecordError if a run was made with other weights than those of a learner, or does not say with which."""
+    """Raise RecordError if a run used other weights than those of a learner, or does not state its weights."""
     told = run.context.get("policy")
     metadata = told.get("metadata") if isinstance(told, Mapping) else None
     checkpoint = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
     if checkpoint != f"sha256 {policy.digest}" or run.context.get("policy_changes"):
         raise RecordError(
-            f"{run.path}: was not made with the weights of {policy.address} that this study has trained. Move the "
-            "folder elsewhere, and the same command evaluates them."
+            f"{run.path}: was not made with the weights of {policy.address} trained by this study. Move the folder "
+            f"elsewhere and run the same command again to evaluate them."
         )

@@ -1,1 +1,1 @@
-"""Training of learned policies on demonstrations: from records to batches, the loop, its validation and its curves."""
+"""Training of learned policies on demonstrations: data, batches, the loop, validation and curves."""

@@ -1,4 +1,4 @@
-"""Batches of a training set: the frames of a step depend on seed and step only, so that training can be resumed."""
+"""Batches of a training set. The frames of a step depend only on seed and step, so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ class Batches:
         self._device = device
 
     def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return the frames of a step that one of several processes computes."""
+        """Return the frames of a step for one of several processes."""
         found = self._pool[_stream(self._recipe.seed, step, 0).integers(len(self._pool), size=self._recipe.batch)]
         return found[rank::world]
 
     def drawn_questions(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return the questions of a step that one of several processes computes."""
+        """Return the questions of a step for one of several processes."""
         chosen = _stream(self._recipe.seed, step, 1).integers(len(self._to_ask), size=self._recipe.questions)
         found: np.ndarray = self._to_ask[chosen]
         return found[rank::world]
 
     def questions(self, chosen: np.ndarray, *, training: bool) -> AskedBatch:
-        """Return a batch of questions: the observations shown with them, and the right answers."""
+        """Return a batch of questions: the observations shown with them, and the correct answers."""
         asked = self._questions
         if asked is None:
-            raise AssertionError("nothing is asked without co-training")
+            raise AssertionError("questions need co-training")
         at = torch.from_numpy(chosen).to(self._device)
         held = self._asked
         common = {"words": held["words"][at], "tools": held["tools"][at]}
@@ -64,7 +64,7 @@ class Batches:
         return AskedBatch(shown, held["answers"][at])
 
     def sample(self, frames: np.ndarray, *, training: bool) -> tuple[ShownBatch, Tensor, Tensor]:
-        """Return the observations of frames, their chunks of actions, (B, chunk, 7), and which count, (B, chunk)."""
+        """Return observations, action chunks (B, chunk, 7), and the mask of valid actions (B, chunk) of frames."""
         held, recipe = self._held, self._recipe
         at = torch.from_numpy(frames).to(self._device)
         episode = held["episodes"][at]
@@ -84,7 +84,7 @@ class Batches:
         return shown, held["actions"][torch.minimum(ahead, last[:, None])], ahead <= last[:, None]
 
     def _pictures(self, store: FrameStore, numbers: np.ndarray, *, training: bool) -> Tensor:
-        """Return the images of frames, (B, views, size, size, 3) uint8, each image shifted in training."""
+        """Return the images of frames, (B, views, size, size, 3) uint8, randomly shifted during training."""
         shifts, most = None, self._recipe.augmentation.shift_px
         if training and most:
             views = len(self._recipe.eyes.windows)
@@ -92,7 +92,7 @@ class Batches:
         return torch.from_numpy(store.read(numbers, shifts)).to(self._device)
 
     def _augment(self, shown: ShownBatch) -> None:
-        """Augment the observations as the recipe asks, with torch's own generator."""
+        """Augment the observations according to the recipe, with torch's generator."""
         recipe, batch = self._recipe, len(shown.words)
         own, other = recipe.proprioception, recipe.augmentation
         if own.noise_m:
@@ -113,13 +113,13 @@ class Batches:
 
 
 def _stream(seed: int, step: int, what: int) -> np.random.Generator:
-    """Return the random numbers of a step; those of other steps, or of something else in it, do not depend on them."""
-    # The counter of a Philox generator makes streams of their own for each step, without what came before it.
+    """Return a random generator for one purpose in a step, independent of other steps and purposes."""
+    # The counter of a Philox generator gives each step an independent stream without computing earlier ones.
     return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, what, step]))
 
 
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
-    """Return frames at changes of the gripper as often again as their weight says; a fraction is spread evenly."""
+    """Return frames with those at gripper changes repeated according to their weight; fractions are spread evenly."""
     at_gripper = frames[data.at_gripper[frames]]
     extra = recipe.gripper_weight - 1.0
     whole = int(extra)

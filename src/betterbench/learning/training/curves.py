@@ -1,4 +1,4 @@
-"""Logs of a training: tables in CSV, whose bytes do not depend on interruptions, and curves in SVG."""
+"""Logs of a training: CSV tables, whose bytes do not depend on interruptions, and curves in SVG."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.quoting import markup_text
 
 @dataclass(frozen=True, slots=True)
 class LossRow:
-    """Mean loss and mean norm of the gradient over the steps since the row before."""
+    """Mean loss and mean gradient norm over the steps since the previous row."""
 
     step: int
     loss: float
@@ -31,7 +31,7 @@ class LossRow:
 Row = TypeVar("Row", LossRow, PhaseError, Rollout, AnswerRate)
 
 ANSWERS_NAME = "answers.csv"
-"""Table of a co-training: right answers to questions about held-out demonstrations."""
+"""Table of a co-training: correct answers to questions about held-out demonstrations."""
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 720, 300, 60, 40, 30
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
@@ -39,7 +39,7 @@ _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 
 @dataclass(slots=True)
 class Log:
-    """The tables of a training, in the order of their steps."""
+    """The tables of a training, in the order of steps."""
 
     losses: list[LossRow] = field(default_factory=list)
     errors: list[PhaseError] = field(default_factory=list)
@@ -48,7 +48,7 @@ class Log:
 
     @classmethod
     def read(cls, out: Path, until: int) -> Log:
-        """Read the tables of a folder up to a step; a training that was ended may have written more than it saved."""
+        """Read the tables of a folder up to a step; an interrupted training may have logged more than it saved."""
         return cls(
             _read(out / "loss.csv", LossRow, until),
             _read(out / "validation.csv", PhaseError, until),
@@ -57,7 +57,7 @@ class Log:
         )
 
     def write(self, out: Path) -> None:
-        """Write tables and curves; raises StorageError if the disk is full."""
+        """Write tables and curves. Raises StorageError if the disk is full."""
         with on_disk(out):
             write_durably(out / "loss.csv", _table(LossRow, self.losses))
             write_durably(out / "validation.csv", _table(PhaseError, self.errors))
@@ -93,7 +93,7 @@ class Log:
 
 
 def _chart(title: str, series: dict[str, list[tuple[int, float]]], down: int) -> list[str]:
-    """Return the elements of a chart whose top is ``down`` pixels below that of the picture."""
+    """Return the elements of a chart whose top is ``down`` pixels below that of the drawing."""
     points = [point for found in series.values() for point in found]
     last = max((x for x, _ in points), default=1) or 1
     most = max((y for _, y in points), default=1.0) * 1.05 or 1.0
@@ -138,14 +138,14 @@ _READERS: Mapping[str, Callable[[str], Any]] = {
 
 
 def _read(path: Path, kind: type[Row], until: int) -> list[Row]:
-    """Return the rows of a table up to a step; RecordError if it cannot be read."""
+    """Return the rows of a table up to a step. Raises RecordError if it cannot be read."""
     try:
         readers = [_READERS[str(f.type)] for f in fields(kind)]
         cells = [*csv.reader(read_ordinary(path).decode().splitlines())][1:]
         rows = [kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in cells]
     except (OSError, ValueError, KeyError, csv.Error) as error:
         raise RecordError(
-            f"{path}: cannot be read ({error}). Put a whole copy of it there, or train in another folder; the "
-            "weights in this one stay as they are."
+            f"{path}: cannot be read ({error}). Restore it from an intact copy, or train in another folder; the "
+            f"weights in this one are kept."
         ) from error
     return [row for row in rows if row.step <= until]

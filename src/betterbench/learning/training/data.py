@@ -1,10 +1,10 @@
-"""Training data from records of demonstrations: arrays of all frames, and of the constants of each episode."""
+"""Training data from records of demonstrations: arrays of all frames, and of constants of each episode."""
 
 from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,8 @@ from betterbench.demonstrations.export.job import validation_seeds
 from betterbench.demonstrations.export.selection import ChosenTrial, select_demonstrations
 from betterbench.errors import InvalidInputError
 from betterbench.interface.actions import EE_DELTA, EE_POSE
-from betterbench.learning.training.frames import SUFFIX, FrameStore, OnDrawn, WantedFrames, drawn_frames
+from betterbench.jobs import OnCount
+from betterbench.learning.training.frames import SUFFIX, FrameStore, WantedFrames, drawn_frames
 from betterbench.learning.training.questions import (
     AskedQuestions,
     TrainingQuestions,
@@ -30,28 +31,25 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 PHASES = ("move", "pick", "carry", "place", "slide", "miss")
-"""Phases of a demonstration: moving with an empty gripper, picking, moving with an object in it, and so on."""
+"""Phases of a demonstration, by the activity of the gripper."""
 
 _STILL_M, _STILL_RAD = 2e-4, 2e-3
-"""Motion of pose and fingers [m] and turn [rad] per control step below which a demonstrator pauses."""
-
-OnRead = Callable[[int, int], None]
-"""Called with the number of records that were read, and of all."""
+"""Motion of pose and fingers [m] and rotation [rad] per control step below which a demonstrator pauses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSet:
-    """The frames of all demonstrations, one after the other: F frames of E episodes with at most n objects.
+    """The concatenated frames of all demonstrations: F frames of E episodes with at most n objects.
 
     Attributes:
-        vocabulary: Words, categories and colors of the demonstrations that are trained on.
+        vocabulary: Words, categories and colors of the training demonstrations.
         trials: The trial of each episode.
         sha256: Hash over the records.
         words: (E, w) int64; ABSENT after the last word.
-        sizes: (E, n, 3) float32 [m]; zero where there is no object.
-        categories: (E, n) int64; ABSENT where there is no object.
+        sizes: (E, n, 3) float32 [m]; zero for missing objects.
+        categories: (E, n) int64; ABSENT for missing objects.
         colors: (E, n) int64.
-        held_out: (E,) bool: episodes for validation.
+        held_out: (E,) bool mask of validation episodes.
         tools: (F, 10) float32.
         poses: (F, n, 9) float32.
         actions: (F, 7) float32 in ``ee_delta``, with gripper commands of -1 or +1.
@@ -59,9 +57,9 @@ class TrainingSet:
         first: (E,) int64 first frame of each episode.
         last: (E,) int64 last frame of each episode.
         phases: (F,) int64 indices into :data:`PHASES`.
-        at_gripper: (F,) bool: frames in whose chunk the gripper changes.
-        shown: (F,) bool: frames that are shown; the others are there for the chunks. None for all.
-        frames_of: Images of the shown frames, in their order; None for the family ``objects``.
+        at_gripper: (F,) bool mask of frames with a gripper change in their chunk.
+        shown: (F,) bool mask of frames used as observations; the others only belong to chunks. None for all.
+        frames_of: Images of the shown frames, in order; None for the family ``objects``.
         questions: Questions about the demonstrations; None without co-training.
     """
 
@@ -86,12 +84,12 @@ class TrainingSet:
     questions: TrainingQuestions | None = None
 
     def frames(self, *, held_out: bool) -> np.ndarray:
-        """Return the frames that are trained on, or those that are held out, int64."""
+        """Return the frame indices of the training or the held-out demonstrations, int64."""
         found = self.held_out[self.episodes] == held_out
         return np.flatnonzero(found if self.shown is None else found & self.shown)
 
     def asked(self, *, held_out: bool) -> np.ndarray:
-        """Return the questions that are trained on, or those about demonstrations that are held out, int64."""
+        """Return the question indices of the training or the held-out demonstrations, int64."""
         if self.questions is None:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(self.held_out[self.questions.episodes] == held_out)
@@ -108,26 +106,27 @@ class _Episode:
 def read_training_set(
     recipe: TrainingRecipe,
     *,
-    on_read: OnRead | None = None,
+    on_read: OnCount | None = None,
     frames: Path | None = None,
     workers: int = 1,
-    on_drawn: OnDrawn | None = None,
+    on_drawn: OnCount | None = None,
 ) -> TrainingSet:
-    """Read the demonstrations and the questions that a recipe names; for the family ``pixels`` draw their frames once.
+    """Read the demonstrations and questions of a recipe; for the family ``pixels``, also render missing frames.
 
     Args:
         recipe: The recipe.
         on_read: Called after each record.
-        frames: Folder of the frames; None for one beside each folder of data, with ``.frames`` behind its name.
-        workers: Processes that draw.
-        on_drawn: Called after the frames of each demonstration.
+        frames: Folder of the frames; None for a folder next to each data folder, with the suffix ``.frames``.
+        workers: Number of rendering processes.
+        on_drawn: Called after rendering each demonstration.
 
     Raises:
-        RunConflictError: If a folder is no run.
-        RecordError: If a record, or a set of questions, is missing or damaged.
-        UnknownNameError: If no run has a task that is asked for.
-        InvalidInputError: If nothing is left, a record is of another action space, or no question is about one.
-        StorageError: If the disk has no room for the frames; those that were drawn stay.
+        RunConflictError: If a folder is not a run.
+        RecordError: If a record or a question set is missing or damaged.
+        UnknownNameError: If no run has a requested task.
+        InvalidInputError: If no demonstrations are left, a record has another action space, or no question is about a
+            demonstration.
+        StorageError: If the disk has no space for the frames; finished ones are kept.
     """
     runs, chosen = _chosen(recipe)
     held_out = validation_seeds({d.trial.seed for d in chosen}, recipe.validation)
@@ -165,7 +164,7 @@ def read_training_set(
 
 
 def require_questions(recipe: TrainingRecipe) -> None:
-    """Refuse a recipe whose sets of questions are not about its demonstrations; these are not read.
+    """Raise an error if the question sets of a recipe are not about its demonstrations, without reading these.
 
     Raises:
         BetterError: As :func:`read_training_set` does.
@@ -174,7 +173,7 @@ def require_questions(recipe: TrainingRecipe) -> None:
 
 
 def _chosen(recipe: TrainingRecipe) -> tuple[list[RunFolder], list[ChosenTrial]]:
-    """Return the runs of a recipe and the demonstrations that are taken of them."""
+    """Return the runs of a recipe and its selected demonstrations."""
     runs = [_opened(place) for place in recipe.data]
     selection = select_demonstrations(runs, tasks=recipe.tasks, variations=recipe.variations)
     return runs, _fewer(selection.demonstrations, recipe.demonstrations)
@@ -185,7 +184,7 @@ def _asked(recipe: TrainingRecipe, chosen: Sequence[ChosenTrial]) -> AskedQuesti
 
 
 def _episodes(
-    runs: Sequence[RunFolder], chosen: Sequence[ChosenTrial], longest_pause: int | None, on_read: OnRead | None
+    runs: Sequence[RunFolder], chosen: Sequence[ChosenTrial], longest_pause: int | None, on_read: OnCount | None
 ) -> Iterator[_Episode]:
     for number, demonstration in enumerate(chosen, 1):
         trial, run = demonstration.trial, runs[demonstration.run]
@@ -197,13 +196,13 @@ def _episodes(
 
 
 def _with(data: TrainingSet, drawn: FrameStore) -> TrainingSet:
-    """Return the same with what its frames look like."""
+    """Return the same training set with images."""
     digest = hashlib.sha256(f"{data.sha256} {drawn.sha256}".encode()).hexdigest()
     return replace(data, sha256=digest, frames_of=drawn)
 
 
 def run_folder(place: Path) -> Path:
-    """Return the run of a folder of ``better dataset``, or the folder itself."""
+    """Return the run in a folder of ``better dataset``, or the folder itself."""
     return place / "demonstrations" if (place / "dataset.json").is_file() else place
 
 
@@ -213,10 +212,10 @@ def _frames_beside(place: str) -> Path:
 
 
 def _opened(place: str) -> RunFolder:
-    """Return the run of a place that a recipe names."""
+    """Return the run of a path in a recipe."""
     folder = run_folder(Path(place))
     if not place or not (folder / "run.json").is_file():
-        problem = f"{place!r} holds no demonstrations"
+        problem = f"{place!r} contains no demonstrations"
         raise InvalidInputError(
             "data", problem, "Name folders of better dataset, or runs of collect, amplify or teleop"
         )
@@ -224,7 +223,7 @@ def _opened(place: str) -> RunFolder:
 
 
 def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]:
-    """Return at most so many demonstrations of each condition, those with the lowest seeds."""
+    """Return at most a given number of demonstrations per condition, those with the lowest seeds."""
     by_condition = defaultdict(list)
     for demonstration in chosen:
         by_condition[demonstration.trial.task, demonstration.trial.condition].append(demonstration)
@@ -232,11 +231,11 @@ def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]
 
 
 def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
-    """Return the actions that were meant, (n_steps, 7): without the noise that a demonstrator added to them."""
+    """Return the intended actions, (n_steps, 7), without the noise added by a demonstrator."""
     space = record.metadata.action_space
     if space != EE_DELTA.name:
         where = f"{run}: {trial}"
-        problem = f"its actions are in {space!r}, and learners answer in {EE_DELTA.name!r}"
+        problem = f"its action space is {space!r}, but learners use {EE_DELTA.name!r}"
         raise InvalidInputError(where, problem, f"Record it with --action-space {EE_DELTA.name}")
     meant = actions_in(record, EE_DELTA)
     meant[:, -1] = np.sign(commands(meant[:, -1]))
@@ -244,10 +243,10 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
 
 
 def moving_rows(record: Record, most: int | None) -> np.ndarray:
-    """Return the rows of a record that are trained on, int64: all but those of a pause after its first ``most``.
+    """Return the rows of a record used for training, int64: all except those of a pause after its first ``most``.
 
-    A demonstrator pauses where the pose that is meant stays, and the fingers do too. How long it has paused cannot be
-    seen in a state, so a learner would answer a pause with a longer one, up to one without an end.
+    A demonstrator pauses while the commanded pose and the fingers do not change. The elapsed time of a pause is not
+    visible in a state, so a learner would prolong pauses, possibly forever.
     """
     if most is None or record.n_steps == 0:
         return np.arange(record.n_steps)
@@ -268,7 +267,7 @@ def _joined(
     recipe: TrainingRecipe,
     asked: AskedQuestions | None,
 ) -> TrainingSet:
-    """Return the arrays of all episodes."""
+    """Return the concatenated arrays of all episodes."""
     apart = np.array([e.trial.seed in held_out for e in episodes])
     trained = [e.record.metadata for e, out in zip(episodes, apart, strict=True) if not out]
     vocabulary = Vocabulary.of(
@@ -307,7 +306,7 @@ def _joined(
 
 
 def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
-    """Return the vocabulary of the checkpoint that training begins with, if it knows everything that the data show."""
+    """Return the vocabulary of the start checkpoint, if it contains everything in the data."""
     from betterbench.policies.learned.checkpoint import checkpoint_file, read_vocabulary  # noqa: PLC0415 - needs torch
 
     known = read_vocabulary(checkpoint_file(start))
@@ -318,16 +317,16 @@ def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
     ):
         strange = sorted(set(ours) - set(theirs))
         if strange:
-            problem = f"it has no number for the {what} {strange[0]!r}, which the data show"
-            raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint whose training showed all of them")
+            problem = f"its vocabulary lacks the {what} {strange[0]!r} of the data"
+            raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint that was trained with all of them")
     if known.answers != shown.answers:
-        problem = "it answers other questions than those of co_training"
-        raise InvalidInputError(f"start: {start}", problem, "Give one with the same co_training, or none with none")
+        problem = "its answers differ from those of co_training"
+        raise InvalidInputError(f"start: {start}", problem, "Give one with the same co_training")
     return known
 
 
 def _padded(values: np.ndarray, most: int) -> np.ndarray:
-    """Return values of objects or words, (n, ...), with zeros for those that are not there."""
+    """Return values of objects or words, (n, ...), padded with zeros."""
     filled = np.zeros((most, *values.shape[1:]), dtype=values.dtype)
     filled[: len(values)] = values
     return filled
@@ -347,7 +346,7 @@ def _poses(record: Record, most: int) -> np.ndarray:
 
 
 def _phases(record: Record) -> np.ndarray:
-    """Return the phase of each frame, by the segments of the record or those that are derived from it."""
+    """Return the phase of each frame, from the segments of the record or derived ones."""
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
     closed = record.gripper_command[: record.n_steps] > 0.0
@@ -359,7 +358,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return the mask of frames with a change of the gripper among the actions of their chunk, (n,) bool."""
+    """Return the mask of frames with a gripper change among the actions of their chunk, (n,) bool."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True
@@ -369,8 +368,8 @@ def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
 def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
     """Return mean and scale of tools, positions of objects and actions over the training frames, float32.
 
-    Actions are mapped by their 1st and 99th percentiles to [-1, 1]; scales have floors, so that a number that hardly
-    moves is not blown up.
+    The 1st and 99th percentiles of actions are mapped to [-1, 1]. Scales have lower limits, so that nearly constant
+    numbers are not amplified.
     """
     frames = data.frames(held_out=False)
     tools, actions = data.tools[frames].astype(np.float64), data.actions[frames].astype(np.float64)
@@ -391,5 +390,5 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
 
 
 def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
-    """Return the mean number of times that training sees a frame."""
+    """Return the mean number of times that training uses a frame."""
     return recipe.steps * recipe.batch / len(data.frames(held_out=False))

@@ -1,16 +1,15 @@
-"""The frames of demonstrations as a learner of the ``pixels`` family sees them, drawn once and kept beside the data.
+"""Frames of demonstrations for learners of the ``pixels`` family, rendered once and stored next to the data.
 
-One file holds the frames of one demonstration, named by everything they follow from: the record, the views, the render
-preset and the rows. A file is there whole or not at all, so drawing resumes where it was ended, and its bytes do not
-depend on the number of workers. Frames are read one by one from files that are mapped into memory, so that memory is
-bounded by what the system can spare.
+One file contains the frames of one demonstration. Its name depends on the record, the views, the render preset and the
+rows. Files are written atomically, so that rendering can be resumed, and their bytes do not depend on the number of
+workers. Frames are read individually from memory-mapped files, so that the system can release the memory.
 """
 
 from __future__ import annotations
 
 import hashlib
 import mmap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,10 +20,8 @@ from pydantic import Field, TypeAdapter
 from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interface import observation_spec
-from betterbench.jobs import write_durably
-from betterbench.jobs.durable import on_disk, remove_parts
-from betterbench.jobs.item_threads import in_threads
-from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.jobs import OnCount, counts, in_threads, job_folder, run_items, write_durably
+from betterbench.jobs.durable import on_disk
 from betterbench.json_form import (
     SEAL,
     dump_json,
@@ -42,16 +39,13 @@ from betterbench.records import Record, RunFolder
 from betterbench.records.compressed import pack_block, unpack_block
 
 FRAMES_VERSION = 1
-"""Version of how a record becomes frames, and of the files that hold them."""
+"""Version of the rendering of records as frames, and of the frame files."""
 SUFFIX = ".frames"
-"""Suffix of the folder of frames after the name of the folder of demonstrations."""
+"""Suffix of the folder of frames, after the name of the folder of demonstrations."""
 
 _MAX_HEADER = 1 << 16
 _ITSELF, _DIFFERENCE = 0, 1
-_INDEX_NUMBERS = 3  # where a picture begins and ends, and whether it is its difference to the first one of its view
-
-OnDrawn = Callable[[int, int], None]
-"""Called with the number of demonstrations whose frames are there, and of all."""
+_INDEX_NUMBERS = 3  # begin and end of an image, and whether it is stored as a difference to the first one of its view
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,11 +53,11 @@ class WantedFrames:
     """The frames of one demonstration.
 
     Attributes:
-        run: Its run.
-        record: Its record.
+        run: Run of the demonstration.
+        record: Record of the demonstration.
         digest: SHA-256 of the record's file.
-        rows: (n,) rows of the record that are drawn.
-        folder: Folder in which its file is.
+        rows: (n,) rows of the record to render.
+        folder: Folder of the frame file.
     """
 
     run: RunFolder
@@ -73,77 +67,63 @@ class WantedFrames:
     folder: Path
 
     def file(self, eyes: Eyes) -> Path:
-        """Return the file that holds its frames."""
+        """Return the path of the frame file."""
         rows = hashlib.sha256(self.rows.astype("<i8").tobytes()).hexdigest()
         told = {"version": FRAMES_VERSION, "record": self.digest, "eyes": _form(eyes), "rows": rows}
         return self.folder / f"{hashlib.sha256(dump_json(told)).hexdigest()[:32]}.bin"
 
 
 def drawn_frames(
-    wanted: Sequence[WantedFrames], eyes: Eyes, *, workers: int = 1, on_drawn: OnDrawn | None = None
+    wanted: Sequence[WantedFrames], eyes: Eyes, *, workers: int = 1, on_drawn: OnCount | None = None
 ) -> FrameStore:
-    """Return the frames of demonstrations, in their order; those that are missing or damaged are drawn first.
+    """Return the frames of demonstrations in order, after rendering missing or damaged ones.
 
     Raises:
         RecordError: If a stored scene is missing or unreadable.
-        RunConflictError: If another process draws into the same folder.
-        StorageError: If the disk is full; what was drawn stays.
-        MissingDependencyError: If no off-screen OpenGL works here.
+        RunConflictError: If another process renders into the same folder.
+        StorageError: If the disk is full; finished frames are kept.
+        MissingDependencyError: If no off-screen OpenGL is available.
     """
     files = [item.file(eyes) for item in wanted]
     there = {file: found for file in files if (found := _EpisodeFrames.open(file)) is not None}
-    missing = {f: item for f, item in zip(files, wanted, strict=True) if f not in there}
-    left = len(missing)
-
-    def told(_: tuple[Path, WantedFrames]) -> None:
-        nonlocal left
-        left -= 1
-        if on_drawn is not None:
-            on_drawn(len(files) - left, len(files))
-
-    for folder in sorted({file.parent for file in missing}):
-        _draw(folder, {f: i for f, i in missing.items() if f.parent == folder}, eyes, workers, told)
+    if len(there) < len(set(files)):
+        named = dict(zip(files, wanted, strict=True))
+        run_items(
+            named,
+            is_done=there.__contains__,
+            work=lambda missing: _draw({file: named[file] for file in missing}, eyes, workers),
+            on_progress=counts(on_drawn),
+        )
     return FrameStore([there.get(file) or _opened(file) for file in files])
 
 
-def _draw(
-    folder: Path,
-    missing: Mapping[Path, WantedFrames],
-    eyes: Eyes,
-    workers: int,
-    on_done: Callable[[tuple[Path, WantedFrames]], None],
-) -> None:
-    """Draw the files of a folder that are missing."""
+def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Iterator[object]:
+    """Draw the files that are missing, one folder after the other."""
     cameras = observation_spec(eyes.observation).only(eyes.cameras).cameras
 
-    def work(pictures: Pictures, item: tuple[Path, WantedFrames]) -> None:
-        file, one = item
+    def draw(pictures: Pictures, file: Path) -> None:
+        one = missing[file]
         shown = pictures.of(one.run, one.record, rows=one.rows.tolist())
         frames = np.stack([looked_at(eyes, views) for views in shown])
         with on_disk(file):
             write_durably(file, frames_bytes(frames))
 
-    with on_disk(folder), RunLock(folder / LOCK_NAME, waits=TrainingProcesses.here().size > 1):
-        remove_parts(folder)
-        # A process that trains together with this one may have drawn them while this one waited.
-        there = {file for file in missing if _EpisodeFrames.open(file) is not None}
-        for file in there:
-            on_done((file, missing[file]))
-        # Neighbors share a scene, which takes longer to open than a picture to draw.
-        waiting = sorted(
-            ((file, item) for file, item in missing.items() if file not in there),
-            key=lambda item: (item[1].record.metadata.scene_hash, item[0]),
-        )
-        in_threads(
-            waiting, work, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality), on_done=on_done
-        )
+    for folder in sorted({file.parent for file in missing}):
+        with job_folder(folder, waits=TrainingProcesses.here().size > 1):
+            # A process that trains together with this one may have drawn them while this one waited.
+            inside = [file for file in missing if file.parent == folder]
+            waiting = [file for file in inside if _EpisodeFrames.open(file) is None]
+            yield from range(len(inside) - len(waiting))
+            # Neighbors share a scene, which takes longer to open than a picture to draw.
+            waiting.sort(key=lambda file: (missing[file].record.metadata.scene_hash, file))
+            yield from in_threads(waiting, draw, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality))
 
 
 def frames_bytes(frames: np.ndarray) -> bytes:
-    """Return the file of some frames, (n, views, size, size, 3) uint8.
+    """Return the file of frames, (n, views, size, size, 3) uint8.
 
-    Each picture is compressed by itself, or its difference to the first one of its view, modulo 256, where that is
-    shorter, as it is for a camera that stands still.
+    Each image is compressed separately. If that is shorter, its difference to the first image of its view, modulo 256,
+    is compressed instead, as for a static camera.
     """
     rows, views = frames.shape[:2]
     index = np.zeros((rows, views, _INDEX_NUMBERS), "<i8")
@@ -166,7 +146,7 @@ def frames_bytes(frames: np.ndarray) -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _EpisodeFrames:
-    """The frames of one file, which is mapped into memory."""
+    """The frames of one memory-mapped file."""
 
     path: Path
     shape: tuple[int, ...]
@@ -200,7 +180,7 @@ class _EpisodeFrames:
             return None
 
     def into(self, row: int, out: np.ndarray) -> None:
-        """Put the pictures of a row into ``out``, (views, size, size, 3)."""
+        """Write the images of a row into ``out``, (views, size, size, 3)."""
         for view in range(self.shape[1]):
             out[view] = _picture(self.blocks, self.index[row, view], self.first[view], self.shape)
 
@@ -214,16 +194,16 @@ _Colors = Annotated[int, Field(ge=3, le=3)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """The header of a file of frames; its shape is (rows, views, size, size, 3)."""
+    """Header of a frame file; its shape is (rows, views, size, size, 3)."""
 
     version: Literal[1]  # FRAMES_VERSION
     shape: tuple[_Rows, _Count, _Size, _Size, _Colors]
     sha256: str
 
     def __post_init__(self) -> None:
-        """Refuse pictures that are not square; raises InvalidInputError."""
+        """Raise InvalidInputError for images that are not square."""
         if self.shape[2] != self.shape[3]:
-            raise InvalidInputError("shape", f"has pictures of {self.shape[2]} x {self.shape[3]}", "Square them")
+            raise InvalidInputError("shape", f"has images of {self.shape[2]} x {self.shape[3]}", "Use square images")
 
 
 _HEADER = TypeAdapter(_Header)
@@ -232,7 +212,7 @@ _HEADER = TypeAdapter(_Header)
 def _opened(file: Path) -> _EpisodeFrames:
     found = _EpisodeFrames.open(file)
     if found is None:
-        raise RecordError(f"{file}: frames are missing or damaged. Run the same command again to draw them.")
+        raise RecordError(f"{file}: frames are missing or damaged. Run the same command again to render them.")
     return found
 
 
@@ -244,23 +224,23 @@ def _picture(blocks: memoryview, entry: np.ndarray, first: np.ndarray | None, sh
 
 
 class FrameStore:
-    """The frames of several demonstrations, one after the other, to be read in any order.
+    """The concatenated frames of several demonstrations, with random access.
 
     Attributes:
         sha256: Hash over all frames.
-        first: (E + 1,) number of the first frame of each demonstration, and of all frames.
+        first: (E + 1,) index of the first frame of each demonstration, followed by the number of frames.
     """
 
     def __init__(self, episodes: Sequence[_EpisodeFrames]) -> None:
         if len({e.shape[1:] for e in episodes}) > 1:
-            raise InvalidInputError("frames", "they have several shapes", "Give the frames of one recipe")
+            raise InvalidInputError("frames", "they have different shapes", "Give the frames of one recipe")
         self._episodes = tuple(episodes)
         self.first = np.cumsum([0, *(e.shape[0] for e in episodes)])
         self.sha256 = hashlib.sha256("".join(f"{e.sha256}\n" for e in episodes).encode()).hexdigest()
 
     @classmethod
     def open(cls, files: Sequence[Path]) -> FrameStore:
-        """Return the frames of files in their order; RecordError if one is missing or damaged."""
+        """Return the frames of files in order. Raises RecordError if one is missing or damaged."""
         return cls([_opened(file) for file in files])
 
     def __len__(self) -> int:
@@ -275,9 +255,9 @@ class FrameStore:
         """Return frames, (B, views, size, size, 3) uint8.
 
         Args:
-            numbers: (B,) numbers of the frames.
-            shifts: (B, views, 2) by how many pixels each picture is moved down and to the right; its edges are
-                repeated. None for not at all.
+            numbers: (B,) indices of the frames.
+            shifts: (B, views, 2) shift of each image down and to the right [pixel]; edges are repeated. None for no
+                shift.
         """
         found = np.empty((len(numbers), *self._episodes[0].shape[1:]), np.uint8)
         owners = np.searchsorted(self.first, numbers, side="right") - 1
@@ -291,14 +271,14 @@ class FrameStore:
 
 
 def shift(picture: np.ndarray, down: int, right: int) -> None:
-    """Move a picture, (height, width, colors) and contiguous, in place by whole pixels; its edges are repeated."""
+    """Shift a contiguous image, (height, width, colors), in place by whole pixels, repeating its edges."""
     flat = picture.reshape(-1)
     count = (down * picture.shape[1] + right) * picture.shape[2]
     if count > 0:
         flat[count:] = flat[:-count]
     elif count < 0:
         flat[:count] = flat[-count:]
-    # What came over from the row above or below is in the columns that the edge is repeated in.
+    # Pixels that wrapped around from the row above or below are in the columns that are overwritten by the edge.
     if right:
         inside, edge = (slice(right), right) if right > 0 else (slice(right, None), right - 1)
         picture[:, inside] = picture[:, edge, None]

@@ -1,4 +1,4 @@
-"""Training loop: each step depends only on weights, seed and step number, so that training can be resumed."""
+"""Training loop. Each step depends only on weights, seed and step number, so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from pydantic import Field, TypeAdapter
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
-from betterbench.errors import InvalidInputError, RunConflictError, TrainingError, one_line
-from betterbench.jobs import write_durably
-from betterbench.jobs.durable import PART_SUFFIX, on_disk, remove_parts
-from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.errors import InvalidInputError, TrainingError, one_line
+from betterbench.jobs import job_folder, write_durably
+from betterbench.jobs.conflict import first_difference, require_free, require_same
+from betterbench.jobs.durable import on_disk
 from betterbench.json_form import file_digest, read_form, read_object, strict_form
 from betterbench.learning.training.batches import Batches
 from betterbench.learning.training.curves import Log, LossRow
@@ -43,26 +43,25 @@ from betterbench.policies.learned.network import LearnerNetwork
 from betterbench.policies.learned.networks import new_network
 from betterbench.policies.learned.policy import Learner
 from betterbench.policies.learned.recipe import TrainingRecipe
-from betterbench.records import first_difference
 from betterbench.records.run import keep_copies
 from betterbench.tasks.user_files import code_of, explaining
 
 STATE_NAME = "state.safetensors"
-"""File from which training resumes: weights, their mean, and the moments of the optimizer."""
+"""File for resuming: weights, their moving average, and the optimizer moments."""
 _RECIPE_NAME = "recipe.json"
 _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
 _BETAS = (0.9, 0.95)
 _STATE_CURE = "Train into another folder, or put the file back"
-_SAME = {
-    "torch": "that version of torch",
-    "device": "that --device",
-    "processes": "as many processes",
-    "learner": "the learner's file as it was, of which the folder keeps a copy in task_files",
+_CURES = {
+    "torch": "Go on with that version of torch",
+    "device": "Go on with that --device",
+    "processes": "Go on with as many processes",
+    "learner": "Go on with the learner's file as it was, of which the folder keeps a copy in task_files",
 }
-"""Conditions other than recipe and data that a resumed training must keep, as texts for the error message."""
+"""Remedies where a resumed training differs in anything but recipe and data."""
 _PATIENCE = timedelta(hours=6)
-"""Longest wait of the processes for the first one, which alone validates and writes."""
+"""Longest wait of the processes for the first one, which validates and writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +69,10 @@ class TrainingProgress:
     """Progress of a training.
 
     Attributes:
-        step: Steps that are done, those of earlier sittings included.
+        step: Number of finished steps, including earlier sessions.
         steps: Steps of the recipe.
         loss: Mean loss of the last steps.
-        samples_per_s: Training samples per second of this sitting, without validation.
+        samples_per_s: Training samples per second in this session, without validation.
     """
 
     step: int
@@ -90,11 +89,12 @@ class TrainingResult:
     """Result of a complete training.
 
     Attributes:
-        checkpoint: File of the learner.
-        parameters: Numbers that were trained.
-        log: Its tables.
-        seconds: Duration of this sitting without reading the data [s].
-        samples_per_s: Training samples per second of this sitting, without validation; 0 if nothing was left to do.
+        checkpoint: Checkpoint file of the learner.
+        parameters: Number of trained parameters.
+        log: Tables of the training.
+        seconds: Duration of this session without reading the data [s].
+        samples_per_s: Training samples per second in this session, without validation; 0 if the training was already
+            complete.
     """
 
     checkpoint: Path
@@ -112,22 +112,25 @@ def train(
     device: str = "cpu",
     on_progress: OnTraining | None = None,
 ) -> TrainingResult:
-    """Train a learner by a recipe, or go on where the last sitting was ended.
+    """Train a learner by a recipe, or resume an interrupted training.
 
-    On one machine and with as many threads and processes, the weights are the same bit for bit whatever interrupts it.
+    On the same machine and with the same numbers of threads and processes, the weights are bit-identical regardless of
+    interruptions.
 
     Raises:
-        RunConflictError: If the folder holds another training, or another process writes to it.
-        TrainingError: If the loss is not finite; what was saved before stays.
+        RunConflictError: If the folder contains another training, or another process writes to it.
+        TrainingError: If the loss is not finite; the saved state is kept.
         InvalidInputError: If the saved state is damaged, or the device cannot be used.
-        StorageError: If the disk is full; what was saved before stays. Or if the folder was removed or moved meanwhile.
+        StorageError: If the disk is full, or the folder was removed or moved meanwhile; the saved state is kept.
     """
     world = TrainingProcesses.here()
     require_place(out, device)
     if recipe.batch % world.size:
-        raise InvalidInputError("batch", f"{recipe.batch} is no multiple of {world.size} processes", "Change the batch")
+        raise InvalidInputError(
+            "batch", f"{recipe.batch} is not a multiple of the {world.size} processes", "Change the batch"
+        )
     if recipe.questions % world.size:
-        problem = f"{recipe.questions} questions are no multiple of {world.size} processes"
+        problem = f"{recipe.questions} questions are not a multiple of the {world.size} processes"
         raise InvalidInputError("co_training.weight", problem, "Change the weight")
     form = {
         "recipe": recipe.to_json(),
@@ -140,31 +143,20 @@ def train(
     if (code := code_of("family", recipe.family)) is not None:
         form["learner"] = code
     with contextlib.ExitStack() as stack:
-        lock: RunLock | None = None
         if world.rank == 0:
-            with on_disk(out):
-                lock = stack.enter_context(RunLock(out / LOCK_NAME))
+            stack.enter_context(job_folder(out))
             _keep_recipe(form, out)
             if code is not None:
                 keep_copies(out)
-            remove_parts(out)
         stack.enter_context(_deterministic(recipe.threads))
         stack.enter_context(_together(world, device))
-        trained = _Training(recipe, data, out, world.device(device), world, identity=_identity(form)).run(on_progress)
-        if lock is not None:
-            lock.require_in_place()
-        return trained
+        return _Training(recipe, data, out, world.device(device), world, identity=_identity(form)).run(on_progress)
 
 
 def require_place(out: Path, device: str) -> None:
-    """Refuse a folder that holds other files, or a device that cannot be used, before any data are read.
-
-    Raises RunConflictError or InvalidInputError.
-    """
+    """Raise RunConflictError or InvalidInputError for an unsuitable folder or device, before any data are read."""
     _require_device(TrainingProcesses.here().device(device))
-    others = [p for p in out.iterdir() if not p.name.endswith(PART_SUFFIX)] if out.is_dir() else []
-    if not (out / _RECIPE_NAME).exists() and any(p.name != LOCK_NAME for p in others):
-        raise RunConflictError(f"{out}: the folder holds other files and no training. Choose an empty or a new folder.")
+    require_free(out, "training", file=_RECIPE_NAME)
 
 
 class _Training:
@@ -198,14 +190,14 @@ class _Training:
         self._network.to(device)
         self._trained = {n: p for n, p in self._network.named_parameters() if p.requires_grad}
         if not self._trained:
-            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
+            raise InvalidInputError("frozen", "no parameters are left to train", "Freeze fewer parts")
         self._mean = {name: tensor.detach().clone() for name, tensor in self._network.state_dict().items()}
         self._running = {name for name in buffers if name not in scales and name in self._mean}
         self._optimizer = torch.optim.AdamW(
             self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
         )
         self._step, self._log = 0, Log()
-        self._rows: list[list[float]] = []  # loss and norm of the steps since the last row of the log
+        self._rows: list[list[float]] = []  # loss and gradient norm of the steps since the last row of the log
         if (out / STATE_NAME).exists():
             self._restore()
 
@@ -241,11 +233,11 @@ class _Training:
         return TrainingResult(checkpoint, count, self._log, time.perf_counter() - began, speed)
 
     def _advance(self, shared: nn.Module) -> list[float]:
-        """Take one step; return its loss and the norm of its gradient."""
+        """Take one step; return the loss and the gradient norm."""
         recipe, world = self._recipe, self._world
         torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
         self._network.train()
-        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm stays as it is too
+        for part in () if recipe.built_in else recipe.frozen:  # keeps the statistics of a frozen batch norm
             if isinstance(module := getattr(self._network, part, None), nn.Module):
                 module.eval()
         shown, actions, counted = self._batches.sample(
@@ -271,8 +263,9 @@ class _Training:
         found = [float(loss.detach()), float(norm)]
         if not all(math.isfinite(value) for value in found):
             raise TrainingError(
-                f"step {self._step + 1}: the loss is {found[0]} and its gradient {found[1]}, so training cannot go on. "
-                f"What was saved in {self._out} stays: train with a smaller learning_rate or clip, into another folder."
+                f"step {self._step + 1}: the loss is {found[0]} and its gradient {found[1]}, so training cannot "
+                f"continue. The state saved in {self._out} is kept. Train with a smaller learning_rate or clip, in "
+                f"another folder."
             )
         for group in self._optimizer.param_groups:
             group["lr"] = self._rate(self._step)
@@ -282,13 +275,13 @@ class _Training:
         return found
 
     def _require_sound(self, loss: object) -> None:
-        """Refuse a user's learner whose loss is not a valid one, or that has created weights since it was built."""
+        """Raise InvalidInputError for a user's learner with an invalid loss or with weights created after build."""
         where = f"learner {self._recipe.family!r}"
         if not isinstance(loss, Tensor) or loss.shape != () or not loss.requires_grad:
-            raise InvalidInputError(where, "its loss is no number that its weights can be led by", "Correct loss")
+            raise InvalidInputError(where, "its loss is not a scalar that depends on its weights", "Correct loss")
         new = sorted(self._network.state_dict().keys() ^ self._mean.keys())
         if new:
-            raise InvalidInputError(where, f"{new[0]} was not there after build", "Make all modules in build")
+            raise InvalidInputError(where, f"{new[0]} was created after build", "Create all modules in build")
 
     def _rate(self, step: int) -> float:
         """Return the learning rate of a step, counted from 0."""
@@ -299,7 +292,7 @@ class _Training:
         return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
 
     def _follow(self) -> None:
-        """Update the moving average of the weights; faster at first, because it began at random weights.
+        """Update the moving average of the weights, faster at first because it started at random weights.
 
         Buffers of a user's learner, such as those of a batch norm, are copied unchanged.
         """
@@ -318,7 +311,7 @@ class _Training:
         return Trained(self._recipe, self._data.vocabulary, self._step, self._data.sha256, code=code)
 
     def _validate(self) -> None:
-        """Add the errors per phase and a few rollouts of the mean weights to the log."""
+        """Log the errors per phase and a few rollouts of the averaged weights."""
         if self._world.rank:
             return
         network = new_network(self._recipe, self._data.vocabulary).to(self._device)
@@ -331,7 +324,7 @@ class _Training:
             self._log.rollouts.append(roll_out(learner, trial, self._step))
 
     def _save(self) -> None:
-        """Write the tables, then the state that training resumes from."""
+        """Write the tables, then the state for resuming."""
         if self._world.rank:
             return
         self._log.write(self._out)
@@ -344,14 +337,16 @@ class _Training:
         write_tensors(self._out / STATE_NAME, tensors, about)
 
     def _restore(self) -> None:
-        """Restore the saved state; InvalidInputError if it belongs to another training."""
+        """Restore the saved state. Raises InvalidInputError if it belongs to another training."""
         path = self._out / STATE_NAME
         tensors, about = read_tensors(path, cure=_STATE_CURE)
         if about.get("training") != self._identity:
-            raise InvalidInputError(str(path), "is the state of another training", _STATE_CURE)
+            raise InvalidInputError(str(path), "belongs to another training", _STATE_CURE)
         state = read_form(_STATE, about, where=str(path), cure=_STATE_CURE)
         if state.step > self._recipe.steps:
-            raise InvalidInputError(f"{path}: step", f"is beyond the {self._recipe.steps} of the recipe", _STATE_CURE)
+            raise InvalidInputError(
+                f"{path}: step", f"exceeds the {self._recipe.steps} steps of the recipe", _STATE_CURE
+            )
         parts: dict[str, dict[str, Tensor]] = {"weights": {}, "mean": {}, "first": {}, "second": {}}
         for name, tensor in tensors.items():
             part, _, rest = name.partition("/")
@@ -370,14 +365,14 @@ class _Training:
             }
         self._log = Log.read(self._out, self._step)
         if state.log not in (None, self._log.digest()):
-            problem = "its tables are not those that were written with the saved state"
+            problem = "its tables do not match the saved state"
             raise InvalidInputError(str(self._out), problem, _STATE_CURE)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Metadata of the state of a training; states of earlier versions have none about the tables."""
+    """Metadata of a saved training state; states of earlier versions have none for the tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
@@ -389,7 +384,7 @@ _STATE = TypeAdapter(_State)
 
 
 def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], where: str) -> None:
-    """Raise InvalidInputError unless tensors have the names, shapes and types of others."""
+    """Raise InvalidInputError unless tensors match others in names, shapes and types."""
     forms = [{n: (tuple(t.shape), t.dtype) for n, t in some.items()} for some in (there, wanted)]
     if forms[0] != forms[1]:
         names = sorted(n for n in forms[0].keys() ^ forms[1].keys()) or ["a shape"]
@@ -397,29 +392,23 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Take over the weights of a checkpoint, which must have the same vocabulary."""
+    """Load the weights of a checkpoint, which must have the same vocabulary."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
     if known is not None:
-        problem = f"it knows other words or things: {known[0]} is {known[1]} there and {known[2]} in the data"
-        raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint that was trained on such data")
+        problem = f"its vocabulary differs: {known[0]} is {known[1]} there and {known[2]} in the data"
+        raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint with the same vocabulary")
     load_weights(network, weights, f"start: {start}")
 
 
 def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
-    """Write what decides the weights into the folder, or find the same there; RunConflictError if it is another."""
+    """Write the identity of the training into the folder. Raises RunConflictError if another one is there."""
     path = out / _RECIPE_NAME
     if path.exists():
-        cure = "Choose another folder"
-        there = read_object(path, max_bytes=_MAX_RECIPE, cure=cure)
-        found = first_difference(_wherever(there), _wherever(form), "training")
-        if found is not None:
-            same = _SAME.get(found[0].split(".")[1], "the same recipe and data")
-            raise RunConflictError(
-                f"{out}: this folder holds another training: {found[0]} is {found[1]} there and {found[2]} here. "
-                f"Go on with {same}, or choose another folder."
-            )
+        there = read_object(path, max_bytes=_MAX_RECIPE, cure="Choose another folder")
+        cure = "Go on with the same recipe and data"
+        require_same(out, _wherever(there), _wherever(form), "training", where="training", cure=cure, cures=_CURES)
         if there == form:
             return
     with on_disk(out):
@@ -427,12 +416,12 @@ def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
 
 
 def _identity(form: Mapping[str, Any]) -> str:
-    """Return a hash of what decides the weights."""
+    """Return a hash of everything that determines the weights."""
     return hashlib.sha256(json.dumps(_wherever(form), sort_keys=True).encode()).hexdigest()
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the identity of a training without the paths of its inputs, which are identified by their hashes."""
+    """Return the identity of a training without input paths, because inputs are identified by their hashes."""
     recipe = form.get("recipe")
     if not isinstance(recipe, dict):
         return dict(form)
@@ -447,12 +436,12 @@ def _require_device(device: str) -> None:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, ValueError) as error:
         problem = f"cannot be used ({' '.join(str(error).split())[:160]})"
-        raise InvalidInputError(f"--device {device}", problem, "Give cpu, or cuda where there is a card") from error
+        raise InvalidInputError(f"--device {device}", problem, "Give cpu, or cuda on a machine with a GPU") from error
 
 
 @contextlib.contextmanager
 def _deterministic(threads: int) -> Iterator[None]:
-    """Compute with so many threads meanwhile, and leave torch's random numbers outside as they were."""
+    """Use a fixed number of threads, and restore torch's random state afterward."""
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -464,7 +453,7 @@ def _deterministic(threads: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _together(world: TrainingProcesses, device: str) -> Iterator[None]:
-    """Connect the processes that train together; nothing where there is one alone."""
+    """Connect the processes of a distributed training; does nothing for a single process."""
     if world.size == 1:
         yield
         return

@@ -1,15 +1,15 @@
-"""Answers of a co-trained learner about its own trials: where is the object that the instruction names?
+"""Answers of a co-trained learner about its own trials: the position of the object in the instruction.
 
-A learner that answers questions beside its actions may know where the object is and still reach elsewhere. Its own
-head is asked, about the states of the records of its trials and with what it sees when it acts there. It answers with a
-cell of the image, see :mod:`betterbench.learning.training.questions`.
+A learner that answers questions in addition to acting may know where the object is and still reach elsewhere. Its
+answer head is evaluated on the recorded states of its own trials, with the same inputs as for actions. It answers with
+a cell of the image, see :mod:`betterbench.learning.training.questions`.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ import torch
 
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
+from betterbench.jobs import OnCount
 from betterbench.learning.training.questions import question_text
 from betterbench.policies.learned.network import ObjectsBatch
 from betterbench.policies.learned.policy import Learner
@@ -31,25 +32,25 @@ from betterbench.vqa.named_object import NamedObject, named_object
 from betterbench.vqa.question import Question
 
 _CELL = re.compile(r"([0-7]),([0-7])")
-"""An answer that names a cell: column and row."""
+"""Pattern of an answer that is a cell: column and row."""
 
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswer:
-    """One answer of a learner about a trial that it played.
+    """One answer of a learner about one of its own trials.
 
     Attributes:
         trial: Task, condition and seed.
-        where: The variation, or the training condition.
-        label: Label that the diagnosis gives the trial.
-        success: Whether it succeeded.
-        object: Name of the object that the instruction names.
-        row: Row of the record that was asked about.
-        question: The question as the learner read it.
-        cell: The right answer: "column,row" of a grid of 8 x 8 over the image.
+        where: Name of the variation or training condition.
+        label: Label of the diagnosis.
+        success: Whether the trial succeeded.
+        object: Name of the object in the instruction.
+        row: Row of the record.
+        question: The question as given to the learner.
+        cell: The correct answer: "column,row" in a grid of 8 x 8 over the image.
         answer: Answer of the learner.
-        nearest: Name of the loose object whose middle is nearest to the middle of the cell that it named; "" if it
-            named no cell. A cell is as large as an object, so that the next cell often shows the object too.
+        nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell. A
+            cell is about as large as an object, so that a neighboring cell often shows the object too.
     """
 
     trial: str
@@ -65,24 +66,24 @@ class OwnAnswer:
 
     @property
     def right(self) -> bool:
-        """Whether it named the cell of the object."""
+        """Whether the answer is the cell of the object."""
         return self.answer == self.cell
 
     @property
     def means_it(self) -> bool:
-        """Whether it named a cell that is nearer to the object than to any other one."""
+        """Whether the answered cell is nearer to the object than to any other one."""
         return self.nearest == self.object
 
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswers:
-    """Rates of a learner's right answers about some trials of one condition.
+    """Rates of a learner's correct answers about trials of one condition.
 
     Attributes:
-        where: The task with the variation or the training condition.
-        cells: Answers that name the cell of the object, of those that were asked.
-        nearest: Answers that name a cell nearer to the object than to any other one, of those that were asked.
-        trials: Trials of which all answers are nearest to the object, of those that were asked about.
+        where: Task with variation or training condition.
+        cells: Answers with the cell of the object, out of all answers.
+        nearest: Answers with a cell nearer to the object than to any other one, out of all answers.
+        trials: Trials in which all answers are nearest to the object, out of all trials.
     """
 
     where: str
@@ -105,22 +106,23 @@ def ask_about_run(
     camera: str = "front",
     tasks: Sequence[str] = (),
     failures_only: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> tuple[OwnAnswer, ...]:
-    """Ask a learner where the named object is in the trials of its own run.
+    """Evaluate a learner's answers about the named object in the trials of its own run.
 
     Args:
         learner: The learner.
-        run: The run that it played.
+        run: The run of the learner.
         diagnosis: The diagnosis of that run.
-        open_photos: Opens what draws the frames; of these only the places of objects in the image are used.
-        camera: Camera about which the learner was asked in training.
-        tasks: Tasks whose trials are asked about; all if empty.
-        failures_only: Leave out the trials that succeeded.
+        open_photos: Opens the source of frames, of which only the image positions of objects are used.
+        camera: Camera of the training questions.
+        tasks: Tasks to include; all if empty.
+        failures_only: True to exclude successful trials.
         on_progress: Called with the number of trials done and planned.
 
     Raises:
-        InvalidInputError: If the learner answers no questions, sees images, did not play the run, or no trial is left.
+        InvalidInputError: If the learner answers no questions, uses images, is not the policy of the run, or no trial
+            is left.
         RecordError: If a record or its scene is damaged.
     """
     _require_asked(learner, run)
@@ -133,9 +135,7 @@ def ask_about_run(
         and not (failures_only and t.kind is Kind.NONE)
     ]
     if not chosen:
-        raise InvalidInputError(
-            str(run.path), "no trial is left to be asked about", "Leave out --failures-only or --tasks"
-        )
+        raise InvalidInputError(str(run.path), "no trials are left", "Leave out --failures-only or --tasks")
     found: list[OwnAnswer] = []
     with open_photos() as photos:
         for number, trial in enumerate(chosen, start=1):
@@ -174,7 +174,7 @@ def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[
 
 
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
-    """Yield what was answered by condition, in the order of the answers, and over all ("all")."""
+    """Yield the rates by condition, in the order of the answers, and over all ("all")."""
     groups: dict[str, list[OwnAnswer]] = {}
     for answer in answers:
         groups.setdefault(answer.where, []).append(answer)
@@ -207,7 +207,7 @@ def _own(question: Question, answer: str, about: NamedObject, trial: TrialDiagno
 
 
 def _nearest(answer: str, about: NamedObject) -> str:
-    """Return the name of the loose object nearest to the middle of the cell that an answer names, or ""."""
+    """Return the name of the loose object nearest to the center of the answered cell, or ""."""
     found = _CELL.fullmatch(answer)
     if found is None:
         return ""
@@ -216,17 +216,17 @@ def _nearest(answer: str, about: NamedObject) -> str:
 
 
 def _require_asked(learner: Learner, run: RunFolder) -> None:
-    """Refuse a learner that answers no questions, is shown images, or is not the one that played a run."""
+    """Raise InvalidInputError for a learner that answers no questions, uses images, or is not the policy of a run."""
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
         problem = "the learner was trained without questions, so it has no answers"
         raise InvalidInputError("--learner", problem, "Train one with co_training in its recipe")
     if recipe.sees != "objects":
-        problem = f"the learner of family {recipe.family!r} is shown images, and only learners of objects can be asked"
+        problem = f"the learner of family {recipe.family!r} uses images, but only learners of objects are supported"
         raise InvalidInputError("--learner", problem, "Name a learner of objects")
     told = run.context.get("policy")
     metadata = told.get("metadata") if isinstance(told, Mapping) else None
     played = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
     if played != f"sha256 {learner.fingerprint}":
-        problem = f"{run.path} was played by {'other weights' if played else 'a policy that is not a learner of ours'}"
-        raise InvalidInputError("--learner", problem, "Name the checkpoint that played the run")
+        problem = f"{run.path} is a run of {'other weights' if played else 'another kind of policy'}"
+        raise InvalidInputError("--learner", problem, "Name the checkpoint of the run")

@@ -1,4 +1,4 @@
-"""The processes that train together, as torch's launcher ``torchrun`` starts them."""
+"""Processes of a distributed training, as started by torch's launcher ``torchrun``."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _CURE = "Start it under torchrun, or unset them"
 
 @dataclass(frozen=True, slots=True)
 class TrainingProcesses:
-    """Position of this process among those that train together.
+    """Position of this process in a distributed training.
 
     Attributes:
-        rank: Number of this process among all.
+        rank: Index of this process among all.
         size: Number of processes.
-        local_rank: Number of this process among those of its machine.
+        local_rank: Index of this process among those of its machine.
     """
 
     rank: int = 0
@@ -26,9 +26,10 @@ class TrainingProcesses:
 
     @classmethod
     def here(cls) -> TrainingProcesses:
-        """Return the processes that torchrun's environment variables describe; a single one without these.
+        """Return the position given by torchrun's environment variables; a single process without them.
 
-        Raises InvalidInputError if their values are inconsistent.
+        Raises:
+            InvalidInputError: If their values are inconsistent.
         """
         names = ("RANK", "WORLD_SIZE", "LOCAL_RANK")
         said = [os.environ.get(name, usual) for name, usual in zip(names, "010", strict=True)]
@@ -37,18 +38,20 @@ class TrainingProcesses:
         )
         if not (0 <= rank < size and 0 <= local < size):
             told = ", ".join(f"{name}={text}" for name, text in zip(names, said, strict=True))
-            raise InvalidInputError("the environment", f"{told} are no process among others", _CURE)
+            raise InvalidInputError("the environment", f"{told} are inconsistent", _CURE)
         return cls(rank, size, local)
 
     def device(self, named: str) -> str:
-        """Return torch's device of this process, where ``--device`` names ``cpu``, ``cuda`` or ``cuda:N``.
+        """Return torch's device for this process; ``--device`` is ``cpu``, ``cuda`` or ``cuda:N``.
 
-        On a machine with several cards each process takes the one of its own number. Raises InvalidInputError if one
-        card is named for several processes.
+        On a machine with several GPUs, each process takes the one with its own index.
+
+        Raises:
+            InvalidInputError: If one GPU is named for several processes.
         """
         if self.size == 1 or not named.startswith("cuda"):
             return named
         if named != "cuda":
-            problem = f"names one card for {self.size} processes"
-            raise InvalidInputError(f"--device {named}", problem, "Give cuda, of which each process takes its own")
+            problem = f"names one GPU for {self.size} processes"
+            raise InvalidInputError(f"--device {named}", problem, "Give cuda, so that each process takes its own GPU")
         return f"cuda:{self.local_rank}"

@@ -1,8 +1,8 @@
-"""Questions about the frames of demonstrations, which a learner answers beside its actions (co-training).
+"""Questions about the frames of demonstrations, which a learner answers in addition to acting (co-training).
 
-A learner answers by choosing among all answers of its training questions. A box or a point is answered by the cell of
-an 8 x 8 grid over the image in which its middle lies, as in the sets' own baselines. It sees what it sees when it acts
-at the same row, with the question in place of the instruction.
+A learner chooses among all answers of its training questions. The answer for a box or a point is the cell of its center
+in an 8 x 8 grid over the image, as in the baselines of the sets. The input is the same as for acting at that row, with
+the question in place of the instruction.
 """
 
 from __future__ import annotations
@@ -30,17 +30,18 @@ _CURE = "Make a set with better vqa from the demonstrations that the recipe name
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingQuestions:
-    """Questions about the demonstrations of a training set, Q of them.
+    """Q questions about the demonstrations of a training set.
 
     Attributes:
         words: (Q, w) int64; ABSENT after the last word.
-        episodes: (Q,) int64 demonstration of each.
-        tools: (Q, history, 10) float32, the present first.
+        episodes: (Q,) int64 demonstration of each question.
+        tools: (Q, history, 10) float32, the current state first.
         poses: (Q, n, 9) float32.
-        answers: (Q,) int64 numbers of the right answers in the vocabulary; -1 for one that training never shows.
-        types: Type of each.
-        frames_of: Images of the frames that are asked about; None for the family ``objects``.
-        frames: (Q,) int64 numbers of these frames.
+        answers: (Q,) int64 indices of the correct answers in the vocabulary; -1 for an answer that does not occur in
+            training.
+        types: Type of each question.
+        frames_of: Images of the frames of the questions; None for the family ``objects``.
+        frames: (Q,) int64 indices of these frames.
     """
 
     words: np.ndarray
@@ -55,10 +56,10 @@ class TrainingQuestions:
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestions:
-    """The questions of the sets of a recipe about its demonstrations, in the order of these.
+    """The questions of a recipe's sets about its demonstrations, in the order of the demonstrations.
 
     Attributes:
-        questions: The questions, each with the number of its demonstration.
+        questions: The questions, each with the index of its demonstration.
         sha256: Hashes of the sets.
     """
 
@@ -66,15 +67,15 @@ class AskedQuestions:
     sha256: tuple[str, ...]
 
     def texts(self, held_out: np.ndarray) -> list[str]:
-        """Return the texts of those that are trained on; ``held_out`` tells which demonstrations are not."""
+        """Return the texts of the training questions; ``held_out`` marks demonstrations that are not trained on."""
         return [question_text(question) for episode, question in self.questions if not held_out[episode]]
 
     def answers(self, held_out: np.ndarray) -> tuple[str, ...]:
-        """Return the different answers of those that are trained on, sorted."""
+        """Return the distinct answers of the training questions, sorted."""
         return tuple(sorted({answer_class(q) for episode, q in self.questions if not held_out[episode]}))
 
     def rows(self, count: int) -> list[np.ndarray]:
-        """Return the rows that are asked about of each of ``count`` demonstrations, each once, sorted."""
+        """Return the sorted distinct rows of the questions for each of ``count`` demonstrations."""
         found: list[set[int]] = [set() for _ in range(count)]
         for episode, question in self.questions:
             found[episode].add(question.source.row)
@@ -82,16 +83,16 @@ class AskedQuestions:
 
 
 def question_text(question: Question) -> str:
-    """Return a question with its options as a learner reads it: boxes in it are words for cells."""
+    """Return a question with its options in the form for a learner, with boxes replaced by words for cells."""
     return in_cells(question.prompt, question.width, CELLS)
 
 
 def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]]) -> AskedQuestions | None:
-    """Read the questions of a recipe about these demonstrations, by trial and SHA-256; None without co-training.
+    """Read a recipe's questions about demonstrations, matched by trial and SHA-256; None without co-training.
 
     Raises:
-        RecordError: If a folder holds no complete set, or it is damaged.
-        InvalidInputError: If a set is of trials of evaluation, or asks about none of the demonstrations.
+        RecordError: If a folder contains no complete set, or a damaged one.
+        InvalidInputError: If a set is about evaluation trials, or about none of the demonstrations.
     """
     if recipe.co_training is None:
         return None
@@ -108,7 +109,7 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
             if made.is_about(*records[episode])
         ]
         if not asked:
-            problem = f"none of its {len(made.questions)} questions is about a demonstration that is trained on"
+            problem = f"none of its {len(made.questions)} questions is about a training demonstration"
             raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)
         found += asked
     return AskedQuestions(tuple(sorted(found, key=lambda item: (item[0], item[1].id))), tuple(s.sha256 for s in sets))
@@ -116,7 +117,7 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
 
 def _checked(made: QuestionSet) -> QuestionSet:
     if made.purpose != "training":
-        problem = "it asks about trials of evaluation, which nothing may be trained on"
+        problem = "it is about evaluation trials, which must not be used for training"
         raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)
     return made
 
@@ -124,7 +125,7 @@ def _checked(made: QuestionSet) -> QuestionSet:
 def _drawn(
     asked: AskedQuestions, count: int, draw: Callable[[Sequence[np.ndarray]], FrameStore]
 ) -> tuple[FrameStore, np.ndarray]:
-    """Draw the rows that are asked about of so many demonstrations; the frames, and the number of each question's."""
+    """Render the frames of the questions; return them with the frame index of each question."""
     rows_of = asked.rows(count)
     store = draw(rows_of)
     first = dict(zip([e for e, rows in enumerate(rows_of) if len(rows)], store.first.tolist(), strict=False))
@@ -142,28 +143,28 @@ def training_questions(
     objects: int,
     draw: Callable[[Sequence[np.ndarray]], FrameStore] | None,
 ) -> TrainingQuestions:
-    """Return the arrays of questions.
+    """Return questions as arrays.
 
     Args:
         asked: The questions.
         records: The demonstrations.
-        held_out: (E,) bool: demonstrations that are not trained on.
+        held_out: (E,) bool mask of held-out demonstrations.
         recipe: The recipe.
-        vocabulary: Words, categories and colors for which the learner has numbers.
-        objects: The most objects of a demonstration.
-        draw: Draws rows of each demonstration, for learners of pixels.
+        vocabulary: Words, categories and colors known to the learner.
+        objects: Maximum number of objects of a demonstration.
+        draw: Renders rows of each demonstration, for learners of pixels.
 
     Raises:
-        InvalidInputError: If all questions are about demonstrations that are held out, or a row is not there.
+        InvalidInputError: If all questions are about held-out demonstrations, or a row does not exist.
     """
     questions = [question for _, question in asked.questions]
     episodes = np.array([episode for episode, _ in asked.questions], dtype=np.int64)
     if held_out[episodes].all():
         cure = "Make a larger set, or give validation: 0"
-        raise InvalidInputError("co_training", "all questions are about demonstrations that are held out", cure)
+        raise InvalidInputError("co_training", "all questions are about held-out demonstrations", cure)
     for episode, question in asked.questions:
         if question.source.row > records[episode].n_steps:
-            problem = f"question {question.id} is about row {question.source.row}, which the record does not have"
+            problem = f"question {question.id} is about row {question.source.row}, which is not in the record"
             raise InvalidInputError("co_training", problem, _CURE)
     ids = [vocabulary.word_ids(question_text(question)) for question in questions]
     words = np.zeros((len(ids), max(map(len, ids))), dtype=np.int64)
@@ -193,13 +194,13 @@ def training_questions(
 
 @dataclass(frozen=True, slots=True)
 class AnswerRate:
-    """Number of right answers to questions about held-out demonstrations.
+    """Number of correct answers to questions about held-out demonstrations.
 
     Attributes:
         step: Training step.
         type: Type of the questions; "all" for all of them.
-        right: Questions that were answered right.
-        asked: Questions that were asked.
+        right: Number of correct answers.
+        asked: Number of questions.
     """
 
     step: int
@@ -209,7 +210,7 @@ class AnswerRate:
 
 
 def answer_rates(step: int, types: Sequence[str], right: Sequence[bool]) -> list[AnswerRate]:
-    """Return the rates of right answers by type, sorted, then over all; none if nothing was asked."""
+    """Return the rates of correct answers by sorted type, then over all; empty without questions."""
     if not types:
         return []
     asked: Mapping[str, int] = Counter(types)

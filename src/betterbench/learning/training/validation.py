@@ -1,4 +1,4 @@
-"""Validation of a learner: errors of the next actions per phase of held-out demonstrations, and a few rollouts."""
+"""Validation of a learner: errors of the next actions by phase on held-out demonstrations, and a few rollouts."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 MOST_FRAMES = 2048
-"""Frames of held-out demonstrations that a validation compares, evenly spaced."""
+"""Number of evenly spaced frames of held-out demonstrations that a validation uses."""
 _AT_ONCE = 256
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """Error of a learner's next actions against the demonstrator's, over the frames of one phase.
+    """Error of a learner's next actions, compared with the demonstrator's, over the frames of one phase.
 
     Attributes:
         step: Training step.
-        translation_mm: Mean distance between the translations commanded in one control step [mm].
-        rotation_deg: Mean angle between the turns of one control step [degree].
-        gripper_wrong: Share of gripper commands that are wrong.
-        frames: Frames that were compared.
+        translation_mm: Mean distance between the commanded translations per control step [mm].
+        rotation_deg: Mean angle between the commanded rotations per control step [degree].
+        gripper_wrong: Share of wrong gripper commands.
+        frames: Number of compared frames.
     """
 
     step: int
@@ -59,9 +59,9 @@ class Rollout:
 def phase_errors(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, recipe: TrainingRecipe, step: int
 ) -> list[PhaseError]:
-    """Return the errors on held-out demonstrations by phase, then over all as "all"; none if nothing is held out.
+    """Return the errors on held-out demonstrations by phase, then over all as "all"; empty without any.
 
-    The first ``execute`` actions of each answer are compared, as many as are played.
+    Only the executed part of each answer, its first ``execute`` actions, is compared.
     """
     frames = data.frames(held_out=True)
     if not len(frames):
@@ -87,9 +87,9 @@ def phase_errors(
 def right_answers(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, step: int, *, most: int = MOST_FRAMES
 ) -> list[AnswerRate]:
-    """Return the numbers of right answers to questions about held-out demonstrations; none without co-training.
+    """Return the numbers of correct answers to questions about held-out demonstrations; empty without co-training.
 
-    An answer that training never showed cannot be given, so a question for it counts as wrong.
+    An answer that does not occur in training cannot be given, so its questions count as wrong.
     """
     chosen = data.asked(held_out=True)
     if data.questions is None or not len(chosen):
@@ -105,7 +105,7 @@ def right_answers(
 
 
 def _apart(given: np.ndarray, wanted: np.ndarray, counted: np.ndarray) -> np.ndarray:
-    """Return per frame the mean distance [mm], the mean angle [degree] and the share of wrong commands, (B, 3)."""
+    """Return per frame the mean distance [mm], mean angle [degree] and share of wrong gripper commands, (B, 3)."""
     weights = counted / counted.sum(axis=1, keepdims=True)
     away = 1000.0 * TRANSLATION_PER_UNIT_M * np.linalg.norm(given[..., :3] - wanted[..., :3], axis=-1)
     turn = np.degrees(ROTATION_PER_UNIT_RAD * np.linalg.norm(given[..., 3:6] - wanted[..., 3:6], axis=-1))
@@ -119,7 +119,7 @@ def _mean(step: int, phase: str, errors: np.ndarray) -> PhaseError:
 
 
 def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
-    """Return held-out trials to act in, their conditions in turn, so that few starts already show many of them."""
+    """Return held-out trials for rollouts, cycling through their conditions to cover many of them."""
     left: dict[tuple[str, str], list[TrialId]] = {}
     for i in np.flatnonzero(data.held_out):
         trial = data.trials[i]
@@ -134,7 +134,7 @@ def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
 
 
 def roll_out(learner: Learner, trial: TrialId, step: int) -> Rollout:
-    """Let a learner act in a trial of a training condition; nothing is recorded."""
+    """Let a learner act in a trial of a training condition without recording it."""
     found, recipe = resolve_condition(trial.task, trial.condition), learner.trained.recipe
     quality = quality_preset("fast" if recipe.sees == "objects" else recipe.eyes.quality)
     scene = Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality)

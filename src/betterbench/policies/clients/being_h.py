@@ -2,7 +2,7 @@
 
 ZeroMQ REQ/REP with the requests of GR00T N1.5 (an endpoint, its data, a token), but serialized by torch. Replies are
 read without unpickling (:mod:`betterbench.policies.protocols.torch_payload`); the server itself unpickles requests.
-``get_modality_config`` is not called: its reply holds objects of the server's own classes, which must not be
+``get_modality_config`` is not called: its reply contains objects of the server's own classes, which must not be
 unpickled. Source: BeingBeyond/Being-H, ``BeingH/inference/service.py``.
 
 The bridge (:mod:`betterbench.policies.clients.bridges.being_h_bridge`) needs torch on the server's side only.
@@ -28,7 +28,7 @@ _UNIFIED = "action_unified"
 
 
 class BeingHServer(EndpointServer):
-    """A server whose questions and answers are written by torch."""
+    """A server whose requests and answers are serialized by torch."""
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
         return write_torch(question)
@@ -36,22 +36,22 @@ class BeingHServer(EndpointServer):
     def _decode(self, answer: bytes, endpoint: str) -> Mapping[str, Any]:
         reply = read_torch(answer)
         if not isinstance(reply, Mapping):
-            raise PolicyError(f"{self._where} answers {endpoint} with a {type(reply).__name__} in place of a map.")
+            raise PolicyError(f"{self._where} answers {endpoint} with a {type(reply).__name__} instead of a map.")
         return reply
 
 
 class BeingHClient(ServerClient[BeingHServer]):
-    """A Being-H policy; each environment has a client of its own.
+    """A Being-H policy; each environment has its own client.
 
-    With real-time chunking the server answers also with its whole chunk in its unified action space. With ``ahead`` or
-    ``delay``, what is left of that is sent back with the next question, and the number of control steps that pass while
-    the server computes, so that the new chunk continues the old one.
+    With real-time chunking the server also answers with its whole chunk in its unified action space. With ``ahead`` or
+    ``delay``, the unexecuted rest of that chunk is sent with the next request, together with the number of control
+    steps that pass while the server computes, so that the new chunk continues the old one.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         import_torch()
         super().__init__(address, adapter_of(address, BEING_H_LIBERO), seed=seed)
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the whole chunk it brought
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and its whole chunk
         self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
         self._delay = address.whole("delay", self.info.execution.ahead)
         self._connection.open()
@@ -60,7 +60,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         return BeingHServer(self._address, self._key, timeout_s=timeout_s)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; raise HandshakeError if it wants actions of another kind."""
+        """Begin an episode; raise HandshakeError if the episode uses another action space."""
         super().reset(start)
         self._last = None
 
@@ -77,10 +77,10 @@ class BeingHClient(ServerClient[BeingHServer]):
 
 
 def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
+    """Return the entries of a request for real-time chunking; empty if the old chunk is used up.
 
-    The server keeps the first ``delay`` rows of what it is sent as the first of its new chunk, (..., horizon, dim) in
-    the policy's own action space.
+    The server keeps the first ``delay`` rows of the sent chunk, (..., horizon, dim) in the policy's own action space,
+    as the first rows of its new chunk.
     """
     if not delay or rows_left(asked_at, chunk, step=step) < delay:
         return {}
@@ -88,7 +88,7 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
 
 
 def _numbers(chunk: object, where: str) -> np.ndarray:
-    """Return the whole chunk as an array; the server sends lists but takes none."""
+    """Return the whole chunk as an array; the server sends lists but does not accept them."""
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)
     except (TypeError, ValueError):

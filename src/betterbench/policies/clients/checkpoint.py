@@ -22,18 +22,20 @@ from betterbench.installation import missing_extra
 from betterbench.json_form import open_ordinary, parse_json, read_ordinary
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.checkpoint_code import PROCESSORS, require_no_code
+from betterbench.policies.clients.checkpoint_size import bounded_parameters, require_short_horizons
 from betterbench.policies.clients.lerobot_types import require_type
 
 _PREPROCESSOR = PROCESSORS[0]
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[\w.-]+", re.ASCII)
 _INSIDE = "pretrained_model"
+_WEIGHTS = "model.safetensors"
 _LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
-"""Types of policies that answer a whole chunk from one observation alone. The others remember what they saw."""
+"""Policy types that answer a whole chunk from one observation alone. All others keep a memory of observations."""
 
 NOISE_TYPES = ("smolvla", "pi0", "pi05")
-"""Those of them that begin with noise, which is given to them, so that an answer does not depend on who asks beside."""
+"""Policy types that start from noise. The noise is passed in, so that an answer does not depend on its batch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +56,13 @@ class Features:
     def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
         """Read the configuration of a policy.
 
-        Raises InvalidInputError if it wants what no observation holds, or answers something else than an action.
+        Raises InvalidInputError if an input does not exist in observations, or the output is not an action.
         """
         images, states = {}, {}
         for key, feature in (config.input_features or {}).items():
             kind, shape = str(getattr(feature.type, "value", feature.type)), tuple(feature.shape)
             if kind == "VISUAL" and len(shape) == 3 and shape[0] == 3:
-                # Cameras that the policy was trained to miss stay out; it fills them in itself.
+                # Cameras that the policy was trained to miss are left out; the policy fills them in itself.
                 if "empty_camera" not in key:
                     images[key] = (int(shape[1]), int(shape[2]))
             elif kind == "STATE" and len(shape) == 1 and key.endswith(".state"):
@@ -69,39 +71,39 @@ class Features:
                 raise InvalidInputError(
                     where,
                     f"its input {one_line(repr(key), most=100)} is {one_line(kind, most=40)} of shape "
-                    f"{one_line(shape, most=100)}, which no observation holds",
+                    f"{one_line(shape, most=100)}, which observations do not contain",
                     "Train it on images (3, height, width), observation.state and the instruction",
                 )
         outputs = dict(config.output_features or {})
         shape = tuple(outputs["action"].shape) if "action" in outputs else ()
         if len(shape) != 1:
             raise InvalidInputError(
-                where, f"it answers {one_line(sorted(outputs), most=200)}, no flat action", "Train it on 'action'"
+                where, f"it answers {one_line(sorted(outputs), most=200)}, not a flat action", "Train it on 'action'"
             )
         return cls(images, states, int(shape[0]))
 
 
 class Checkpoint:
-    """The loaded weights with their processors, which several policies in one process share.
+    """The loaded weights with their processors, shared by several policies in one process.
 
-    ``fingerprint`` is the SHA-256 of configuration, weights and processors; ``lock`` is held while it computes.
+    ``fingerprint`` is the SHA-256 of configuration, weights and processors; ``lock`` is held during computation.
     """
 
     def __init__(self, path: str, device: str | None, where: str, *, trusted: bool = False) -> None:
-        """Load a folder or a hub id (:func:`load_checkpoint` loads nothing twice) onto a device; None to choose one.
+        """Load a folder or a hub id onto a device; None to choose one. :func:`load_checkpoint` avoids loading it twice.
 
-        Code that the checkpoint names is run only if it is ``trusted``.
+        Code named in the checkpoint is run only if the checkpoint is ``trusted``.
 
         Raises:
-            MissingDependencyError: If LeRobot, or what this type of policy needs, is not installed.
-            InvalidInputError: If there is no such checkpoint, it cannot be used, or it names code and is not trusted.
+            MissingDependencyError: If LeRobot, or a package that this type of policy needs, is not installed.
+            InvalidInputError: If the checkpoint does not exist, cannot be used, or names code without being trusted.
         """
         self._torch = _import("torch")
         factory, configs = _import("lerobot.policies.factory"), _import("lerobot.configs.policies")
         self.lock = threading.Lock()
         self.device = self._choose_device(device, where)
         try:
-            # LeRobot announces what it loads on stdout, which belongs to the tables of the command line.
+            # LeRobot prints to stdout while loading; stdout is reserved for the tables of the command line.
             with contextlib.redirect_stdout(sys.stderr):
                 _import("lerobot.policies")  # registers the types
                 known = configs.PreTrainedConfig.get_known_choices()
@@ -112,13 +114,15 @@ class Checkpoint:
                 self._check_config(path, where)
                 if not trusted:
                     require_no_code(self.config, _processor_files(path), where)
+                require_short_horizons(self.config, where)
                 self.config.device = self.device
-                # The weights come with the checkpoint; the ones a backbone began with need not be fetched.
+                # The checkpoint contains all weights, so the pretrained weights of its backbone are not downloaded.
                 if getattr(self.config, "pretrained_backbone_weights", None):
                     self.config.pretrained_backbone_weights = None
                 self.type = str(self.config.type)
                 self.features = Features.of(self.config, where)
-                made = factory.get_policy_class(self.type).from_pretrained(path, config=self.config)
+                with bounded_parameters(_weights_file(path).stat().st_size, where):
+                    made = factory.get_policy_class(self.type).from_pretrained(path, config=self.config)
                 self._before, self._after = factory.make_pre_post_processors(
                     self.config,
                     pretrained_path=path,
@@ -132,7 +136,7 @@ class Checkpoint:
         except BetterError:
             raise
         except Exception as error:
-            # Whatever LeRobot raises about a checkpoint that it cannot use is one line for the user.
+            # Any exception of LeRobot about an unusable checkpoint becomes one line for the user.
             problem = one_line(error, most=300) or type(error).__name__
             raise InvalidInputError(
                 where, f"LeRobot cannot load it ({problem})", "Name a folder or hub id of a checkpoint of LeRobot 0.4"
@@ -157,18 +161,18 @@ class Checkpoint:
 
     def _check_config(self, path: str, where: str) -> None:
         if getattr(self.config, "use_peft", False):
-            raise InvalidInputError(where, "it holds an adapter of PEFT alone", "Merge it into its base and save that")
+            raise InvalidInputError(where, "it contains only a PEFT adapter", "Merge it into its base and save that")
         folder = Path(path)
         if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
             raise InvalidInputError(
                 where,
-                f"it has no {_PREPROCESSOR}, so the normalization of its numbers is not known",
+                f"it has no {_PREPROCESSOR}, so its normalization is not known",
                 "Checkpoints from before LeRobot 0.4 are converted by lerobot.processor.migrate_policy_normalization",
             )
 
     def sibling(self) -> Any:  # noqa: ANN401 - a policy of LeRobot's
-        """Return a policy with the same weights and a memory of its own."""
-        # A shallow copy shares the modules; reset() replaces what a policy remembers, in this copy only.
+        """Return a policy with the same weights and a separate memory."""
+        # A shallow copy shares the modules; reset() replaces the policy's memory in this copy only.
         made = copy.copy(self.policy)
         made.reset()
         return made
@@ -178,7 +182,7 @@ class Checkpoint:
 
         Args:
             batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the instructions as "task".
-            seeds: For a policy that begins with noise a number for each of them, from which it is drawn.
+            seeds: One seed per environment for the noise of a policy that starts from noise.
 
         Returns:
             (B, horizon, dim) float64, in the units of the data it was trained on.
@@ -188,7 +192,7 @@ class Checkpoint:
             prepared = self._before(dict(batch))
             extra = {"noise": self._noise(seeds)} if self.type in NOISE_TYPES else {}
             raw = self.policy.predict_action_chunk(prepared, **extra)
-            # The processors were written for one action per environment: each action is a row of its own for them.
+            # The processors expect one action per environment, so each action of a chunk is passed as a separate row.
             done = self._after(raw.reshape(-1, raw.shape[-1]))
         actions = done.reshape(*raw.shape[:2], -1)[..., : self.features.action]
         return np.asarray(actions.float().cpu().numpy(), dtype=np.float64)
@@ -223,9 +227,9 @@ _LOADING = threading.Lock()
 
 
 def load_checkpoint(address: PolicyAddress) -> Checkpoint:
-    """Return the checkpoint of "lerobot:CHECKPOINT", the same object for all in this process while somebody has it.
+    """Return the checkpoint of "lerobot:CHECKPOINT"; all users in this process share one object while it is referenced.
 
-    Raises what :class:`Checkpoint` raises.
+    Raises the errors of :class:`Checkpoint`.
     """
     where = f"policy {address}"
     _import("torch")
@@ -242,7 +246,7 @@ def load_checkpoint(address: PolicyAddress) -> Checkpoint:
 
 
 def _processor_files(path: str) -> dict[str, Path]:
-    """Return where the files of the processors of a checkpoint are, by name; LeRobot says which it lacks."""
+    """Return the paths of a checkpoint's processor files, by name; missing files are reported by LeRobot later."""
     folder = Path(path)
     if folder.is_dir():
         return {name: folder / name for name in PROCESSORS if (folder / name).exists()}
@@ -251,10 +255,17 @@ def _processor_files(path: str) -> dict[str, Path]:
         try:
             found[name] = Path(hub.hf_hub_download(path, name))
         except errors.EntryNotFoundError as error:
-            # A file that cannot be fetched now is not one that is not there: LeRobot might fetch it a moment later.
+            # A file that cannot be downloaded now may still exist: LeRobot might download it a moment later.
             if isinstance(error, errors.LocalEntryNotFoundError):
                 raise
     return found
+
+
+def _weights_file(path: str) -> Path:
+    """Return the file of the weights of a checkpoint, fetched if the checkpoint is on the hub."""
+    if Path(path).is_dir():
+        return Path(path) / _WEIGHTS
+    return Path(_import("huggingface_hub").hf_hub_download(path, _WEIGHTS))
 
 
 def _fingerprint(path: str) -> str:
@@ -271,14 +282,14 @@ def _fingerprint(path: str) -> str:
 
 
 def _told_type(path: str) -> str:
-    """Return the type that the configuration in a folder names; an empty text for an id on the hub."""
+    """Return the policy type in the configuration of a folder; empty for an id on the hub."""
     file = Path(path) / "config.json"
     form = parse_json(read_ordinary(file)) if file.is_file() else {}
     return str(form.get("type", "")) if isinstance(form, dict) else ""
 
 
 def _located(target: str, where: str) -> str:
-    """Return the folder that holds the configuration, or the id on the hub."""
+    """Return the folder with the configuration, or the id on the hub."""
     folder = Path(target).expanduser()
     if (folder / _INSIDE / "config.json").is_file():
         folder /= _INSIDE
@@ -286,7 +297,7 @@ def _located(target: str, where: str) -> str:
         _check_form(folder / "config.json", where)
         return str(folder.resolve())
     if folder.exists() or not _HUB_ID.fullmatch(target):
-        there = "holds no config.json" if folder.exists() else "does not exist"
+        there = "contains no config.json" if folder.exists() else "does not exist"
         raise InvalidInputError(
             where, f"{target} {there}", "Name the folder pretrained_model that LeRobot saved, or OWNER/NAME on the hub"
         )

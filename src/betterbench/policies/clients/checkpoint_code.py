@@ -1,10 +1,10 @@
-"""Check for code that loading a checkpoint of LeRobot would run; it is refused unless the user trusts its author.
+"""Check for code that loading a LeRobot checkpoint would run; it is refused unless the user trusts the author.
 
 LeRobot makes each step of its processors from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
-with a ``registry_name`` is one of LeRobot's own. One with a ``class`` is any name of any module, ``os.system`` for
-example, which is called with the arguments that stand beside it (``_resolve_step_class`` of
-``lerobot/processor/pipeline.py``). Some types load a tokenizer with ``trust_remote_code``, from a repository that the
-checkpoint names.
+with a ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function of any module, for example
+``os.system``, and is called with the arguments in the file (``_resolve_step_class`` of
+``lerobot/processor/pipeline.py``). Some policy types load a tokenizer with ``trust_remote_code`` from a repository
+that the checkpoint names.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from betterbench.json_form import parse_json, read_bounded
 PROCESSORS = ("policy_preprocessor.json", "policy_postprocessor.json")
 
 _MAX_BYTES = 64 * 1024 * 1024
-_CURE = "Give ?trust=true if you trust whoever made the checkpoint"
+_CURE = "Give ?trust=true if you trust the author of the checkpoint"
 _CODE_OF: Mapping[str, str] = {
     "action_tokenizer_name": "physical-intelligence/fast",
     "action_tokenizer_path": "physical-intelligence/fast",
@@ -27,19 +27,19 @@ _CODE_OF: Mapping[str, str] = {
     "paligemma_tokenizer_name": "google/paligemma-3b-pt-224",
     "tokenizer_assets_repo": "lerobot/eagle2hg-processor-groot-n1p5",
 }
-"""Fields that name a repository whose code is run, each with the one that LeRobot itself gives."""
+"""Fields that name a repository whose code is run, each with the value that LeRobot itself uses."""
 
 
 def require_no_code(config: object, files: Mapping[str, Path], where: str) -> None:
-    """Check that a checkpoint names no code but LeRobot's own.
+    """Check that a checkpoint names only LeRobot's own code.
 
     Args:
-        config: Its configuration, as LeRobot has read it.
+        config: Its configuration, as read by LeRobot.
         files: Paths of its processors' files, by name.
         where: Name of the checkpoint in messages.
 
     Raises:
-        InvalidInputError: If it does, or a file of a processor cannot be read.
+        InvalidInputError: If it names other code, or a processor file cannot be read.
     """
     for name in _CODE_OF:
         _require_known(name, getattr(config, name, None), f"its {name}", where)
@@ -71,12 +71,12 @@ def _steps(path: Path, name: str, where: str) -> list[Mapping[str, Any]]:
         raise InvalidInputError(where, f"{name} cannot be read ({one_line(error, most=200)})", cure) from error
     steps = form.get("steps") if isinstance(form, dict) else None
     if not isinstance(steps, list) or not all(isinstance(step, dict) for step in steps):
-        raise InvalidInputError(where, f"{name} holds no list of steps", cure)
+        raise InvalidInputError(where, f"{name} contains no list of steps", cure)
     return steps
 
 
 def _entries(value: object) -> Iterator[tuple[str, object]]:
-    """Yield every entry of the maps in a value."""
+    """Yield every key and value of all maps in a value, recursively."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield key, inner

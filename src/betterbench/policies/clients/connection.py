@@ -1,4 +1,4 @@
-"""Connection that all clients of policy servers share: reconnecting, a deadline per request, and retries."""
+"""Connection shared by all clients of policy servers: reconnecting, a deadline per request, and retries."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a request is asked again, or a server is dialed again [s]; doubled each time."""
+"""Pause before a request is repeated or a server is dialed again [s]; doubled each time."""
 
 LONGEST_WAIT_S = 604_800
 """Longest deadline and longest patience [s], a week."""
 
 MOST_RETRIES = 1000
-"""Most attempts after the first."""
+"""Maximum number of retries."""
 
 LONGEST_PAUSE_S = 5.0
-"""Longest such pause [s]."""
+"""Longest pause before a retry [s]."""
 
 
 class ClosableConnection(Protocol):
     """A connection to a server."""
 
     def close(self) -> None:
-        """End it; nothing is raised."""
+        """Close the connection; never raises."""
 
 
 Connection = TypeVar("Connection", bound=ClosableConnection)
@@ -47,11 +47,11 @@ class ConnectionLimits:
 
     Attributes:
         timeout_s: Deadline of each request [s].
-        warmup_s: Deadline until the first reply [s]: many servers compile their model when they are first asked. A
-            server that has let it pass is not given it again.
+        warmup_s: Deadline of the first reply [s]: many servers compile their model at the first request. It applies
+            once; after a timeout, ``timeout_s`` is used.
         retries: Number of times that a request is repeated after the connection broke or the deadline passed.
         patience_s: Time for which a server that cannot be reached is tried again [s].
-        seed: Seed of the pauses' jitter, so that clients which lost one server do not come back all at once.
+        seed: Seed of the jitter of pauses, so that clients of one lost server do not reconnect all at once.
     """
 
     timeout_s: float = 30.0
@@ -62,14 +62,14 @@ class ConnectionLimits:
 
     @classmethod
     def of(cls, address: PolicyAddress, *, seed: int = 0) -> ConnectionLimits:
-        """Return the limits that an address asks for.
+        """Return the limits given in an address.
 
         Raises InvalidInputError if an option is not a number, or the deadline is zero.
         """
         usual = cls()
         limits = cls(
             timeout_s=address.number("timeout", usual.timeout_s),
-            # Who sets a deadline means it from the first request on, unless told otherwise.
+            # A deadline in the address applies from the first request on, unless warmup is given too.
             warmup_s=address.number("warmup", address.number("timeout", usual.warmup_s)),
             retries=address.whole("retries", usual.retries),
             patience_s=address.number("patience", usual.patience_s),
@@ -89,16 +89,16 @@ class ConnectionLimits:
 
 
 class PolicyConnection(Generic[Connection]):
-    """A connection to one server that outlives the sockets it is made of.
+    """A connection to one server that survives the loss of its sockets.
 
-    One thread at a time asks; another one may call :meth:`close`, which ends every wait.
+    One thread at a time sends requests; another thread may call :meth:`close`, which ends every wait.
     """
 
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
-        """Prepare; nothing is dialed yet.
+        """Prepare the connection; nothing is dialed yet.
 
-        ``dial`` makes a connection, handshake included, within the given time [s]. It raises OSError when that is worth
-        trying again, and a BetterError when it is not.
+        ``dial`` makes a connection, handshake included, within the given time [s]. It raises OSError if another attempt
+        may help, and a BetterError if not.
         """
         self._where, self._dial, self._limits = where, dial, limits
         self._draw = np.random.default_rng(limits.seed)
@@ -114,14 +114,14 @@ class PolicyConnection(Generic[Connection]):
         return {f"policy_{name}": float(count) for name, count in self._counts.items()}
 
     def count_anew(self) -> None:
-        """Set the figures to zero, when an episode begins."""
+        """Reset the figures at the beginning of an episode."""
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
-        """Return the connection, dialing until it stands.
+        """Return the connection, dialing until the server answers.
 
         Raises:
-            PolicyUnavailableError: If the server could not be reached for as long as patience lasts.
+            PolicyUnavailableError: If the server could not be reached within ``patience_s``.
             HandshakeError: If the server declares other conventions.
         """
         if self._connection is not None:
@@ -132,7 +132,7 @@ class PolicyConnection(Generic[Connection]):
             self._check_open()
             left = self._limits.patience_s - (time.monotonic() - began)
             try:
-                # The last attempt, or the only one of an impatient client, still gets a second.
+                # The last attempt, or the only one without patience, still gets one second.
                 self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
             except OSError as problem:
                 left = self._limits.patience_s - (time.monotonic() - began)
@@ -153,16 +153,16 @@ class PolicyConnection(Generic[Connection]):
                 return self._connection
 
     def request(self, exchange: Callable[[Connection, float], Received], *, replies: bool = True) -> Received:
-        """Ask something, again when the connection breaks or the deadline passes.
+        """Send a request, and repeat it if the connection breaks or the deadline passes.
 
         Args:
             exchange: Sends the request over a connection and returns the reply, within the given time [s]. It raises
-                OSError (TimeoutError, ConnectionError) when asking again may help, and PolicyError when it does not.
+                OSError (TimeoutError, ConnectionError) if another attempt may help, and PolicyError if not.
             replies: False for a message that the server does not answer.
 
         Raises:
-            PolicyError: If the reply is bad, or the request failed as often as it may.
-            PolicyUnavailableError: If the server could not be reached for as long as patience lasts.
+            PolicyError: If the reply is bad, or the request failed after all retries.
+            PolicyUnavailableError: If the server could not be reached within ``patience_s``.
         """
         self._counts["requests"] += 1
         for attempt in range(self._limits.retries + 1):
@@ -171,7 +171,7 @@ class PolicyConnection(Generic[Connection]):
             try:
                 reply = exchange(connection, deadline)
             except PolicyError:
-                # What else this connection holds is not to be trusted.
+                # Further data on this connection may belong to the failed request.
                 self.drop()
                 raise
             except OSError as problem:
@@ -184,7 +184,7 @@ class PolicyConnection(Generic[Connection]):
                 if attempt == self._limits.retries:
                     times = f"{attempt + 1} times" if attempt else "once"
                     raise PolicyError(
-                        f"{self._where} failed to answer {times}, the last time because of: {reason}."
+                        f"{self._where} failed to answer {times}, most recently because of: {reason}."
                     ) from problem
                 self._counts["retries"] += 1
                 self._pause(attempt, LONGEST_PAUSE_S)
@@ -194,7 +194,7 @@ class PolicyConnection(Generic[Connection]):
         raise AssertionError("the last attempt returns or raises")
 
     def holds(self, connection: Connection) -> bool:
-        """Tell whether a connection is still the one in use."""
+        """Tell whether a connection is the one in use."""
         return self._connection is connection
 
     def drop(self) -> None:
@@ -204,7 +204,7 @@ class PolicyConnection(Generic[Connection]):
             connection.close()
 
     def close(self) -> None:
-        """End the connection for good."""
+        """Close the connection permanently."""
         self._closed.set()
         self.drop()
 
@@ -218,19 +218,19 @@ class PolicyConnection(Generic[Connection]):
 
 
 def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
-    """Return the key that an address asks to show, from the environment; keys do not belong into addresses.
+    """Return the key from the environment variable that an address names; keys do not belong in addresses.
 
-    Raises InvalidInputError if the variable is not set, or holds what cannot stand in a header.
+    Raises InvalidInputError if the variable is not set, or its value cannot be sent in a header.
     """
     name = address.options.get(option)
     if name is None:
         return None
     key = os.environ.get(name, "")
     if not key or not key.isascii() or not key.isprintable():
-        raise address.error(f"the environment variable {name} holds no key", f"Set {name}")
+        raise address.error(f"the environment variable {name} contains no key", f"Set {name}")
     return key
 
 
 def _brief(problem: OSError) -> str:
-    """Return what went wrong in a few words."""
+    """Return a short description of an error."""
     return " ".join(str(problem.strerror or problem).split())[:200] or type(problem).__name__

@@ -1,10 +1,10 @@
-"""Bodies and declarations of Dexbotic's inference server, which is reached with ``http://host:7891/v1/infer``.
+"""Requests and declarations of Dexbotic's inference server at ``http://host:7891/v1/infer``.
 
-``POST /v1/infer`` takes JSON: the prompt, images by the number of their slot as PNG files in base64, and a state; it
-answers ``actions``. ``POST /process_frame``, of older releases, takes the same as a form with files and answers
-``response``. ``GET /v1/capabilities`` declares slots, state and the size of an action, and ``POST /v1/reset`` begins an
-episode; a form says so in its first request. Facts: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``,
-``dexbotic/client.py`` and ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark,
+``POST /v1/infer`` takes JSON: the prompt, images by the number of their slot as PNG files in base64, and a state. The
+answer contains ``actions``. ``POST /process_frame``, of older releases, takes the same data as a form with files and
+answers ``response``. ``GET /v1/capabilities`` declares slots, state and the size of an action. ``POST /v1/reset``
+begins an episode; form requests have a flag in their first request instead. Source: dexmal/dexbotic,
+``dexbotic/exp/base_exp.py``, ``dexbotic/client.py`` and ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark,
 ``evaluation/policies/base_vla_agent.py``.
 """
 
@@ -31,12 +31,12 @@ _ANSWER, _FORM_ANSWER = "actions", "response"
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Paths of Dexbotic's other endpoints, found from the path that requests go to.
+    """Paths of Dexbotic's other endpoints, derived from the path of requests.
 
     Attributes:
         form: Whether requests are form data instead of JSON.
-        capabilities: Path of the server's declaration, empty for a server of forms.
-        reset: Path that resets an episode, empty for a server of forms.
+        capabilities: Path of the server's declaration, empty for a form server.
+        reset: Path that resets an episode, empty for a form server.
     """
 
     form: bool
@@ -45,7 +45,7 @@ class Route:
 
     @classmethod
     def of(cls, path: str) -> Route | None:
-        """Return the route of a path, or None if it is not one of Dexbotic's; a proxy may put something before it."""
+        """Return the route of a path, or None if it is not one of Dexbotic's; a proxy may add a prefix."""
         bare = path.rstrip("/")
         if bare.endswith(FORM_PATH):
             return cls(True, "", "")
@@ -56,15 +56,15 @@ class Route:
 
 
 def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]:
-    """Return the content type and the body of a form with what a request of :data:`presets.DEXBOTIC` holds.
+    """Return the content type and the body of a form with the data of a request in the layout :data:`presets.DEXBOTIC`.
 
     Args:
-        request: ``observation`` with prompt, images by slot and, if the model takes it, a state; entries beside it
+        request: ``observation`` with prompt, images by slot and, if the model takes it, a state. Other entries
             (``send.KEY=VALUE``) become fields of the form.
-        first: Whether it is the first one of an episode, which models with a memory need to know.
+        first: Whether it is the first request of an episode, which models with a memory need to know.
 
     Raises:
-        PolicyError: If it is a request of another layout.
+        PolicyError: If the request has another layout.
     """
     seen = request.get(OBSERVATION)
     images = seen.get("images") if isinstance(seen, Mapping) else None
@@ -86,30 +86,30 @@ def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]
 
 
 def read_form_answer(reply: object) -> object:
-    """Return the answer to a form under the name that ``/v1/infer`` gives it."""
+    """Return the answer to a form under the key that ``/v1/infer`` uses."""
     return {_ANSWER: reply[_FORM_ANSWER]} if isinstance(reply, Mapping) and _FORM_ANSWER in reply else reply
 
 
 def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str, Any]:
     """Return what a server declares about its model, after comparing it with an adapter.
 
-    Raises HandshakeError with both sides if the model needs an image, a state or a size of actions that the adapter has
-    not, or generates no actions at all.
+    Raises HandshakeError with both sides if the model needs an image, a state or an action size that the adapter lacks,
+    or generates no actions.
     """
     if not isinstance(told, Mapping):
         raise HandshakeError(f"{where} declares capabilities that are not a map. Update the server.")
     found = []
     if told.get("vla") is False:
-        found.append("the model generates text and no actions")
+        found.append("the model generates text instead of actions")
     modalities = _map(told, "modalities")
     given = {key[-1] for rule in adapter.views if (key := rule.key)[:2] == (OBSERVATION, "images")}
     slots = _map(modalities, "images").get("slots")
     for slot in slots if isinstance(slots, list) else []:
         if isinstance(slot, Mapping) and slot.get("required") is True and str(slot.get("slot")) not in given:
             number, name = (one_line(slot.get(key), most=40) for key in ("slot", "name"))
-            found.append(f"images: the model needs slot {number} ({name}), the adapter gives {_listed(given)}")
+            found.append(f"images: the model needs slot {number} ({name}), the adapter sends {_listed(given)}")
     if _map(modalities, "state").get("required") is True and not adapter.states:
-        found.append("state: the model needs one, the adapter gives none")
+        found.append("state: the model needs a state, the adapter sends none")
     size, columns = _map(told, "action_spec").get("action_dim"), sum(adapter.answer.columns.values())
     if isinstance(size, int) and not isinstance(size, bool) and size != columns:
         found.append(f"actions: the model answers {size} numbers, the adapter reads {columns}")

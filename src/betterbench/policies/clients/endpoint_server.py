@@ -12,14 +12,14 @@ from betterbench.policies.clients.request_client import RequestClient
 from betterbench.policies.conventions.handshake import read_declared
 
 ERROR_REPLY = b"ERROR"
-"""Reply of these servers to a request that failed without an error message."""
+"""Reply of these servers to a failed request without an error message."""
 
 
 class EndpointServer:
-    """A socket over which the server has answered a ping.
+    """A ZeroMQ connection whose server has answered a ping.
 
     Raises:
-        OSError: If the server is not there, or not ready.
+        OSError: If the server cannot be reached or is not ready.
         HandshakeError: If it refuses the token, speaks another protocol or declares other conventions.
     """
 
@@ -34,11 +34,11 @@ class EndpointServer:
             raise
 
     def _greet(self, end: float) -> None:
-        """Make sure before ``end`` [s, monotonic] that the server is alive and is the right one."""
+        """Check before ``end`` [s, monotonic] that the server is alive and has the expected conventions."""
         self._first("ping", end)
 
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
-        """Ask something at the beginning, where an error means that the two sides do not fit."""
+        """Send a first request; an error then means that the two sides do not fit."""
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
@@ -46,22 +46,22 @@ class EndpointServer:
             raise HandshakeError(f"{error}{hint}") from error
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
-        """Return the frame of a question."""
+        """Return the frame of a request."""
         raise NotImplementedError
 
     def _check_frame(self, answer: bytes, endpoint: str) -> None:
-        """Raise PolicyError if a frame is one that must not be decoded."""
+        """Raise PolicyError if a frame must not be decoded."""
 
     def _decode(self, answer: bytes, endpoint: str) -> Any:  # noqa: ANN401 - as decoded
         """Return the value of a frame; raise PolicyError if it cannot be read."""
         raise NotImplementedError
 
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded
-        """Return the decoded answer to a question, which must come within a time [s].
+        """Return the decoded answer to a request, which must arrive within ``timeout_s`` [s].
 
-        ``declares`` says that the server tells what it is, which is short.
+        ``declares`` marks a request for the server's declaration, whose answer is short.
 
-        Raises OSError if no answer came, PolicyError if it is an error of the server's, or cannot be read.
+        Raises OSError if no answer came, PolicyError if the server reports an error or the answer cannot be read.
         """
         question: dict[str, Any] = {"endpoint": endpoint}
         if data is not None:
@@ -71,7 +71,7 @@ class EndpointServer:
         answer = self._client.ask(self._encode(question), max(0.0, timeout_s))
         self._check_frame(answer, endpoint)
         if answer == ERROR_REPLY:
-            raise PolicyError(f"{self._where} answers {endpoint} with an error and no text. Its own output tells more.")
+            raise PolicyError(f"{self._where} answers {endpoint} with an error without a message. See its log.")
         reply = (
             read_declared(self._where, answer, lambda given: self._decode(given, endpoint))
             if declares

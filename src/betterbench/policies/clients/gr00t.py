@@ -1,21 +1,21 @@
 """Client of Isaac GR00T's inference server: ``gr00t://host:port``.
 
-ZeroMQ REQ/REP, one msgpack map per question: an endpoint, its data, and the token where the server wants one. The
-server tells its modalities, which are compared with the adapter whenever a connection is made. Facts: Isaac-GR00T,
+ZeroMQ REQ/REP with one msgpack map per request: an endpoint, its data, and the token if the server requires one. The
+server declares its modalities, which are compared with the adapter at each connection. Source: Isaac-GR00T,
 ``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
 
-A server that looks at the present only takes the observations of many environments in one question
-(:class:`Gr00tBatchClient`). One that wants several time steps of images or state gets a client for each environment,
-which has to see every control step to know them: it plays the chunks itself, one action at a time.
+A server without an observation history takes the observations of many environments in one request
+(:class:`Gr00tBatchClient`). A server that needs several time steps of images or state gets one client per environment.
+Such a client must see every control step, so it executes the chunks itself, one action at a time.
 
 Real-time chunking (``rtc_overlap_steps``) sends the rest of the old chunk as ``observation.action`` and the steps as
 options, as NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of
-N1.7 (``gr00t/model/gr00t_n1d7``) take them. The policies of the main branch ignore both, which is told when seen.
+N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both; the client warns if it notices.
 
-Replies of N1.7 mark arrays and modalities in another way than those of N1.6; requests are the same.
+Replies of N1.7 mark arrays and modalities differently from N1.6; requests are the same.
 
-Servers of the first N1.5 releases pickle with torch. They are not supported, on purpose: unpickling a stranger's answer
-runs the stranger's code.
+Servers of the first N1.5 releases pickle with torch. They are not supported on purpose: unpickling an untrusted answer
+can run arbitrary code.
 """
 
 from __future__ import annotations
@@ -46,23 +46,23 @@ RequestLayout = Literal["nested", "flat", "n1.5"]
 (N1.6 and N1.7 with the simulation wrapper), or that map as the data of the request, without options (N1.5)."""
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
-"""By modality and name, (1, 1, ...) arrays of one environment at one time step."""
+"""Arrays of one environment at one time step, (1, 1, ...), by modality and name."""
 
 RAMP_RATE = 6.0
-"""Default rate at which the overlapping actions of a new chunk become free to change; that of N1.6's action head."""
+"""Default rate at which the overlapping actions of a new chunk become free to change, as in N1.6's action head."""
 
 FROZEN_TOLERANCE = 0.05
-"""Share of the largest action by which a kept action may differ."""
+"""Allowed deviation of a frozen action, as a share of the largest action."""
 
 _PICKLES = (b"PK\x03\x04", b"\x80\x02")
 _NO_PICKLES = (
-    "It is an old N1.5 server, which pickles with torch. That is not supported, on purpose, because unpickling a "
-    "stranger's answer runs the stranger's code. Update Isaac-GR00T, whose servers speak msgpack."
+    "It is an old N1.5 server, which pickles with torch. That is not supported on purpose, because unpickling an "
+    "untrusted answer can run arbitrary code. Update Isaac-GR00T, whose servers use msgpack."
 )
 
 
 class Gr00tServer(EndpointServer):
-    """A server that speaks msgpack, and whose modalities fit the adapter."""
+    """A server that uses msgpack and whose modalities fit the adapter."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
         self._adapter = adapter
@@ -85,13 +85,13 @@ class Gr00tServer(EndpointServer):
 
 
 class Gr00tClient(ServerClient[Gr00tServer]):
-    """A GR00T policy; each environment has a client of its own."""
+    """A GR00T policy; each environment has its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
         for name in ("constants", "depths"):
             if getattr(self.adapter, name):
-                raise address.error(f"adapter {self.adapter.name} has {name}, and GR00T knows none", "Remove them")
+                raise address.error(f"adapter {self.adapter.name} has {name}, but GR00T has none", "Remove them")
         self._layout = address.choice("layout", get_args(RequestLayout), "nested")
         self._lock = threading.Lock()
         self.modalities = self._connection.open().modalities
@@ -116,7 +116,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return self._ask([self._seen(observation)], [observation])[0]
 
     def _seen(self, observation: Observation) -> Seen:
-        """Return what the policy is shown of one observation."""
+        """Return the policy's inputs from one observation."""
         seen: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in SEEN}
         for key, image in self.adapter.images(observation).items():
             seen["video"][name_of(key)] = image[None, None]
@@ -126,7 +126,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return seen
 
     def _ask(self, seen: Sequence[Seen], observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Ask for the actions of some environments."""
+        """Request the actions of some environments."""
         return self._read(self._answer(seen, observations, {}, None), observations)
 
     def _answer(
@@ -136,9 +136,9 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         more: Mapping[str, Any],
         options: Mapping[str, Any] | None,
     ) -> dict[str, np.ndarray]:
-        """Return the arrays that a server answers by their bare names, each (environments, horizon, dim).
+        """Return the arrays of a server's answer by name without prefix, each (environments, horizon, dim).
 
-        ``more`` is added to the observation of the nested layout, ``options`` stand beside it.
+        ``more`` is added to the observation of the nested layout; ``options`` are sent beside it.
         """
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
@@ -152,14 +152,14 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return self._arrays(reply, len(observations))
 
     def _read(self, arrays: Mapping[str, np.ndarray], observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the actions that arrays mean for each environment."""
+        """Return the actions of each environment from the arrays of an answer."""
         return [
             self.adapter.actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
             for i, observation in enumerate(observations)
         ]
 
     def _data(self, message: dict[str, Any], instructions: list[str]) -> dict[str, Any]:
-        """Return the data of ``get_action`` in the layout that the server wants."""
+        """Return the data of ``get_action`` in the layout of the server."""
         language = self.modalities.language
         name = language[0] if language else name_of(self.adapter.instruction.key)
         if self._layout == "nested":
@@ -167,15 +167,15 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             return {"observation": observation, "options": None}
         flat: dict[str, Any] = {f"{kind}.{n}": array for kind in SEEN for n, array in message[kind].items()}
         if self._layout == "n1.5":
-            # Nested, because N1.5 takes the first element of each entry: a bare text would become its first letter.
+            # Nested, because N1.5 takes the first element of each entry: a plain string would become its first letter.
             return {**flat, name: [[instruction] for instruction in instructions]}
         return {"observation": {**flat, name: instructions}, "options": None}
 
     def _arrays(self, reply: object, count: int) -> dict[str, np.ndarray]:
-        """Return the arrays of a reply by their bare names, each (count, horizon, dim)."""
+        """Return the arrays of a reply by name without prefix, each (count, horizon, dim)."""
         actions = reply[0] if isinstance(reply, list) and len(reply) == 2 else reply
         if not isinstance(actions, Mapping):
-            raise PolicyError(f"{self._where} answered get_action with a {type(reply).__name__} and no actions.")
+            raise PolicyError(f"{self._where} answered get_action with a {type(reply).__name__} instead of actions.")
         widths = {name_of(key): width for key, width in self.adapter.answer.columns.items()}
         arrays = {}
         for key, value in actions.items():
@@ -185,13 +185,13 @@ class Gr00tClient(ServerClient[Gr00tServer]):
                 raise PolicyError(f"{self._where}: the action {shown!r} is not an array of real numbers.")
             array = value
             if value.ndim == 2 and widths.get(name) == 1 and value.shape[1] != 1:
-                array = value[:, :, None]  # N1.5 leaves out the axis of a single number
+                array = value[:, :, None]  # N1.5 drops the last axis if it has length 1
             elif value.ndim == 2 and count == 1:
                 array = value[None]
             if array.ndim != 3 or len(array) != count:
                 raise PolicyError(
                     f"{self._where}: the action {shown!r} has shape {value.shape}. "
-                    f"Send ({count}, horizon, size), one chunk for each environment asked about."
+                    f"Send ({count}, horizon, size), one chunk for each environment in the request."
                 )
             if name in arrays:
                 raise PolicyError(f"{self._where}: the action {shown!r} is given twice. Send it once.")
@@ -199,7 +199,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return arrays
 
     def _as_adapter(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Return the arrays under the keys by which the adapter looks for them."""
+        """Return the arrays under the keys that the adapter expects."""
         message: dict[str, Any] = {}
         for key in self.adapter.answer.columns:
             name = name_of(key)
@@ -211,14 +211,14 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
 
 class Gr00tBatchClient(Gr00tClient):
-    """A GR00T policy that needs the present observation only; one client serves many environments."""
+    """A GR00T policy without an observation history; one client serves many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; there is nothing to forget."""
+        """Begin an episode in one of the environments; there is no state to reset."""
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments, asked for in one question."""
+        """Return the next actions of several environments, from one request."""
         return self._ask([self._seen(observation) for observation in observations], observations)
 
 
@@ -230,7 +230,7 @@ class Gr00tHistoryClient(Gr00tClient):
         if self.info.execution.ahead or self.info.execution.ensemble is not None:
             self.close()
             raise address.error(
-                "the server wants several time steps, so it is asked between two steps and never ahead",
+                "the server needs several time steps, so requests ahead of time are not possible",
                 "Leave ahead and ensemble out",
             )
         self._horizon = self.info.execution.horizon
@@ -245,18 +245,18 @@ class Gr00tHistoryClient(Gr00tClient):
         self._chunk: list[np.ndarray] = []
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode, on the server too where it has a word for it."""
+        """Forget the last episode, also on the server if it has a reset endpoint."""
         super().reset(start)
         self._frames, self._chunk = {}, []
         with self._lock:
             self._connection.request(_forget)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64; the server is asked when a chunk has been played."""
+        """Return the next action, (1, dim) float64; a request is sent when a chunk has been executed."""
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
         oldest = observation.step + min(wanted[0] for wanted in steps.values())
-        # The last one before the oldest step stays: it stands for that step if the step itself was not seen.
+        # The last frame before the oldest step is kept: it replaces that step if the step itself was not seen.
         for step in sorted(s for s in self._frames if s < oldest)[:-1]:
             del self._frames[step]
         if not self._chunk:
@@ -271,7 +271,7 @@ class Gr00tHistoryClient(Gr00tClient):
         return self._chunk.pop(0)[None]
 
     def _frame(self, step: int) -> Seen:
-        """Return what was seen at a step, or last before it; before the first one, the first."""
+        """Return the observation at a step, or the last one before it; before the first one, the first."""
         before = [s for s in self._frames if s <= step]
         return self._frames[max(before) if before else min(self._frames)]
 
@@ -292,9 +292,9 @@ class Overlap:
 
     @classmethod
     def of(cls, address: PolicyAddress, ahead: int) -> Overlap | None:
-        """Read it from an address, whose ``ahead`` is how many steps are frozen unless it says so; None without it.
+        """Read the overlap from an address; None if it has none. By default, ``ahead`` steps are frozen.
 
-        Raises InvalidInputError if the numbers make no sense together.
+        Raises InvalidInputError if the numbers contradict each other.
         """
         given = [name for name in ("rtc_frozen_steps", "rtc_ramp_rate") if name in address.options]
         if "rtc_overlap_steps" not in address.options:
@@ -315,27 +315,27 @@ class Overlap:
 
 
 class Gr00tOverlapClient(Gr00tClient):
-    """A GR00T policy whose chunks continue each other; each environment has a client of its own."""
+    """A GR00T policy whose chunks continue each other; each environment has its own client."""
 
     def __init__(self, address: PolicyAddress, overlap: Overlap, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)
         wrong = "its chunks are not averaged" if self.info.execution.ensemble is not None else ""
         wrong = f"layout={self._layout} has no entry for a chunk" if self._layout != "nested" else wrong
-        wrong = "the server wants several time steps" if self.modalities.remembers else wrong
+        wrong = "the server needs several time steps" if self.modalities.remembers else wrong
         if wrong:
             self.close()
-            raise address.error(f"rtc_overlap_steps cannot be had: {wrong}", "Leave rtc_overlap_steps out")
+            raise address.error(f"rtc_overlap_steps is not possible: {wrong}", "Leave rtc_overlap_steps out")
         self._overlap = overlap
-        self._last: tuple[int, dict[str, np.ndarray]] | None = None  # step of the last question, and what it brought
+        self._last: tuple[int, dict[str, np.ndarray]] | None = None  # step of the last request, and its answer
         self._told = False
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; what is left of the last one is forgotten."""
+        """Begin an episode; the rest of the last chunk is dropped."""
         super().reset(start)
         self._last = None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64; asked for with the rest of the last ones."""
+        """Return the next actions, (horizon, dim) float64; the request contains the rest of the last chunk."""
         more, options = self._continuation(observation.step)
         arrays = self._answer([self._seen(observation)], [observation], more, options)
         if more and not self._told:
@@ -344,7 +344,7 @@ class Gr00tOverlapClient(Gr00tClient):
         return self._read(arrays, [observation])[0]
 
     def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return what is added to an observation, and the options; nothing if too little of the old chunk is left."""
+        """Return the additional entries of an observation, and the options; empty if too little of it is left."""
         if self._last is None:
             return {}, None
         asked_at, arrays = self._last
@@ -362,7 +362,7 @@ class Gr00tOverlapClient(Gr00tClient):
         return {"action": action}, options
 
     def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
-        """Warn once if a server does not keep the frozen actions: it does not continue chunks, and says nothing."""
+        """Warn once if a server does not keep the frozen actions, because it ignores real-time chunking silently."""
         kept = slice(0, self._overlap.frozen)
         for name, old in sent.items():
             new = answered.get(name)
@@ -372,7 +372,7 @@ class Gr00tOverlapClient(Gr00tClient):
             if np.abs(new[:, kept] - old[:, kept]).max() > FROZEN_TOLERANCE * max(float(np.abs(old).max()), 1e-6):
                 self._told = True
                 logger.warning(
-                    "%s does not keep the %d actions that rtc_frozen_steps names: it does not continue chunks. The "
+                    "%s does not keep the %d actions of rtc_frozen_steps: it does not continue chunks. The "
                     "policies of NVIDIA's main branch ignore rtc_overlap_steps; see NVIDIA/Isaac-GR00T#520.",
                     self._where,
                     self._overlap.frozen,
@@ -381,7 +381,7 @@ class Gr00tOverlapClient(Gr00tClient):
 
 
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
-    """Return a client of a GR00T server, which takes batches if the server looks at the present only."""
+    """Return a client of a GR00T server, which takes batches if the server needs no observation history."""
     overlap = Overlap.of(address, address.whole("ahead", 0))
     if overlap is not None:
         return Gr00tOverlapClient(address, overlap, seed=seed)
@@ -393,7 +393,7 @@ def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
 
 
 def _forget(server: Gr00tServer, timeout_s: float) -> None:
-    """Tell a server that an episode begins; those of N1.5 have no word for it."""
+    """Reset the server at the beginning of an episode; N1.5 servers have no such endpoint."""
     try:
         server.call("reset", {"options": None}, timeout_s)
     except PolicyError as error:

@@ -1,9 +1,9 @@
 """Client of servers with ``POST /act``: ``http://host:port/act``; OpenVLA, OpenVLA-OFT, X-VLA, Dexbotic and their like.
 
-One request, one answer, a new connection for each, and nothing before the first: such a server declares neither what it
-wants nor what its numbers mean, so the address has to name a preset or an adapter. Dexbotic's
+Each request uses a new connection, and there is no handshake: such a server declares neither its inputs nor the meaning
+of its numbers, so the address must name a preset or an adapter. Dexbotic's server
 (:mod:`betterbench.policies.clients.dexbotic`) declares its images and the size of its actions, which are compared.
-Facts: OpenVLA and OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
+Source: OpenVLA and OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _LONGEST_BODY_SHOWN = 2000
 
 @dataclass(frozen=True, slots=True)
 class HttpAnswer:
-    """The answer to a request: its status, and its body."""
+    """Status and body of the answer to a request."""
 
     status: int
     body: bytes
@@ -51,11 +51,11 @@ class HttpAnswer:
 class HttpServer:
     """Address of an HTTP server with the headers of its requests.
 
-    Each request opens a connection of its own, as the servers' own clients do.
+    Each request opens a new connection, as the servers' own clients do.
     """
 
     def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
-        """Find out whether somebody listens; raise OSError if not."""
+        """Check that a server listens; raise OSError if not."""
         self._host, self._port = address.server()
         encrypted = address.scheme == "https" or address.choice("tls", ("true", "false"), "false") == "true"
         self._tls = ssl.create_default_context() if encrypted else None
@@ -67,13 +67,13 @@ class HttpServer:
         socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)).close()
 
     def post(self, body: bytes, timeout_s: float, *, kind: str = JSON, path: str | None = None) -> HttpAnswer:
-        """Send a body, to the path of the address or to another one, and return the answer; see :meth:`ask`."""
+        """Send a body to the path of the address or to another path, and return the answer; see :meth:`ask`."""
         return self.ask("POST", path or self._path, body, timeout_s, kind=kind)
 
     def ask(self, method: str, path: str, body: bytes, timeout_s: float, *, kind: str = JSON) -> HttpAnswer:
-        """Send a request and return the answer, which has to be there whole within a time [s].
+        """Send a request and return the complete answer, which must arrive within ``timeout_s`` [s].
 
-        Raises OSError if it is not, or the connection broke, and PolicyError if its body is too large.
+        Raises OSError if it does not arrive or the connection broke, and PolicyError if its body is too large.
         """
         end = time.monotonic() + timeout_s
         typed, sized = ([f"Content-Type: {kind}"], [f"Content-Length: {len(body)}"]) if method == "POST" else ([], [])
@@ -92,7 +92,7 @@ class HttpServer:
                 read = answer.read(MAX_BODY_BYTES + 1)
             except http.client.HTTPException as error:
                 problem = one_line(error, most=100) or type(error).__name__
-                raise ConnectionError(f"the server there does not speak HTTP ({problem})") from error
+                raise ConnectionError(f"the server does not use HTTP ({problem})") from error
         if len(read) <= MAX_BODY_BYTES and answer.length:
             raise ConnectionError(f"the answer is cut off: {answer.length} bytes are missing")
         if len(read) > MAX_BODY_BYTES:
@@ -100,11 +100,11 @@ class HttpServer:
         return HttpAnswer(answer.status, read)
 
     def close(self) -> None:
-        """There is nothing to close between two requests."""
+        """Do nothing: no connection is open between requests."""
 
 
 class _Source(io.RawIOBase):
-    """Socket with one deadline for all reads, in the form that the HTTP parser of the standard library reads from."""
+    """Socket with one deadline for all reads, as a file for the HTTP parser of the standard library."""
 
     def __init__(self, connected: socket.socket, end: float) -> None:
         self._socket, self._end = connected, end
@@ -124,7 +124,7 @@ class _Source(io.RawIOBase):
 
 
 class HttpActClient(ServerClient[HttpServer]):
-    """A policy behind ``POST /act``; each environment has a client of its own."""
+    """A policy behind ``POST /act``; each environment has its own client."""
 
     feeds_back = True
 
@@ -138,17 +138,17 @@ class HttpActClient(ServerClient[HttpServer]):
         self._encoded = address.choice("encoded", ("true", "false"), "false") == "true"
         self._capabilities: Mapping[str, Any] = {}
         self._first = True
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the numbers that are fed back
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the numbers fed back
         self._connection.open()
         self.info = describe_remote_policy(address, self.adapter, self._capabilities, says_actions=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; a server that has a word for it is told."""
+        """Begin an episode; a server with a reset endpoint is notified."""
         super().reset(start)
         self._first = True
         route = self._route
         if route is not None and route.reset:
-            # What it answers does not matter: most of its models have nothing to forget, and some of them no such path.
+            # The answer is ignored: most of its models have no state to reset, and some servers lack this path.
             self._connection.request(
                 lambda server, timeout_s: server.post(b"{}", timeout_s, path=route.reset), replies=False
             )
@@ -166,8 +166,8 @@ class HttpActClient(ServerClient[HttpServer]):
         reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
-                f"{self._where} answers {one_line(reply)!r}, with which these servers report any failure. "
-                "Its own output tells more; compare the keys that it reads with the adapter."
+                f"{self._where} answers {one_line(reply)!r}, which these servers send for any failure. "
+                "See the server's log, and compare the keys that it reads with the adapter."
             )
         if isinstance(reply, Mapping) and "error" in reply:
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
@@ -180,7 +180,7 @@ class HttpActClient(ServerClient[HttpServer]):
         return actions
 
     def _fed_back(self, request: dict[str, Any], step: int) -> dict[str, Any]:
-        """Return a request whose state begins with what was played last, if the policy has answered in this trial."""
+        """Return a request whose state begins with the last executed action, if there is one in this trial."""
         feedback, last = self.adapter.feedback, self._last
         if feedback is None or last is None or step <= last[0]:
             return request
@@ -190,7 +190,7 @@ class HttpActClient(ServerClient[HttpServer]):
         return request
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
-        """Send a body and return the answer if it is one; a server that wants something else ends the run."""
+        """Send a body and return the answer if it is valid; a refusal or redirection ends the run."""
         answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
         if status == http.client.OK:
@@ -201,7 +201,7 @@ class HttpActClient(ServerClient[HttpServer]):
                 "Give api_key_env=NAME with the variable that holds its key."
             )
         if 300 <= status < 400:
-            raise HandshakeError(f"{self._where} redirects (HTTP {status}), which is refused. Give its own address.")
+            raise HandshakeError(f"{self._where} redirects (HTTP {status}), which is refused. Give the final address.")
         if status in _ABSENT:
             older = "" if self._route is None or self._route.form else f" Older releases of Dexbotic have {FORM_PATH}."
             raise HandshakeError(
@@ -216,7 +216,7 @@ class HttpActClient(ServerClient[HttpServer]):
         raise PolicyError(f"{self._where} answers HTTP {status}: {told}")
 
     def _dial(self, timeout_s: float) -> HttpServer:
-        """Find the server, and compare what it declares if it declares something."""
+        """Find the server, and compare its declaration if it has one."""
         end = time.monotonic() + timeout_s
         server = HttpServer(self._address, self._key, timeout_s=timeout_s)
         if self._route is not None and self._route.capabilities:
@@ -242,7 +242,7 @@ def _stacked(reply: object) -> object:
 
 
 def _told(reply: object) -> str:
-    """Return what an answer says went wrong, in one line."""
+    """Return the error message in an answer, on one line."""
     if isinstance(reply, Mapping):
         reply = reply.get("error", reply.get("detail", reply))
     return one_line(reply) or "no text"

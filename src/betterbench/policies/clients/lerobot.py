@@ -1,13 +1,13 @@
 """Policies of LeRobot in this process: ``lerobot:CHECKPOINT``, a folder or an id on the hub.
 
-The checkpoint declares the images, the state and the size of the action that it was trained with. The adapter is made
-from them, unless the address gives one. Normalization is done by the checkpoint's own processors.
+The checkpoint declares the images, the state and the size of the action that it was trained with. The adapter is
+derived from them, unless the address names one. Normalization is done by the checkpoint's own processors.
 
 :mod:`betterbench.policies.clients.lerobot_types` lists the types of policies and their requirements. Policies that
-answer a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches: one instance serves many environments, and
-every answer depends on its observation alone, the noise of the flow policies included. All others (diffusion, VQ-BeT,
-TD-MPC and policies with a memory of observations) are asked at every step and play their chunks themselves, as in
-LeRobot's own evaluation; their instances share the weights.
+answer a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches: one instance serves many environments.
+Each answer depends only on its own observation, including the noise of the flow policies. All others (diffusion,
+VQ-BeT, TD-MPC and policies with a memory of observations) are called at every step and execute their chunks
+themselves, as in LeRobot's own evaluation; their instances share the weights.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""The two states of our LeRobot environment; both have eight numbers."""
+"""The two states of the LeRobot environment of betterbench; both have eight numbers."""
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
-"""Other names of our cameras: those of LIBERO in LeRobot's own data sets."""
+"""Other names of the cameras, from LIBERO in LeRobot's own data sets."""
 
 _MOST_SHOWN = 12
-"""Differences that one message names."""
+"""Maximum of differences named in one message."""
 
 _WRIST_WORDS = ("wrist", "hand", "gripper")
 
@@ -56,7 +56,7 @@ class LerobotPolicy(AdaptedPolicy):
         self._address, self._checkpoint = address, checkpoint
         self._where = f"policy {address}"
         features = checkpoint.features
-        # An adapter of the user's is not completed by guesses, and need not be.
+        # An adapter of the user is used as it is, without inferred parts.
         self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
         compare_features(self.adapter, features, self._where)
         self.server = Declaration(
@@ -77,7 +77,7 @@ class LerobotPolicy(AdaptedPolicy):
         )
 
     def _execution(self) -> Execution:
-        """Return how chunks are played: as the address says, else as the checkpoint was evaluated in LeRobot."""
+        """Return how chunks are executed: as given in the address, else as in LeRobot's own evaluation."""
         if self._address.given(EXECUTION):
             return self._address.execution()
         config = self._checkpoint.config
@@ -87,7 +87,7 @@ class LerobotPolicy(AdaptedPolicy):
         return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; raise HandshakeError if it wants actions of another kind."""
+        """Begin an episode in one of the environments; raise HandshakeError if it uses another action space."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -104,7 +104,7 @@ class LerobotPolicy(AdaptedPolicy):
         ]
 
     def _batch(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """Return what LeRobot's processors take: tensors with a leading batch axis, and the instructions."""
+        """Return the input of LeRobot's processors: tensors with a leading batch axis, and the instructions."""
         tensor = self._checkpoint.tensor
         batch: dict[str, Any] = {}
         shown = [self.adapter.images(seen) for seen in observations]
@@ -119,14 +119,14 @@ class LerobotPolicy(AdaptedPolicy):
 
 
 class LerobotStepPolicy(AdaptedPolicy):
-    """A policy with a memory; each environment has one of its own, and all share the weights."""
+    """A policy with a memory; each environment has its own instance, and all share the weights."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         given = address.given(EXECUTION)
         if given:
             raise address.error(
-                f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",
-                f"Leave {', '.join(given)} out; n_action_steps of the checkpoint says how many it plays",
+                f"a policy of type {checkpoint.type} sees every step and executes its chunks itself",
+                f"Leave {', '.join(given)} out; n_action_steps of the checkpoint sets the horizon",
             )
         self._inner = LerobotPolicy(address, checkpoint)
         self._checkpoint, self._policy = checkpoint, checkpoint.sibling()
@@ -135,7 +135,7 @@ class LerobotStepPolicy(AdaptedPolicy):
         self._seed = 0
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode; raise HandshakeError if the episode wants actions of another kind."""
+        """Forget the last episode; raise HandshakeError if the episode uses another action space."""
         self._inner.reset(start)
         self._policy.reset()
         self._seed = start.episode
@@ -150,8 +150,8 @@ class LerobotStepPolicy(AdaptedPolicy):
 def load_lerobot(address: PolicyAddress) -> Policy:
     """Return the policy of a checkpoint, which takes batches if it answers chunks from one observation.
 
-    Raises what :class:`Checkpoint` and :func:`derive_adapter` raise, and HandshakeError if the adapter of the address
-    gives something else than the checkpoint wants.
+    Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter in the
+    address does not fit the checkpoint.
     """
     checkpoint = load_checkpoint(address)
     remembers = int(getattr(checkpoint.config, "n_obs_steps", 1)) > 1
@@ -161,11 +161,11 @@ def load_lerobot(address: PolicyAddress) -> Policy:
 
 
 def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
-    """Return the adapter that follows from a checkpoint, and from the address's state, action_space and camera.KEY.
+    """Return the adapter that follows from a checkpoint and from the address's state, action_space and camera.KEY.
 
     Raises:
-        InvalidInputError: If something stays open; the text names the option that decides it.
-        UnknownNameError: If an option's value does not exist.
+        InvalidInputError: If a convention remains unknown; the message names the option that decides it.
+        UnknownNameError: If the value of an option does not exist.
     """
     where = f"policy {address}"
     layout = address.choice("state", tuple(_STATES), "ee")
@@ -175,7 +175,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         if size != rule.size:
             raise InvalidInputError(
                 where,
-                f"its {one_line(key, most=100)} has {size} numbers, and those that are known here have {rule.size}",
+                f"its {one_line(key, most=100)} has {size} numbers, but the known states have {rule.size}",
                 "Give adapter=FILE with the parts of its state",
             )
         states.append(rule)
@@ -187,7 +187,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
     if shared:
         keys = ", ".join(rule.key[0] for rule in views if rule.camera in shared)
         raise InvalidInputError(
-            where, f"{one_line(keys)} would all show the camera {min(shared)}", "Give camera.KEY=NAME for each"
+            where, f"{one_line(keys)} would all get the camera {min(shared)}", "Give camera.KEY=NAME for each"
         )
     return Adapter(
         "lerobot",
@@ -199,7 +199,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
 
 
 def compare_features(adapter: Adapter, features: Features, where: str) -> None:
-    """Raise a HandshakeError that names both sides if an adapter and a checkpoint declare different things."""
+    """Raise a HandshakeError with both sides if an adapter and a checkpoint declare different features."""
     wanted = {
         **{key: f"an image of {width} x {height}" for key, (height, width) in features.images.items()},
         **{key: f"{size} numbers" for key, size in features.states.items()},
@@ -220,13 +220,13 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         found.append("the instruction: LeRobot takes it as a string under 'task'")
     if found:
         raise HandshakeError(
-            f"{where} and the adapter {adapter.name!r} declare different things. {'; '.join(found[:_MOST_SHOWN])}. "
+            f"{where} and the adapter {adapter.name!r} declare different features. {'; '.join(found[:_MOST_SHOWN])}. "
             "Correct the adapter, or leave it out."
         )
 
 
 def seed_of(observation: Observation, salt: int = 0) -> int:
-    """Return a number that depends on what is seen, and on nothing that is asked beside it."""
+    """Return a seed that depends on the observation only, not on other observations in the batch."""
     digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
     digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
     digest.update(np.asarray(observation.ee_position, np.float64).tobytes())
@@ -237,7 +237,7 @@ def seed_of(observation: Observation, salt: int = 0) -> int:
 
 
 def _camera(key: str, address: PolicyAddress, where: str) -> str:
-    """Return which of our cameras an image shows."""
+    """Return the camera for an image input."""
     given = address.options.get(f"camera.{key}")
     if given is not None:
         return given
@@ -251,13 +251,13 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
     shown = one_line(key, most=100)
     raise InvalidInputError(
         where,
-        f"the camera that {shown} shows is not known",
+        f"the camera for {shown} is not known",
         f"Add camera.{shown}=NAME with one of {', '.join(_CAMERAS)}",
     )
 
 
 def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRule:
-    """Return how actions of so many numbers are read."""
+    """Return the reading of an action with the checkpoint's number of values."""
     space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
     turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"
     parts = (

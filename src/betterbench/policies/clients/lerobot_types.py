@@ -44,23 +44,23 @@ POLICY_TYPES: Mapping[str, Needs] = {
     "vla_jepa": Needs("vla_jepa", ("transformers", "diffusers", "qwen_vl_utils")),
     "lingbot_va": Needs("lingbot_va", ("transformers", "diffusers", "accelerate")),
 }
-"""Types of policies by name; which of them an installed LeRobot has depends on its release."""
+"""Policy types by name; the installed release of LeRobot decides which of them are available."""
 
 REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
-"""Reward models of LeRobot, which stand among its policies but return no actions."""
+"""Reward models of LeRobot, which are listed among its policies but return no actions."""
 
 
 def require_type(kind: str, known: Collection[str], where: str) -> None:
-    """Check that the installed LeRobot can load a type of policy, before anything large is read.
+    """Check that the installed LeRobot can load a policy type, before large files are read.
 
     Args:
-        kind: The type that a checkpoint names.
-        known: The types that the installed LeRobot knows, those of plugins among them.
+        kind: The policy type of a checkpoint.
+        known: The types that the installed LeRobot knows, including plugins.
         where: Name of the checkpoint in messages.
 
     Raises:
-        InvalidInputError: If it is not a policy, or not known.
-        MissingDependencyError: If a package that the type needs is not installed; the text names the extra.
+        InvalidInputError: If the type is not a policy, or not known.
+        MissingDependencyError: If a package that the type needs is not installed; the message names the extra.
     """
     release = _release()
     if kind in REWARD_MODELS:
@@ -86,7 +86,7 @@ def _with_extra(kind: str) -> str:
 
 
 def _install(extra: str, release: str) -> str:
-    """Return how the packages of an extra are installed; not every release has all of them."""
+    """Return how to install the packages of an extra; not every release has all extras."""
     try:
         offered = importlib.metadata.metadata("lerobot").get_all("Provides-Extra") or []
     except importlib.metadata.PackageNotFoundError:

@@ -1,18 +1,18 @@
 """Client of openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
 
-The server speaks first, one map of metadata. Then each binary frame with an observation is answered by one with
-actions; a text frame is an error and ends the connection. There is no reset: every observation stands for itself.
-Facts: openpi's ``packages/openpi-client``.
+The server first sends one map of metadata. Then each binary frame with an observation is answered by one with actions;
+a text frame is an error and ends the connection. There is no reset: each observation is independent. Source: openpi's
+``packages/openpi-client``.
 
-Servers that have taken the protocol over differ in details, which are understood too. Arrays may be marked as
-msgpack-numpy does: in answers, and in requests if those of the metadata are or ``arrays=nd`` says so. vLLM-Omni
-(``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers the bare array of
-actions, reports an error as a map with ``type`` "error", and tells episodes apart by a ``session_id``, which is sent if
-its metadata say ``needs_session_id``.
+Other servers with this protocol differ in details, which are supported too. Arrays may be marked as by msgpack-numpy:
+in answers, and in requests if the metadata does so or ``arrays=nd`` is given. vLLM-Omni
+(``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers with the plain array
+of actions, and reports an error as a map with ``type`` "error". It distinguishes episodes by a ``session_id``, which is
+sent if its metadata contains ``needs_session_id``.
 
 Real-time chunking is not in openpi itself. Its fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``) and
-those like it take the rest of the old chunk as ``prev_action_chunk``, in the units in which they answer, with
-``inference_delay`` and ``execute_horizon``; with ``delay=N`` these are sent.
+similar servers take the rest of the old chunk as ``prev_action_chunk``, in the units of their answers, with
+``inference_delay`` and ``execute_horizon``. These are sent if ``delay=N`` is given.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ _SESSION = "session_id"
 
 
 class OpenpiClient(ServerClient[WebSocket]):
-    """A policy behind openpi's protocol; each environment has a client of its own."""
+    """A policy with openpi's protocol; each environment has its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        # What is wrong with the address itself is told before anybody is dialed.
+        # Errors in the address itself are reported before any server is dialed.
         super().__init__(address, adapter_of(address, NATIVE), seed=seed)
         self._max_bytes = max_bytes
         self._arrays: OpenpiArrays = address.choice("arrays", get_args(OpenpiArrays), "openpi")
@@ -69,12 +69,12 @@ class OpenpiClient(ServerClient[WebSocket]):
             raise address.error(
                 f"adapter {self.adapter.name} reads several arrays, and delay needs one", "Leave it out"
             )
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the whole chunk it brought
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and its whole chunk
         self._start: EpisodeStart | None = None
         self._trial: TrialId | None = None
         self._serves_expert = False
         self._server_s = 0.0
-        self._chosen: Adapter | None = None  # at the first handshake
+        self._chosen: Adapter | None = None  # set at the first handshake
         self.last_reply: dict[str, Any] = {}
         self._metadata: Mapping[str, Any] = {}
         self._within = False
@@ -89,7 +89,7 @@ class OpenpiClient(ServerClient[WebSocket]):
             needs_images=wants if isinstance(wants, bool) else None,
             cameras=looks_at if isinstance(looks_at, list) else None,
         )
-        # What the address says about playing chunks goes before what the server says, and that before the preset.
+        # For the execution of chunks, the address takes precedence over the server, and the server over the preset.
         told = read_execution(self._where, ours)
         if told is not None and not address.given(EXECUTION):
             info = replace(info, execution=told)
@@ -101,12 +101,12 @@ class OpenpiClient(ServerClient[WebSocket]):
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; the server is told by another ``session_id``, if it declares to need one."""
+        """Begin an episode; a server that needs it gets a new ``session_id``."""
         super().reset(start)
         self._start, self._server_s, self._session, self._last = start, 0.0, _new_session(), None
 
     def name_trial(self, trial: TrialId) -> None:
-        """Note which trial begins. Only a server that declares to serve an expert is told: it simulates the trial."""
+        """Note which trial begins. It is sent only to a server that declares an expert, which simulates the trial."""
         self._trial = trial
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -119,7 +119,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
         def exchange(connection: WebSocket, timeout_s: float) -> object:
             end = time.monotonic() + timeout_s
-            # The protocol numbers neither questions nor answers.
+            # The protocol numbers neither requests nor answers.
             connection.refuse_unasked()
             connection.send(frame, timeout_s)
             answer = connection.receive(end - time.monotonic())
@@ -139,7 +139,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         return actions
 
     def _continuation(self, step: int) -> dict[str, Any]:
-        """Return what is added to a request so that the new chunk continues the old one; empty without such a rest."""
+        """Return the entries of a request for real-time chunking; empty if the old chunk is used up."""
         if self._last is None or rows_left(*self._last, step=step) < self._delay:
             return {}
         horizon = self._address.execution(self.adapter.horizon).horizon
@@ -147,10 +147,10 @@ class OpenpiClient(ServerClient[WebSocket]):
         return {"prev_action_chunk": moved_up(*self._last, step=step), "inference_delay": self._delay, **executed}
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, read the metadata and compare; after a restart of the server it is done again."""
+        """Connect, read the metadata and compare conventions; repeated after a restart of the server."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
-        with connection.greeting("it took the connection and sent no metadata; is it an openpi server?"):
+        with connection.greeting("it accepted the connection but sent no metadata; is it an openpi server?"):
             frame = connection.receive(end - time.monotonic())
             self._agree(read_declared(self._where, frame, lambda given: self._read(given, (Mapping,))))
             if "arrays" not in self._address.options:
@@ -161,8 +161,8 @@ class OpenpiClient(ServerClient[WebSocket]):
         """Choose the adapter at the first handshake, and compare conventions at each."""
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
-        read_execution(self._where, declared)  # a malformed one is refused at every handshake
-        # A process of this run: what it says of the policy goes to the record, whoever asked where.
+        read_execution(self._where, declared)  # malformed declarations are refused at every handshake
+        # For a process of this run, the policy's declaration goes to the record instead of the server's address.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
@@ -172,7 +172,7 @@ class OpenpiClient(ServerClient[WebSocket]):
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            # The server speaks this layout too; how many columns an action has in it is the preset's business.
+            # The server supports this layout too; the preset defines how many columns an action has in it.
             columns = theirs.action_dim if adapter.answer.as_is else None
             theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)
@@ -182,21 +182,21 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._metadata = {str(k): v for k, v in metadata.items()}
 
     def _read(self, frame: bytes | str, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401 - one of the kinds
-        """Return the value in a frame; raise PolicyError if it is an error of the server's, or of another kind."""
+        """Return the value in a frame; raise PolicyError for an error of the server or a value of another type."""
         if isinstance(frame, str):
             if self._within:
                 raise PolicyError(printable(frame, most=_LONGEST_REASON))
-            raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'without a text'}")
+            raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no message'}")
         value = decode_openpi(frame)
         if not isinstance(value, kinds):
-            raise PolicyError(f"{self._where} sent a {type(value).__name__} in place of a map.")
+            raise PolicyError(f"{self._where} sent a {type(value).__name__} instead of a map.")
         if isinstance(value, Mapping) and isinstance(value.get("type"), str) and value["type"] == "error":
-            raise PolicyError(f"{self._where} reports an error: {one_line(value.get('message', 'without a text'))}")
+            raise PolicyError(f"{self._where} reports an error: {one_line(value.get('message', 'no message'))}")
         return value
 
 
 def _whole_chunk(given: object) -> np.ndarray:
-    """Return the chunk of an answer that has been read, (horizon, dim) float32."""
+    """Return the chunk of a parsed answer, (horizon, dim) float32."""
     array = np.asarray(given, dtype=np.float32)
     while array.ndim > 2:
         array = array[0]
@@ -204,5 +204,5 @@ def _whole_chunk(given: object) -> np.ndarray:
 
 
 def _new_session() -> str:
-    """Return a name that no other client of a server uses."""
+    """Return a name that no other client of the server uses."""
     return f"betterbench-{uuid4().hex}"

@@ -1,4 +1,4 @@
-"""Base classes of policies with an adapter, and of those behind a server."""
+"""Base classes of policies with an adapter, and of policies behind a server."""
 
 from __future__ import annotations
 
@@ -29,22 +29,21 @@ def describe_remote_policy(
     cameras: Sequence[object] | None = None,
     says_actions: bool = True,
 ) -> PolicyInfo:
-    """Return what a client says about its policy; it is stored with the run.
+    """Return a client's declaration of its policy, which is stored with the run.
 
-    ``needs_images`` is False if the server says that it looks at no image, None to tell from the adapter. A camera that
-    the adapter names is sent, and so rendered, all the same. ``cameras`` are those that the server says it looks at,
-    None for all. ``says_actions`` is False if the server declares nothing
-    about its actions: unless the address does, what they are taken for stands in the metadata as "assumed", and is told
-    before a run.
+    ``needs_images`` is False if the server declares that it uses no images, None to infer it from the adapter. A camera
+    in the adapter is rendered and sent anyway. ``cameras`` are those that the server declares to use, None for all.
+    ``says_actions`` is False if the server declares nothing about its actions. Unless the address does, the assumed
+    conventions are then stored in the metadata as "assumed" and reported before a run.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
     if not says_actions and not address.names_adapter:
         answer = adapter.answer
         metadata["assumed"] = (
-            f"policy server {address.scheme}://{address.target} does not declare what its actions mean; they are read "
-            f"as preset {adapter.name} does ({answer.space}, rotation {answer.rotation}, gripper {answer.gripper}). "
-            "Write ?preset=NAME or ?adapter=FILE to say so yourself."
+            f"policy server {address.scheme}://{address.target} does not declare its action conventions; they are read "
+            f"as in preset {adapter.name} ({answer.space}, rotation {answer.rotation}, gripper {answer.gripper}). "
+            "Add ?preset=NAME or ?adapter=FILE to confirm them."
         )
     for name, value in sorted(declared.items(), key=lambda item: str(item[0]))[:_MOST_ENTRIES]:
         metadata[f"server: {one_line(str(name)[:100])}"] = plain_text(value)
@@ -59,24 +58,24 @@ def describe_remote_policy(
 
 
 def plain_text(value: object) -> str:
-    """Return something that a server declared as a text of bounded length."""
+    """Return a declared value of a server as a text of bounded length."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
-    except TypeError:  # a map with keys that are not texts
+    except TypeError:  # a map with keys that are not strings
         text = str(value)
     whole = printable(text, most=_LONGEST_TEXT)
     if whole == text:
         return text
-    # The digest tells a resumed run that something beyond the cut, or that cannot be printed, has changed.
+    # The digest shows a resumed run that a part beyond the cut, or an unprintable part, has changed.
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
     return f"{printable(text[:_LONGEST_TEXT], most=_LONGEST_TEXT)}... (sha256 {digest})"
 
 
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
-    """Check that an episode wants actions of the kind that a policy gives; raise HandshakeError if it does not."""
+    """Raise HandshakeError if the action space of an episode differs from that of the policy."""
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
-            f"action space: the run asks for {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
+            f"action space: the run uses {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
             f"{space_cure(adapter.answer.space)}."
         )
 
@@ -87,15 +86,15 @@ class AdaptedPolicy:
     adapter: Adapter
     server: Declaration
     offered: Declaration | None = None
-    """This side's declaration in the server's vocabulary, where that differs from ours; None where it does not."""
+    """Declaration of this side in the server's vocabulary; None if the server uses ours."""
 
     @property
     def _compared(self) -> Declaration:
-        """Declaration that the conventions of a run are compared with."""
+        """Declaration with which the conventions of a run are compared."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's; raise a HandshakeError that names both if they differ."""
+        """Compare the conventions of a run with the policy's; raise a HandshakeError with both if they differ."""
         adapter, theirs = self.adapter, self._compared
         ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
         compare_declarations(ours, theirs)
@@ -108,13 +107,13 @@ class AdaptedPolicy:
         missing = [c for c in adapter.cameras if c != EVERY_CAMERA and c not in rendered]
         if missing:
             raise HandshakeError(
-                f"cameras: {theirs.who} is shown {', '.join(missing)} by adapter {adapter.name}, the run renders "
+                f"cameras: {theirs.who} needs {', '.join(missing)} by adapter {adapter.name}, the run renders "
                 f"{', '.join(sorted(rendered)) or 'none'}. Give --observation with them, or camera.KEY=NAME in the "
                 "address."
             )
         if adapter.depths and not observation.depth:
             raise HandshakeError(
-                f"depth: adapter {adapter.name} shows depth images, and the observation {observation.name} has none. "
+                f"depth: adapter {adapter.name} needs depth images, which the observation {observation.name} lacks. "
                 "In CALVIN, give --observation calvin_depth; elsewhere, remove depths from the adapter."
             )
         if adapter.control_rate_hz != rate_hz:
@@ -125,42 +124,41 @@ class AdaptedPolicy:
 
 
 class ServerClient(AdaptedPolicy, Generic[Connection]):
-    """A policy behind a server; each environment has a client of its own.
+    """A policy behind a server; each environment has its own client.
 
-    What a client raises when it is made is said at :func:`betterbench.policies.kinds.make_policy`. Its ``act``
-    raises PolicyError if the reply cannot be used or none came, and PolicyUnavailableError if the server cannot be
-    reached.
+    :func:`betterbench.policies.kinds.make_policy` lists the errors of a client's creation. Its ``act`` raises
+    PolicyError if no usable reply came, and PolicyUnavailableError if the server cannot be reached.
     """
 
     info: PolicyInfo
     feeds_back = False
-    """Whether the client sends a policy its own last answer
-    (:class:`betterbench.policies.conventions.adapter.Feedback`)."""
+    """Whether the client sends a policy its own last answer (see ``Feedback`` in
+    :mod:`betterbench.policies.conventions.adapter`)."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
-        """Prepare; a subclass opens the connection when it is ready to compare conventions.
+        """Prepare the client; a subclass opens the connection when it is ready to compare conventions.
 
         The seed is that of the jitter between attempts.
         """
         if adapter.feedback is not None and not self.feeds_back:
             raise address.error(
-                f"adapter {adapter.name} shows the policy its last answer, which is offered for http:// alone",
+                f"adapter {adapter.name} sends the policy its last answer, which only http:// supports",
                 "Leave feedback out of the adapter",
             )
         self._address, self._where = address, address.server_name
         self._key = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
         self.adapter, self.server = adapter, Declaration(self._where)
         self._connection = PolicyConnection(self._where, self._dial, ConnectionLimits.of(address, seed=seed))
-        self._declared: dict[str, str] | None = None  # at the first handshake
+        self._declared: dict[str, str] | None = None  # set at the first handshake
 
     def _dial(self, timeout_s: float) -> Connection:
-        """Connect and compare conventions within a time [s]; after a restart of the server it is done again."""
+        """Connect and compare conventions within a time [s]; repeated after a restart of the server."""
         raise NotImplementedError
 
     def _require_same(self, declared: Mapping[Any, Any]) -> None:
-        """Compare what the server declares with what it declared first.
+        """Compare the server's declaration with its first declaration.
 
-        Raises HandshakeError, with both values, if it has come back as another one: two checkpoints would share a run.
+        Raises HandshakeError with both values if they differ, because two checkpoints would share a run.
         """
         told = {str(name): plain_text(value) for name, value in declared.items()}
         before, self._declared = self._declared or told, self._declared or told
@@ -168,9 +166,9 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
             if before.get(name) != told.get(name):
                 was, now = (one_line(side.get(name, "nothing"), most=200) for side in (before, told))
                 raise HandshakeError(
-                    f"{self._where} has come back as another one: {one_line(name, most=100)} was {was} and is {now}. "
-                    "Start the first one and run the same command again, or give --allow-changed-policy to go on with "
-                    "both in one run."
+                    f"{self._where} has changed after a restart: {one_line(name, most=100)} was {was} and is now "
+                    f"{now}. Start the first one and run the same command again, or give --allow-changed-policy to "
+                    "continue with both in one run."
                 )
 
     @property
@@ -179,7 +177,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         return self._connection.figures
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; raise HandshakeError if it wants actions of another kind."""
+        """Begin an episode; raise HandshakeError if the episode uses another action space."""
         check_start(self.adapter, start, self._where)
         self._connection.count_anew()
 

@@ -19,15 +19,15 @@ _SETTLE_S = 0.002
 
 
 class RequestClient:
-    """Socket to one server, to which it looks like a REQ socket: it sends an empty frame and then the question.
+    """Socket to one server that behaves like a REQ socket: it sends an empty frame and then the request.
 
-    A REQ socket silently discards a reply that it did not ask for, if that comes early enough. This client refuses it.
-    After an OSError, close the client and make another one: a late reply to the old client then cannot be taken for the
-    answer to the next question.
+    A REQ socket silently discards an unexpected reply that arrives early enough. This client refuses it. After an
+    OSError, close the client and make another one: then a late reply cannot be taken for the answer to the next
+    request.
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
-        """Connect; raise OSError if nobody listens, which ZeroMQ does not tell: it connects in the background."""
+        """Connect; raise OSError if no server listens, which ZeroMQ itself would not report."""
         self.where = f"{f'[{host}]' if ':' in host else host}:{port}"
         try:
             socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()
@@ -39,7 +39,7 @@ class RequestClient:
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
         self._socket.setsockopt(zmq.IPV6, int(":" in host))
-        # Tells at once when the server goes away, which ZeroMQ would hide until the deadline.
+        # Reports at once that the server has gone, which ZeroMQ would hide until the deadline.
         self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._answered_at = 0.0
         self._poller = zmq.Poller()
@@ -54,16 +54,16 @@ class RequestClient:
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
         """Send a frame and return the answer.
 
-        Raises OSError if no answer came in time, the server went away or has sent something unasked, PolicyError if
-        the answer is not a single frame.
+        Raises OSError if no answer came in time, the server disconnected or sent an unexpected message, and PolicyError
+        if the answer is not a single frame.
         """
         deadline = time.monotonic() + timeout_s
         with self._busy:
             try:
-                # A second answer comes right after the first one, and would be taken for that to this question.
+                # A second answer would arrive right after the first one and be taken for the answer to this request.
                 settled = self._answered_at + _SETTLE_S - time.monotonic()
                 if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
-                    raise ConnectionError("it sent an answer that nobody asked for")
+                    raise ConnectionError("it sent an unexpected answer")
                 self._socket.send_multipart([b"", frame])
                 self._wait(deadline, timeout_s)
                 empty, *parts = self._socket.recv_multipart()
@@ -78,7 +78,7 @@ class RequestClient:
         return parts[0]
 
     def _wait(self, deadline: float, timeout_s: float) -> None:
-        """Return when an answer is there."""
+        """Wait until an answer has arrived."""
         while True:
             left = deadline - time.monotonic()
             ready = dict(self._poller.poll(max(0, math.ceil(1000.0 * min(left, _GLANCE_S)))))
@@ -87,18 +87,18 @@ class RequestClient:
             if self._ended.is_set():
                 raise ConnectionError("the connection was closed on this side")
             if self._monitor in ready:
-                # ZeroMQ drops it itself when an answer is too large, and does not tell which it was.
+                # ZeroMQ itself drops the connection if an answer is too large, and does not report the cause.
                 raise ConnectionError(
-                    f"the connection was dropped by the server, or for an answer of more than {MAX_FRAME_BYTES} bytes"
+                    f"the connection was closed by the server, or because an answer exceeds {MAX_FRAME_BYTES} bytes"
                 )
             if left <= 0.0:
                 raise TimeoutError(f"no answer within {timeout_s:.3g} s")
 
     def close(self) -> None:
-        """Throw the socket away; harmless when that was done already.
+        """Close the socket; harmless if it is already closed.
 
-        A socket belongs to one thread at a time: while another one waits for an answer, that one is told to stop, and
-        throws it away.
+        A socket belongs to one thread at a time. If another thread waits for an answer, that thread is told to stop and
+        to close the socket.
         """
         self._ended.set()
         if self._busy.acquire(timeout=10.0 * _GLANCE_S):

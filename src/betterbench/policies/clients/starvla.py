@@ -1,8 +1,8 @@
 """Client of starVLA's websocket server: ``starvla://host:port``.
 
-The server speaks first, one map of metadata. Then each request, a map of type, identifier and payload, is answered by
-one with the same identifier; a text frame is an error and ends the connection. A payload holds a list of examples, so
-one request asks for many environments. Arrays are marked as in openpi's dialect. Facts: starVLA,
+The server first sends one map of metadata. Then each request, a map of type, identifier and payload, is answered by a
+map with the same identifier; a text frame is an error and ends the connection. A payload contains a list of examples,
+so one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
 ``deployment/model_server``.
 """
 
@@ -29,7 +29,7 @@ from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 
 ExampleLayout = Literal["payload", "flat"]
-"""Layout of a request: examples in its payload, or at the top level beside its type, as the first servers expect."""
+"""Layout of a request: examples in its payload, or at the top level beside its type as in the first servers."""
 
 _IMAGES = "image"
 _MOST_STRAYS = 64
@@ -50,7 +50,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         self.info = describe_remote_policy(address, self.adapter, declared, says_actions=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; there is nothing to forget."""
+        """Begin an episode in one of the environments; there is no state to reset."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -58,7 +58,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments, asked for in one request."""
+        """Return the next actions of several environments, from one request."""
         payload: dict[str, Any] = {"examples": [self._example(observation) for observation in observations]}
         for constant in self.adapter.constants:
             set_entry(payload, constant.key, constant.value)
@@ -102,13 +102,13 @@ class StarVlaClient(ServerClient[WebSocket]):
         raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
 
     def _data(self, reply: Mapping[Any, Any]) -> Mapping[Any, Any]:
-        """Return what an answer holds; raise PolicyError if it is an error of the server's."""
+        """Return the data of an answer; raise PolicyError if the server reports an error."""
         data, status = reply.get("data"), reply.get("status")
         if not isinstance(status, str) or status != "ok" or not isinstance(data, Mapping):
             error = reply.get("error", data.get("error") if isinstance(data, Mapping) else None)
             told = error.get("message") if isinstance(error, Mapping) else error
             text = ("" if told is None else one_line(told)) or "no text"
-            hint = " An older server wants layout=flat." if "'examples'" in text and self._layout == "payload" else ""
+            hint = " Older servers need layout=flat." if "'examples'" in text and self._layout == "payload" else ""
             raise PolicyError(f"{self._where} reports an error: {text}{hint}")
         return data
 
@@ -117,8 +117,8 @@ class StarVlaClient(ServerClient[WebSocket]):
         names = dict.fromkeys(key[0] for key in self.adapter.answer.columns)
         if "normalized_actions" in data and not all(name in data for name in names):
             raise PolicyError(
-                f"{self._where} answers normalized actions, which its own clients scale with the statistics of the "
-                "checkpoint. Update starVLA: its newer servers do that themselves."
+                f"{self._where} answers with normalized actions, which need the statistics of the "
+                "checkpoint. Update starVLA: newer servers unnormalize the actions themselves."
             )
         arrays = {}
         for name in names:
@@ -135,20 +135,20 @@ class StarVlaClient(ServerClient[WebSocket]):
         return [{name: array[i] for name, array in arrays.items()} for i in range(count)]
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect and read the metadata; after a restart of the server it is compared with what it was."""
+        """Connect and compare the metadata with the first connection's; repeated after a restart of the server."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key)
-        with connection.greeting("it took the connection and sent no metadata; is it a starVLA server?"):
+        with connection.greeting("it accepted the connection but sent no metadata; is it a starVLA server?"):
             metadata = read_declared(self._where, connection.receive(end - time.monotonic()), self._read)
             self._require_same(metadata)
             self._metadata = metadata
         return connection
 
     def _read(self, frame: bytes | str) -> Mapping[Any, Any]:
-        """Return the map in a frame; raise PolicyError if it is an error of the server's, or no map."""
+        """Return the map in a frame; raise PolicyError for an error of the server or a frame that is not a map."""
         if isinstance(frame, str):
-            raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no text'}")
+            raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no message'}")
         value = decode_openpi(frame)
         if not isinstance(value, Mapping):
-            raise PolicyError(f"{self._where} sent a {type(value).__name__} in place of a map.")
+            raise PolicyError(f"{self._where} sent a {type(value).__name__} instead of a map.")
         return value

@@ -1,7 +1,7 @@
-"""Client of vla-evaluation-harness: ``vla-eval://host:port``, some twenty families of models behind one protocol.
+"""Client of vla-evaluation-harness: ``vla-eval://host:port``, about twenty model families with one protocol.
 
-Messages are maps of type, payload, sequence number and time. Both sides say hello; then an episode is started, every
-observation is answered by an action with its number, and the episode is ended. Facts: ``vla_eval/protocol`` and
+Messages are maps of type, payload, sequence number and time. Both sides send a hello. Then an episode is started, every
+observation is answered by an action with the same number, and the episode is ended. Source: ``vla_eval/protocol`` and
 ``vla_eval/model_servers/serve.py`` of the package vla-eval.
 """
 
@@ -34,7 +34,7 @@ from betterbench.policies.protocols.wire import MAX_FRAME_BYTES, ImageCoding, de
 from betterbench.version import __version__
 
 PROTOCOL_VERSION = 1
-"""Version of the protocol that is spoken here."""
+"""Supported version of the protocol."""
 
 _MOST_STRAYS = 64
 _ROTATIONS = {
@@ -54,7 +54,7 @@ _GRIPPERS = {
     "closed_at_least": ("binary_close_01", "continuous_01"),
 }
 _SIGNED = ("binary_close_positive",)
-"""Gripper formats of a fraction with threshold 0, which is decided by its sign."""
+"""Gripper formats of a fraction with threshold 0, so that the sign decides."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
@@ -72,7 +72,7 @@ _MessageKind = Literal["hello", "observation", "action", "episode_start", "episo
 
 
 class VlaEvalClient(ServerClient[WebSocket]):
-    """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own."""
+    """A policy with the protocol of vla-evaluation-harness; each environment has its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
         super().__init__(address, adapter_of(address, VLA_EVAL), seed=seed)
@@ -92,7 +92,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         )
 
     def reset(self, start: EpisodeStart) -> None:
-        """End the last episode and begin one; the server learns the instruction and nothing else of the trial."""
+        """End the last episode and begin one; of the trial, the server gets only the instruction."""
         super().reset(start)
         self._end_episode()
         self._start, self._asked = start, 0
@@ -105,7 +105,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
             if self._running_on is not connection and self._start is not None:
-                # The connection is new since the episode began, and the server knows nothing of the episode.
+                # This connection was made after the episode began, so the server does not know the episode.
                 self._begin_episode(connection, timeout_s)
             sent = self._send(connection, "observation", payload, timeout_s)
             return self._reply(connection, sent, end)
@@ -116,7 +116,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
     @property
     def _compared(self) -> Declaration:
-        """Nothing: what the server declares is in the harness's words, which the handshake has compared."""
+        """None: the handshake has already compared the server's declaration, which uses the harness's names."""
         return Declaration(self._where)
 
     def close(self) -> None:
@@ -125,7 +125,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         super().close()
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, say hello and compare; after a restart of the server it is done again."""
+        """Connect, exchange hellos and compare; repeated after a restart of the server."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         said = {
@@ -133,18 +133,18 @@ class VlaEvalClient(ServerClient[WebSocket]):
             "protocol_version": PROTOCOL_VERSION,
             "benchmark": "betterbench",
         }
-        with connection.greeting("it took the connection and answers no hello; is it a vla-eval server?"):
+        with connection.greeting("it accepted the connection but did not answer the hello; is it a vla-eval server?"):
             sent = self._send(connection, "hello", said, timeout_s)
             self._agree(self._reply(connection, sent, end, expected="hello"))
         return connection
 
     def _agree(self, hello: Mapping[Any, Any]) -> None:
-        """Shape the adapter by what the server asks for, and compare conventions."""
+        """Adapt the adapter to the server's requests, and compare conventions."""
         version = hello.get("protocol_version")
         if not isinstance(version, int) or version != PROTOCOL_VERSION:
             raise HandshakeError(
-                f"{self._where} speaks version {one_line(version, most=20)} of the protocol, "
-                f"this side {PROTOCOL_VERSION}."
+                f"{self._where} uses version {one_line(version, most=20)} of the protocol, "
+                f"betterbench uses {PROTOCOL_VERSION}."
             )
         adapter = shaped_by(self._wanted, self._where, hello, chosen=self._address.names_adapter)
         theirs, ours = declare_specs(self._where, hello, adapter)
@@ -159,7 +159,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         self._running_on = connection
 
     def _end_episode(self) -> None:
-        """Tell the server that the episode is over, if it is still connected; the policy must not learn the outcome."""
+        """Report the end of the episode to a connected server; the policy must not learn the outcome."""
         connection, self._running_on = self._running_on, None
         if connection is None or not self._connection.holds(connection):
             return
@@ -178,7 +178,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
     def _reply(
         self, connection: WebSocket, sent: int, end: float, *, expected: _MessageKind = "action"
     ) -> Mapping[Any, Any]:
-        """Return the payload of the answer to message number ``sent``; errors about earlier messages come before."""
+        """Return the payload of the answer to message number ``sent``; errors about earlier messages may come first."""
         for _ in range(_MOST_STRAYS):
             frame = connection.receive(end - time.monotonic())
             message = self._decoded(frame, declares=expected == "hello") if isinstance(frame, bytes) else None
@@ -202,14 +202,14 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
 
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
-    """Return the adapter without what a server does not ask for.
+    """Return the adapter without the entries that a server does not request.
 
-    The harness sends the wrist camera and the state to servers that ask for them, by ``observation_params`` or by
-    naming a component in ``observation_spec``, and some servers take all that they are sent; so nothing is sent
-    unasked. If the address chose the adapter, all of it is sent that the server does not decline.
+    The harness sends the wrist camera and the state only to servers that request them, by ``observation_params`` or by
+    a component in ``observation_spec``. Some servers use every entry they get, so only requested entries are sent. If
+    the address chose the adapter, all its entries are sent except those that the server declines.
 
     Raises:
-        HandshakeError: If its specs are malformed, or it asks for absolute actions and the adapter reads deltas.
+        HandshakeError: If its specs are malformed, or it requests absolute actions and the adapter reads deltas.
     """
     parameters = hello.get("observation_params")
     if not isinstance(parameters, Mapping):
@@ -222,7 +222,7 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
             "rotation format of the model, and --action-space ee_pose",
         }.get(adapter.answer.space, "Give an adapter that reads absolute poses")
         raise HandshakeError(
-            f"action: the server answers absolute poses, adapter {adapter.name} reads {adapter.answer.space}. {cure}."
+            f"action: the server gives absolute poses, adapter {adapter.name} reads {adapter.answer.space}. {cure}."
         )
     if parameters.get("send_wrist_image", chosen or len(_images(seen)) > 1) is False:
         adapter = replace(adapter, views=tuple(v for v in adapter.views if v.key[-1] not in _WRIST_KEYS))
@@ -234,20 +234,21 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
 
 
 def _unshortened(rule: StateRule) -> StateRule:
-    """Return a state with the rotation vector as robosuite makes it, for servers that ask for ``quat_no_antipodal``."""
+    """Return a state with the rotation vector as robosuite computes it, for ``quat_no_antipodal``."""
     parts: list[StatePart] = ["ee_axis_angle" if part == "ee_axis_angle_short" else part for part in rule.parts]
     return replace(rule, parts=tuple(parts))
 
 
 def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
-    """Return what a server declares and what the adapter offers, in words that can be compared.
+    """Return what a server declares and what the adapter offers, in a common vocabulary.
 
-    As in the harness, a format ``raw`` promises nothing, and ranges are not conventions: its own constant for rotation
-    vectors allows +-3.15 for numbers that are scaled to +-1. Names of images are its users' business, since servers
-    take them in order; how many there are is compared.
+    As in the harness, a format ``raw`` declares nothing, and ranges are not compared: the harness's own constant for
+    rotation vectors allows +-3.15 for numbers that are scaled to +-1. Names of images are not compared either, because
+    servers take images in order; their number is compared.
 
     Raises:
-        HandshakeError: If its specs are malformed, or it answers joints and the adapter reads something else.
+        HandshakeError: If its specs are malformed, or it answers with joints and the adapter reads another action
+            space.
     """
     action, seen = _specs(who, hello, "action_spec"), _specs(who, hello, "observation_spec")
     answer = adapter.answer
@@ -255,11 +256,11 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     declared = _format(action, "joints")
     if declared not in (None, _JOINTS.get(answer.space)):
         raise HandshakeError(
-            f"action: {who} answers joints as {declared!r}, adapter {adapter.name} reads {answer.space}. "
+            f"action: {who} answers with joints as {declared!r}, adapter {adapter.name} reads {answer.space}. "
             "Give adapter=FILE that reads joints, and --action-space with it."
         )
     position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
-    # Where a format of theirs is one that we mean, it stands on both sides; else each side has its own word.
+    # A format that both sides know gets the same name on both sides; otherwise each side keeps its own name.
     told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
     meant = {
         "position": () if position is None else (position,),
@@ -316,6 +317,6 @@ def _images(specs: Mapping[str, _Spec]) -> list[str]:
 
 
 def _format(specs: Mapping[str, _Spec], name: str) -> str | None:
-    """Return the format that a component is declared in, or None where nothing is promised."""
+    """Return the declared format of a component, or None if it declares nothing."""
     told = specs[name].format if name in specs else None
     return None if told == _RAW else told

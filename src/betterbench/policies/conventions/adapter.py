@@ -1,4 +1,4 @@
-"""Adapters: a policy's inputs and the reading of its answers, as data that can be stored, compared and declared."""
+"""Adapters: the mapping of observations to a policy's inputs and of its answers to actions, as storable data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.policies.conventions.proprioception import StateRule
 from betterbench.tasks import TrialId
 
 PANDA_OPENING_M = 0.08
-"""Distance of the pads of a fully open Franka gripper [m]."""
+"""Opening width of a fully open Franka gripper [m]."""
 
 CONTROL_RATE_HZ = 20.0
 """Control rate of the suite [Hz]."""
@@ -32,7 +32,7 @@ class InstructionRule:
 
     Attributes:
         depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
-        template: Sentence that the policy was trained with, in which ``{}`` is the instruction.
+        template: Sentence template of the training data, in which ``{}`` is the instruction.
     """
 
     key: tuple[str, ...]
@@ -49,11 +49,11 @@ class InstructionRule:
             )
 
     def write(self, instruction: str) -> str:
-        """Return the text that is sent."""
+        """Return the text to send."""
         return self.template.replace("{}", instruction)
 
     def read(self, text: str) -> str:
-        """Return the instruction in a text that was sent; a text that does not follow the template is one itself."""
+        """Return the instruction in a sent text; a text that does not match the template is returned unchanged."""
         before, _, after = self.template.partition("{}")
         follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
         return text[len(before) : len(text) - len(after)] if follows else text
@@ -65,8 +65,7 @@ class ConstantRule:
     """Constant entry of every request, such as the name of a normalization.
 
     Attributes:
-        value: Value that is sent; None for an entry without a safe default, which the address has to give
-            (``send.KEY=``).
+        value: Value to send; None for an entry without a safe default, which the address must give (``send.KEY=``).
     """
 
     key: tuple[str, ...]
@@ -76,7 +75,7 @@ class ConstantRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DepthRule:
-    """A depth image that a policy is shown, (height, width) float32 [m], as large as it is drawn."""
+    """A depth image among a policy's inputs, (height, width) float32 [m], in its rendered size."""
 
     key: tuple[str, ...]
     camera: str
@@ -85,12 +84,12 @@ class DepthRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """State whose first values are taken from the policy's own last answer, once it has given one.
+    """State whose first values are replaced by the policy's own last answer, from the second request on.
 
     Attributes:
         state_key: Key of the state.
         answer_key: Key of the answer.
-        size: Number of values of the last played row that replace the first ones of the state.
+        size: Number of values of the last executed row that replace the first values of the state.
     """
 
     state_key: tuple[str, ...]
@@ -101,23 +100,23 @@ class Feedback:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """Conversion of observations into a policy's inputs, and of its answers into actions.
+    """Mapping of observations to a policy's inputs, and of its answers to actions.
 
     Statistics and normalization stay with the server.
 
     Attributes:
         leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
-        ee_offset_m: Added to the position of the end effector in the robot's base frame, for a policy with another
-            origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
-        tool_offset_m: The policy's tool point in the frame of ours, for positions in states and absolute poses; that
-            of LIBERO is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are played about our own point.
-        gripper_opening_m: Distance of the pads that counts as fully open [m].
-        episode_key: Key under which our own servers get the start of the episode, or None.
+        ee_offset_m: Offset added to the position of the end effector in the robot's base frame, for a policy with
+            another origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
+        tool_offset_m: The policy's tool point in the tool frame of betterbench, for positions in states and absolute
+            poses. That of LIBERO is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are applied at our own
+            point.
+        gripper_opening_m: Opening width that counts as fully open [m].
+        episode_key: Key under which servers of betterbench get the start of the episode, or None.
         constants: Entries that are the same in every request.
-        depths: Depth images, for a run that draws them (``--observation calvin_depth``); not for GR00T.
-        feedback: State that holds the policy's own last answer, or None; used by ``POST /act`` only.
-        horizon: Actions of a chunk that are executed unless the server or the address says otherwise, as the policy's
-            own client does; None for all.
+        depths: Depth images, for a run that renders them (``--observation calvin_depth``); not for GR00T.
+        feedback: State that contains the policy's own last answer, or None; used by ``POST /act`` only.
+        horizon: Default number of executed actions of a chunk, as in the policy's own client; None for all.
     """
 
     name: str
@@ -163,7 +162,7 @@ class Adapter:
                 )
         for name in ("gripper_opening_m", "control_rate_hz"):
             if not 0.0 < getattr(self, name) < float("inf"):
-                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give more than 0")
+                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give a number above 0")
         for name, offset in (("ee_offset_m", self.ee_offset_m), ("tool_offset_m", self.tool_offset_m)):
             if not all(abs(v) < 100.0 for v in offset):
                 raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give meters")
@@ -174,11 +173,11 @@ class Adapter:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The cameras that it needs, each once; ``*`` for all there are."""
+        """The required cameras, each once; ``*`` for all cameras."""
         return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return exactly the images that the policy is shown, by key of the request: (height, width, 3) uint8.
+        """Return exactly the images among the policy's inputs, by key of the request: (height, width, 3) uint8.
 
         Raises PolicyError if the run does not render a camera that is needed.
         """
@@ -188,14 +187,14 @@ class Adapter:
                 if camera not in observation.images:
                     there = ", ".join(observation.images) or "none"
                     raise PolicyError(
-                        f"adapter {self.name} wants the camera {camera!r}, and the run renders {there}. "
+                        f"adapter {self.name} needs the camera {camera!r}, but the run renders {there}. "
                         f"Give --observation with it, or camera.{'/'.join(rule.key)}=NAME in the policy's address."
                     )
                 shown[rule.named(camera)] = rule.show(observation.images[camera])
         return shown
 
     def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
-        """Return one of its states: (size,) of the type that the policy wants, or a number for a scalar."""
+        """Return one of its states: (size,) of the required type, or a number for a scalar."""
         return rule.read(
             observation,
             ee_offset_m=self.ee_offset_m,
@@ -206,10 +205,10 @@ class Adapter:
     def request(
         self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
     ) -> dict[str, Any]:
-        """Return the message that asks a policy for actions; an entry is nested where its key has several names.
+        """Return the request for actions; entries are nested if their key has several names.
 
-        The trial is for a server that simulates it itself (a served expert); ``start`` is used only with an
-        ``episode_key``. Raises PolicyError if the run does not render a camera that is needed.
+        The trial is for a server that simulates it (a served expert); ``start`` is used only with an ``episode_key``.
+        Raises PolicyError if the run does not render a required camera.
         """
         message: dict[str, Any] = {}
         for key, image in self.images(observation).items():
@@ -217,7 +216,7 @@ class Adapter:
         for depth in self.depths:
             if depth.camera not in observation.depth:
                 raise PolicyError(
-                    f"adapter {self.name} wants the depth of the camera {depth.camera!r}, and the run draws none. "
+                    f"adapter {self.name} needs the depth of the camera {depth.camera!r}, but the run renders none. "
                     "In CALVIN, give --observation calvin_depth."
                 )
             drawn = observation.depth[depth.camera]
@@ -238,9 +237,9 @@ class Adapter:
         return message
 
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
-        """Return the actions that a reply means, (horizon, dim) float64 in the action space ``answer.space``.
+        """Return the actions in a reply, (horizon, dim) float64 in the action space ``answer.space``.
 
-        Raises a PolicyError that names the key and what it holds, if the reply cannot be read.
+        Raises a PolicyError that names the key and its value if the reply cannot be read.
         """
         if not isinstance(reply, Mapping):
             raise PolicyError(f"the reply is a {type(reply).__name__}, not a map with actions.")
@@ -253,20 +252,20 @@ class Adapter:
         )
 
     def named(self, reply: object, who: str) -> Mapping[Any, Any]:
-        """Return a map of an answer: the answer, or what is not a map under the one key that the actions stand at.
+        """Return an answer as a map; a value that is not a map is stored under the single key of the actions.
 
-        Raises PolicyError if the actions are looked for under several keys.
+        Raises PolicyError if the actions are expected under several keys.
         """
         if isinstance(reply, Mapping):
             return reply
         keys = list(self.answer.columns)
         if len(keys) > 1 or len(keys[0]) > 1:
             wanted = ", ".join("/".join(key) for key in keys)
-            raise PolicyError(f"{who} answers an array, and adapter {self.name} reads {wanted}.")
+            raise PolicyError(f"{who} answers with an array, but adapter {self.name} reads {wanted}.")
         return {keys[0][0]: reply}
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
-        """Return what a policy with this adapter would answer to mean these actions."""
+        """Return the answer of a policy with this adapter that corresponds to these actions."""
         message: dict[str, Any] = {}
         written = self.answer.write(
             actions,
@@ -300,8 +299,8 @@ class Adapter:
     def in_space(self, space: str) -> Adapter:
         """Return the adapter with answers in another action space.
 
-        Raises UnknownNameError if there is none of that name, InvalidInputError if its columns do not make such an
-        action.
+        Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not form
+        such an action.
         """
         return replace(self, answer=self.answer.in_space(space))
 
@@ -314,14 +313,14 @@ class Adapter:
     def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
         """Read the JSON form.
 
-        Raises InvalidInputError if a field is missing, unknown or malformed, UnknownNameError for an unknown action
+        Raises InvalidInputError if a field is missing, unknown or malformed, and UnknownNameError for an unknown action
         space.
         """
         return read_form(_ADAPTER, _longer(form), where=where, cure=_CURE)
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
-        """Read an adapter from a JSON file; raise InvalidInputError if it cannot be read; the text names the field."""
+        """Read an adapter from a JSON file; raise InvalidInputError with the name of the field if it cannot be read."""
         where = f"adapter {path}"
         form = read_form(
             _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE
@@ -331,13 +330,13 @@ class Adapter:
 
 _ANYTHING = TypeAdapter(dict[str, Any])
 _MAX_BYTES = 1_000_000
-_CURE = "Write it as docs/policies.md and docs/calvin.md show, or as better doctor --policy P --json prints it"
+_CURE = "See the examples in docs/policies.md and docs/calvin.md, or run better doctor --policy P --json"
 _ADAPTER = TypeAdapter(Adapter)
 _KEYS = ("key", "episode_key", "state_key", "answer_key")
 
 
 def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
-    """Set an entry of a message, making the maps on the way to it."""
+    """Set an entry of a message, creating the nested maps of its key."""
     *way, last = key
     for name in way:
         message = message.setdefault(name, {})
@@ -345,12 +344,12 @@ def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> N
 
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return a JSON form with keys of one name as strings."""
+    """Return a JSON form in which keys of one name are strings."""
     return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 
 def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return a JSON form with keys as lists."""
+    """Return a JSON form in which all keys are lists."""
     return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
 
 

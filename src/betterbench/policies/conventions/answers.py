@@ -1,4 +1,4 @@
-"""Reading of a policy's answer as actions: the meaning of its columns, their units, frame and gripper polarity."""
+"""Mapping of a policy's answer to actions: the meaning of its columns, their units, frame and gripper polarity."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ AnswerKind = Literal[
     "gripper",
     "unused",
 ]
-"""Meaning of some columns of an answer: a whole action in our format, or one part of it.
+"""Meaning of some columns of an answer: a whole action in the format of betterbench, or one part of it.
 
-The translation of an absolute pose is its position. A translation, and a rotation of three numbers, may come axis by
-axis: ``rotation_x`` is the first number of the rotation's format, so the x of a rotation vector, or the roll."""
+The translation of an absolute pose is its position. A translation, and a rotation of three numbers, may be given axis
+by axis: ``rotation_x`` is the first number of the rotation's format, the x of a rotation vector or the roll."""
 
 Polarity = Literal[
     "close_positive",
@@ -51,10 +51,10 @@ Polarity = Literal[
 ]
 """Convention of the gripper value in an answer.
 
-``close_positive`` and ``open_positive`` pass the number on, and its sign decides. The others begin with a share, 1 for
-closed or 1 for open. ``closed_fraction`` closes above the threshold and opens otherwise, ``closed_at_least`` closes at
-the threshold too, ``open_fraction`` opens above it and closes otherwise. ``open_sign`` is the sign of 1 - 2 g, so that
-exactly a half leaves the gripper as it is. ``closed_linear`` and ``open_linear`` pass on 2 g - 1 and 1 - 2 g.
+``close_positive`` and ``open_positive`` pass the number on, and its sign decides. The others are fractions, with 1 for
+closed or 1 for open. ``closed_fraction`` closes above the threshold and opens otherwise, ``closed_at_least`` also
+closes at the threshold, ``open_fraction`` opens above it and closes otherwise. ``open_sign`` is the sign of 1 - 2 g, so
+that exactly 0.5 keeps the gripper unchanged. ``closed_linear`` and ``open_linear`` pass on 2 g - 1 and 1 - 2 g.
 """
 
 _DELTAS = ("ee_delta", "ee_delta_measured")
@@ -63,7 +63,7 @@ _OPENS_POSITIVE = frozenset(name for name in WORLD_ACTION_SPACES if name.startsw
 """Action spaces in which a positive gripper opens."""
 
 _ADDS_ANGLES = ("calvin_relative", "calvin_delta")
-"""Action spaces whose rotations are angles that are added to those of the last pose."""
+"""Action spaces whose rotations are angles added to those of the last pose."""
 
 _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_relative": "rpy",
@@ -72,7 +72,7 @@ _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_absolute_quaternion": "quaternion_xyzw",
     "libero_absolute": "axis_angle",
 }
-"""Rotation format of the action spaces of foreign worlds."""
+"""Rotation format of the action spaces that only other worlds play."""
 
 _OF_THE_SPACE: Any = None
 """Default of a convention that is taken from the action space."""
@@ -87,11 +87,11 @@ _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
-    """Columns of an answer that belong together, and their meaning.
+    """Adjacent columns of an answer with one meaning.
 
     Attributes:
-        key: Path of their array in the reply. Parts with the same key follow each other in its columns.
-        size: Number of columns; None for the number that the kind needs.
+        key: Path of the array in the reply. Parts with the same key are consecutive columns of one array.
+        size: Number of columns; None for the natural number of the kind.
     """
 
     key: tuple[str, ...]
@@ -102,20 +102,20 @@ class AnswerPart:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
-    """Reading of a policy's answer as actions: its columns, frame, units and gripper convention.
+    """Mapping of a policy's answer to actions: its columns, frame, units and gripper convention.
 
-    The rotation format, the units and the gripper's polarity are those of the action space where they are left out: an
-    answer in ``calvin_relative`` is then played number for number.
+    By default, rotation format, units and gripper polarity are those of the action space: the numbers of an answer in
+    ``calvin_relative`` are then executed unchanged.
 
     Attributes:
-        frame: Frame of a delta: that of the robot's base, or that of the tool at the time of each step.
-        translation_unit_m: Translation of a delta of 1 [m]: 0.05 as LIBERO scales, 1 for meters.
+        frame: Frame of a delta: the robot's base frame, or the tool frame at each step.
+        translation_unit_m: Translation of a delta of 1 [m]: 0.05 as scaled in LIBERO, 1 for meters.
         rotation_unit_rad: Rotation of a delta of 1 in a rotation vector or in angles [rad].
         joint_unit_rad: Rotation of a joint step of 1 [rad].
-        step_rate_hz: Control rate that the deltas were made for [Hz], if they are to be played as velocities at ours;
-            None if one answer is one step at any rate.
-        gripper_threshold: Share above which ``closed_fraction`` closes and ``open_fraction`` opens.
-        precision: Type to which the policy's own client rounds an action before it is played.
+        step_rate_hz: Control rate of the training data [Hz], if deltas are to be executed as velocities at the control
+            rate of the run; None if one answer is one step at any rate.
+        gripper_threshold: Fraction above which ``closed_fraction`` closes and ``open_fraction`` opens.
+        precision: Type to which the policy's own client rounds an action before its execution.
     """
 
     space: str = "ee_delta"
@@ -131,7 +131,7 @@ class AnswerRule:
     precision: Literal["float64", "float32"] = "float64"
 
     def __post_init__(self) -> None:
-        """Take the conventions of the action space where none are given; check that the parts make an action of it."""
+        """Fill in the conventions of the action space, and check that the parts form one of its actions."""
         for name, own in own_conventions(self.space).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, own)
@@ -181,7 +181,7 @@ class AnswerRule:
         if "rotation_x" in given and ROTATION_SIZES[self.rotation] != len(_BY_AXIS["rotation"]):
             raise InvalidInputError(
                 "answer: rotation",
-                f"{self.rotation} has {ROTATION_SIZES[self.rotation]} numbers and no three axes",
+                f"{self.rotation} has {ROTATION_SIZES[self.rotation]} numbers, not three axes",
                 "Use axis_angle or rpy, or read it whole",
             )
 
@@ -189,29 +189,30 @@ class AnswerRule:
         if self.as_is and not self._means_ours:
             raise InvalidInputError(
                 "answer",
-                "its numbers are actions of ours, which have one rotation format, unit, frame and gripper",
+                "its numbers are whole actions, which have fixed rotation format, units, frame and gripper",
                 "Leave rotation, units, frame and gripper out, or read its parts (translation, rotation, gripper)",
             )
         if self.frame == "tool" and self.space not in _DELTAS:
-            raise InvalidInputError("answer: frame", f"{self.space} knows no tool frame", "Use base")
+            raise InvalidInputError("answer: frame", f"{self.space} has no tool frame", "Use base")
         if self.space in _ADDS_ANGLES and self.rotation != "rpy":
             raise InvalidInputError(
-                "answer: rotation", f"{self.space} adds angles, and {self.rotation} has none", "Use rpy"
+                "answer: rotation", f"{self.space} adds angles, but {self.rotation} has none", "Use rpy"
             )
         if self.step_rate_hz is not None and self.space in WORLD_ACTION_SPACES:
             raise InvalidInputError(
-                "answer: step_rate_hz", f"{self.space} is played at the rate of its world", "Leave it out"
+                "answer: step_rate_hz", f"{self.space} runs at the rate of its world", "Leave it out"
             )
 
     @property
     def as_is(self) -> bool:
-        """Whether the answer holds whole actions in our format already."""
+        """Whether the answer already contains whole actions in the format of betterbench."""
         return any(part.kind == "action" for part in self.parts)
 
     def in_space(self, space: str) -> AnswerRule:
-        """Return the rule for another action space, in its own conventions if only a foreign world plays it.
+        """Return the rule for another action space, in its own conventions if only another world plays it.
 
-        Raises UnknownNameError if there is none of that name, InvalidInputError if its columns make no such action.
+        Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not form one
+        of its actions.
         """
         if space == self.space or space not in WORLD_ACTION_SPACES:
             return replace(self, space=space)
@@ -242,20 +243,20 @@ class AnswerRule:
         control_rate_hz: float,
         tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray:
-        """Return the actions that a reply means, (horizon, dim) float64 in our action space.
+        """Return the actions in a reply, (horizon, dim) float64 in the action space.
 
-        Rows with a number that is not finite stay recognizable: they come back with numbers that are not finite.
-        ``ee_offset_m`` was added to the observed position of the end effector and is taken off an absolute one, and so
-        is ``tool_offset_m``, the policy's tool point in the frame of ours.
+        Rows with non-finite numbers remain non-finite, so that they can be recognized. ``ee_offset_m``, which was added
+        to the observed position of the end effector, is subtracted from an absolute one; so is ``tool_offset_m``, the
+        policy's tool point in the tool frame of betterbench.
 
         Raises:
-            PolicyError: If the reply has no such arrays, or a rotation in it is none.
+            PolicyError: If the reply lacks these arrays, or contains an invalid rotation.
         """
         arrays = {key: _rows(reply, key, width) for key, width in self.columns.items()}
         lengths = {len(a) for a in arrays.values()}
         if len(lengths) > 1:
             told = ", ".join(f"{'/'.join(k)}: {len(a)}" for k, a in arrays.items())
-            raise PolicyError(f"the reply has chunks of different lengths ({told}). Send one length for all.")
+            raise PolicyError(f"the reply has chunks of different lengths ({told}). All must have the same length.")
         taken: dict[str, np.ndarray] = {}
         at = dict.fromkeys(arrays, 0)
         for part in self.parts:
@@ -277,13 +278,13 @@ class AnswerRule:
             offsets = (ee_offset_m, tool_offset_m)
             actions = self._convert(clean, bad, observation, offsets, self._pace(control_rate_hz))
         except ValueError as error:
-            raise PolicyError(f"the reply holds an invalid rotation ({error}). Send {self.rotation}.") from error
+            raise PolicyError(f"the reply contains an invalid rotation ({error}). Send {self.rotation}.") from error
         actions = self._rounded(actions)
         actions[bad] = np.nan
         return actions
 
     def _rounded(self, numbers: np.ndarray) -> np.ndarray:
-        """Return numbers in the precision of the policy's own client, as float64."""
+        """Return numbers rounded to the precision of the policy's own client, as float64."""
         if self.precision == "float64":
             return numbers
         with np.errstate(over="ignore"):
@@ -304,7 +305,7 @@ class AnswerRule:
         return plain and self.space == "joint_position"
 
     def _pace(self, control_rate_hz: float) -> float:
-        """Return by how much a step is longer or shorter here than at the rate it was made for."""
+        """Return the ratio of a step here to a step at the rate of the training data."""
         return 1.0 if self.step_rate_hz is None else self.step_rate_hz / control_rate_hz
 
     def _convert(
@@ -330,7 +331,7 @@ class AnswerRule:
             own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
             return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         if self.frame == "base" and self.rotation == "axis_angle":
-            # One factor for each number, so that it is exactly 1 where the units are those of the action space.
+            # One factor per number, so that it is exactly 1 if the units are those of the action space.
             units = np.array([self.translation_unit_m] * 3 + [self.rotation_unit_rad] * 3)
             twist = np.concatenate([taken["translation"], taken["rotation"]], axis=1)
             return np.concatenate([twist * (units * pace / scale), gripper], axis=1)
@@ -339,7 +340,7 @@ class AnswerRule:
         for i, row in enumerate(rows):
             if bad[i]:
                 continue
-            if self.rotation == "axis_angle":  # in the tool's frame
+            if self.rotation == "axis_angle":  # in the tool frame
                 rotation[i] = np.multiply(row, self.rotation_unit_rad)
             elif self.rotation == "rpy":
                 rotation[i] = to_axis_angle(from_format([v * self.rotation_unit_rad for v in row], "rpy"))
@@ -351,7 +352,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _in_world(self, translation: np.ndarray, rows: list[list[float]], bad: np.ndarray) -> np.ndarray:
-        """Return translation and rotation in the numbers of a foreign world's action space, (horizon, 6 or 7)."""
+        """Return translation and rotation in the numbers of another world's action space, (horizon, 6 or 7)."""
         if self.space in _ADDS_ANGLES:
             scale = action_space(self.space).scale
             moves = translation * (self.translation_unit_m / scale[0])
@@ -366,7 +367,7 @@ class AnswerRule:
         return np.concatenate([translation, np.array(turns)], axis=1)
 
     def _to_base(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """QuarterTurn deltas in the tool's frame to the base's, in place; each step turns the frame of the next."""
+        """Rotate deltas from the tool frame to the base frame, in place; each step rotates the next tool frame."""
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             turn = from_axis_angle(rotation[i].tolist())
@@ -375,7 +376,7 @@ class AnswerRule:
             tool = multiply(tool, turn)
 
     def _close(self, gripper: np.ndarray) -> np.ndarray:
-        """Return the gripper's column with positive for closing."""
+        """Return the gripper column with positive values for closing."""
         if self.gripper == "close_positive":
             return gripper
         if self.gripper == "open_positive":
@@ -399,7 +400,7 @@ class AnswerRule:
         control_rate_hz: float,
         tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> dict[tuple[str, ...], np.ndarray]:
-        """Return the reply that means these actions, (horizon, columns) float64 by key: the inverse of :meth:`read`."""
+        """Return the reply for these actions, (horizon, columns) float64 by key: the inverse of :meth:`read`."""
         given = np.asarray(actions, dtype=np.float64)
         scale, pace = np.array(action_space(self.space).scale[:-1]), self._pace(control_rate_hz)
         body, gripper = given[:, :-1], given[:, -1:]
@@ -438,7 +439,7 @@ class AnswerRule:
         return {key: np.concatenate(parts, axis=1) for key, parts in columns.items()}
 
     def _to_tool(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """QuarterTurn deltas in the base's frame to the tool's, in place."""
+        """Rotate deltas from the base frame to the tool frame, in place."""
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             translation[i] = rotate(conjugate(tool), translation[i].tolist())
@@ -464,7 +465,7 @@ class AnswerRule:
 
 
 def twist(*keys: str) -> tuple[AnswerPart, ...]:
-    """Return translation, rotation and gripper, under one key or under one each."""
+    """Return the parts translation, rotation and gripper, under one shared key or one key each."""
     translation, rotation, gripper = keys * 3 if len(keys) == 1 else keys
     return (
         AnswerPart((translation,), "translation"),
@@ -474,7 +475,7 @@ def twist(*keys: str) -> tuple[AnswerPart, ...]:
 
 
 def own_conventions(space: str) -> dict[str, Any]:
-    """Return rotation format, units and polarity of the numbers of an action space, by field of an answer's rule.
+    """Return rotation format, units and polarity of an action space, by field of :class:`AnswerRule`.
 
     Raises UnknownNameError if there is no such action space.
     """
@@ -489,7 +490,7 @@ def own_conventions(space: str) -> dict[str, Any]:
 
 
 def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return what stands under a key of a reply; raise a PolicyError that names what there is if there is nothing."""
+    """Return the value under a key of a reply; raise a PolicyError with the existing keys if it is missing."""
     found: object = reply
     for name in key:
         if not isinstance(found, Mapping) or name not in found:
@@ -502,7 +503,7 @@ def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def number_array(given: object) -> np.ndarray:
-    """Return an array of what a policy gave; one of objects where lists of it are ragged or hold truths."""
+    """Return an answer as an array; of dtype object if its lists are ragged or contain booleans."""
     try:
         return np.asarray(None) if _holds_truths(given) else np.asarray(given)
     except ValueError:
@@ -510,7 +511,7 @@ def number_array(given: object) -> np.ndarray:
 
 
 def _holds_truths(given: object) -> bool:
-    """Return whether lists hold a truth, which NumPy would take for 0 or 1."""
+    """Return whether lists contain a boolean, which NumPy would convert to 0 or 1."""
     if isinstance(given, list | tuple):
         return any(isinstance(item, bool | np.bool_) or _holds_truths(item) for item in given)
     return isinstance(given, np.ndarray) and given.dtype.kind == "b"
@@ -535,5 +536,5 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         )
     if len(array) == 0:
         raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")
-    with np.errstate(invalid="ignore"):  # a signaling NaN becomes a quiet one, which is found out later
+    with np.errstate(invalid="ignore"):  # a signaling NaN becomes a quiet one, which is checked later
         return array.astype(np.float64)

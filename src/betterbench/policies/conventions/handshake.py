@@ -1,4 +1,4 @@
-"""Handshakes: the conventions that each side declares, and the comparison that stops a run when they differ."""
+"""Handshakes: the conventions that each side declares, and their comparison, which stops a run if they differ."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ FrameT = TypeVar("FrameT", bytes, bytes | str)
 DeclaredT = TypeVar("DeclaredT")
 
 PROTOCOL = 1
-"""Version of what our own servers declare."""
+"""Version of the declaration of betterbench's servers."""
 
 _MOST_SHOWN = 12
-"""Differences that one message names."""
+"""Maximum of differences named in one message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """Conventions that one side declares; fields that are left out are not compared.
+    """Conventions declared by one side; fields that are left out are not compared.
 
     Attributes:
         action_scale: Physical size of one unit of each number.
@@ -37,10 +37,10 @@ class Declaration:
         rotation: Format of rotations ("axis_angle").
         gripper: Polarity of the gripper ("close_positive").
         state: Format of the robot's state.
-        language: Whether the instruction is sent, or wanted ("instruction").
+        language: Whether the instruction is sent or required ("instruction").
         rate_hz: Control rate [Hz].
-        cameras: Images by key, each with (width, height) or None for any size. What one side wants, the other one
-            has to give; more may be given.
+        cameras: Images by key, each with (width, height) or None for any size. The other side must give each required
+            image and may give more.
     """
 
     who: str
@@ -60,7 +60,7 @@ class Declaration:
     cameras: Mapping[str, tuple[int, int] | None] | None = None
 
     def rows(self) -> dict[str, str]:
-        """Return what is declared as texts by name, for tables."""
+        """Return the declared values as strings by name, for tables."""
         shown = {}
         for entry in fields(self):
             value = getattr(self, entry.name)
@@ -72,7 +72,7 @@ class Declaration:
 
 
 class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
-    """Declaration of one of our own servers; newer servers may declare more."""
+    """Declaration of a betterbench server; newer servers may declare more fields."""
 
     preset: str
     action_space: dict[str, Any]
@@ -97,7 +97,7 @@ def declare_space(who: str, space: ActionSpace) -> Declaration:
 
 
 def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
-    """Return what an adapter gives to a policy and takes from it, at its own control rate [Hz] if no other is given."""
+    """Return the declaration of an adapter's inputs and answers, at its own control rate if ``rate_hz`` is None."""
     answer = adapter.answer
     space = action_space(answer.space)
     absolute = answer.space == "ee_pose"
@@ -124,11 +124,11 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 
 
 def read_server(who: str, form: object) -> Declaration:
-    """Read what one of our own servers declares; raise HandshakeError if it is malformed or of another version."""
+    """Read the declaration of a betterbench server; raise HandshakeError if it is malformed or of another version."""
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
-            f"{who} speaks version {one_line(version, most=20)} of our declaration, this side {PROTOCOL}. "
+            f"{who} uses version {one_line(version, most=20)} of the declaration, this side {PROTOCOL}. "
             "Install the same release on both sides."
         )
     try:
@@ -143,7 +143,7 @@ def read_server(who: str, form: object) -> Declaration:
 
 
 def read_execution(who: str, form: object) -> Execution | None:
-    """Read how one of our own servers says that its chunks are played, or None if it does not say.
+    """Read how a betterbench server executes chunks, or None if it does not declare it.
 
     Raises HandshakeError if it is malformed.
     """
@@ -159,39 +159,39 @@ def read_execution(who: str, form: object) -> Execution | None:
     try:
         return Execution(**given)
     except InvalidInputError as error:
-        raise HandshakeError(f"{who} declares an execution that cannot be played ({error})") from error
+        raise HandshakeError(f"{who} declares an execution that is not possible ({error})") from error
 
 
 def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
     """Return what a server declares about itself, decoded.
 
-    Raises HandshakeError if it is larger or deeper than any declaration needs to be, and what ``decode`` raises.
+    Raises HandshakeError if it is too large or too deeply nested, and the errors of ``decode``.
     """
     if len(frame) > MAX_DECLARED_BYTES:
         raise HandshakeError(
-            f"{who} declares {len(frame)} bytes about itself, where at most {MAX_DECLARED_BYTES} are read. "
-            "Let the server declare names, sizes and conventions alone."
+            f"{who} sends a declaration of {len(frame)} bytes; the limit is {MAX_DECLARED_BYTES}. "
+            "Let the server declare names, sizes and conventions only."
         )
     value = decode(frame)
     try:
         require_depth(value, MAX_DECLARED_DEPTH)
     except ValueError as error:
         raise HandshakeError(
-            f"{who} declares something about itself that cannot be read: {error}. Let the server declare flat maps."
+            f"{who} sends a declaration that cannot be read: {error}. Let the server declare flat maps."
         ) from error
     return value
 
 
 def space_cure(space: str) -> str:
-    """Return what to do about a policy that answers in another action space than the run's.
+    """Return the remedy for a policy that answers in another action space than the run's.
 
-    A foreign world is played in the space of its own, so there the option does not exist.
+    Another world is played in the space of its own, so there the option does not exist.
     """
-    return f"Give --action-space {space} in a suite of ours, and in LIBERO and CALVIN another policy or preset"
+    return f"Give --action-space {space} in a suite of betterbench; in LIBERO and CALVIN, another policy or preset"
 
 
 def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
-    """Raise a HandshakeError with both sides' values of everything that both declare and in which they differ."""
+    """Raise a HandshakeError with both values of each field that both sides declare and that differs."""
     found = []
     for entry in fields(Declaration):
         if entry.name in ("who", "cameras"):
@@ -205,7 +205,7 @@ def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
         for key, wanted in (theirs.cameras or {}).items():
             if key not in given:
                 there = ", ".join(given) or "no images"
-                found.append(f"{_camera(key)}: {theirs.who} wants it, {ours.who} gives {there}")
+                found.append(f"{_camera(key)}: {theirs.who} needs it, {ours.who} gives {there}")
             elif wanted is not None and given[key] not in (None, wanted):
                 found.append(f"{_camera(key)}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
     if found:

@@ -1,4 +1,4 @@
-"""Image inputs of a policy: turned, mirrored, cropped and resized."""
+"""Image inputs of a policy: rotated, mirrored, cropped and resized."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import NO_TRUTH, strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
-"""Fitting of an image with another aspect ratio: black bars, cut-off sides, or distortion."""
+"""Fitting of an image with another aspect ratio: black bars, cropping, or distortion."""
 
 QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
 """Degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
-"""Camera name that stands for every camera of the observation; the key then contains ``{camera}``."""
+"""Camera name for all cameras of the observation; the key then contains ``{camera}``."""
 
 _LARGEST_SIDE = 4096
 
@@ -29,16 +29,16 @@ _LARGEST_SIDE = 4096
 class ImageRule:
     """Image input of a policy: its key, its camera, and the transformation of the camera's image.
 
-    An image is turned, then mirrored, then cropped, then fitted.
+    An image is rotated, then mirrored, then cropped, then fitted.
 
     Attributes:
-        camera: Name of our camera, or ``*`` for each of them.
-        width: Width that the policy wants [pixel]; None to leave the image as large as it is.
+        camera: Name of the camera, or ``*`` for all cameras.
+        width: Required width [pixel]; None to keep the size of the image.
         fit: Fitting of an image with another aspect ratio.
-        keep: Share of the area that a crop around the center keeps, before fitting; policies trained with random crops
-            were evaluated with 0.9 (OpenVLA) or 0.95.
-        turn: Degrees by which it is turned counter-clockwise. Ours are upright.
-        mirror: True to swap left and right.
+        keep: Share of the area that a center crop keeps, before fitting; policies trained with random crops were
+            evaluated with 0.9 (OpenVLA) or 0.95.
+        turn: Counter-clockwise rotation [deg]. The images of betterbench are upright.
+        mirror: Whether left and right are swapped.
     """
 
     key: tuple[str, ...]
@@ -61,17 +61,17 @@ class ImageRule:
         if not 0.0 < self.keep <= 1.0:
             raise InvalidInputError(where, f"keep = {self.keep:g} is out of range", "Give more than 0 and at most 1")
         if self.camera == EVERY_CAMERA and not any("{camera}" in part for part in self.key):
-            raise InvalidInputError(where, "all cameras would have one key", "Write {camera} into the key")
+            raise InvalidInputError(where, "all cameras would have the same key", "Write {camera} into the key")
 
     def named(self, camera: str) -> tuple[str, ...]:
         """Return the key of one camera's image."""
         return tuple(part.replace("{camera}", camera) for part in self.key)
 
     def show(self, image: np.ndarray) -> np.ndarray:
-        """Return an image as the policy is shown it.
+        """Return an image as the policy's input.
 
-        Shrinking averages over all pixels that fall into one (Pillow's bilinear filter, which is antialiased and is
-        the one that openpi's client resizes with); an image that has the right size already keeps its bits.
+        Shrinking averages over all source pixels of a pixel (Pillow's bilinear filter, which is antialiased and the one
+        in openpi's client). An image of the right size is not changed.
 
         Returns:
             (self.height, self.width, 3) uint8, contiguous.

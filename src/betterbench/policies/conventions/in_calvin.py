@@ -1,13 +1,13 @@
 """Existing evaluation clients in CALVIN: the request that each sends, and the action that it passes to ``env.step``.
 
-CALVIN's images are upright. ``ee_position``, ``ee_rpy``, ``gripper_width`` and ``gripper_command`` are numbers 0 to 2,
-3 to 5, 6 and 14 of its ``robot_obs``.
+CALVIN's images are upright. ``ee_position``, ``ee_rpy``, ``gripper_width`` and ``gripper_command`` are the entries 0 to
+2, 3 to 5, 6 and 14 of its ``robot_obs``.
 
 Sources: starVLA ``examples/simBenchmarks/calvin/eval_files/eval_calvin.py``; vla-evaluation-harness
 ``benchmarks/calvin/benchmark.py``; X-VLA ``evaluation/calvin/calvin_client.py``; RLinf
 ``toolkits/eval_scripts_openpi/calvin_eval.py`` for openpi; VLA-Adapter ``vla-scripts/evaluate_calvin.py`` for the
-OpenVLA family. No client of GR00T or Being-H for CALVIN is published; theirs follow the layout of the data that starVLA
-trains on (``train_files/modality.json``), and Being-H's convention that 1 opens.
+OpenVLA family. No client of GR00T or Being-H for CALVIN is published; these presets follow the layout of starVLA's
+training data (``train_files/modality.json``), and Being-H's convention that 1 opens.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ STARVLA_CALVIN = Adapter(
     answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions"), precision="float32"),
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""starVLA's CALVIN client: relative actions, and a gripper of which more than 0 opens."""
+"""starVLA's CALVIN client: relative actions, and a gripper that opens above 0."""
 
 OPENPI_CALVIN = Adapter(
     "openpi_calvin",
@@ -51,7 +51,7 @@ OPENPI_CALVIN = Adapter(
     control_rate_hz=CONTROL_RATE_HZ,
     horizon=5,
 )
-"""RLinf's client of openpi in CALVIN: relative actions, five of a chunk, images in CALVIN's own sizes."""
+"""RLinf's client of openpi in CALVIN: relative actions, five executed per chunk, images in CALVIN's own sizes."""
 
 VLA_EVAL_CALVIN = Adapter(
     "vla_eval_calvin",
@@ -66,7 +66,7 @@ VLA_EVAL_CALVIN = Adapter(
 )
 """vla-evaluation-harness in CALVIN: deltas in meters and radians that are added up to absolute poses.
 
-The harness scales images to [-1, 1] and back, which may take 1 of 255 off a value; here they are sent unchanged.
+The harness scales images to [-1, 1] and back, which can change a value by 1 of 255; here they are sent unchanged.
 """
 
 VLA_EVAL_CALVIN_ABSOLUTE = replace(
@@ -81,7 +81,7 @@ VLA_EVAL_CALVIN_ABSOLUTE = replace(
         precision="float32",
     ),
 )
-"""The same with ``absolute_action``, as the harness's X-VLA server asks for: more than 0 closes."""
+"""The same with ``absolute_action``, which the harness's X-VLA server requests: positive values close the gripper."""
 
 X_VLA_CALVIN = Adapter(
     "x_vla_calvin",
@@ -106,9 +106,9 @@ X_VLA_CALVIN = Adapter(
     constants=(ConstantRule(("domain_id",), 2), ConstantRule(("steps",), 10)),
     feedback=Feedback(("proprio",), ("action",), 10),
 )
-"""X-VLA's CALVIN client: absolute poses, 25 of a chunk, domain 2; after the first answer its state holds what was
-commanded last. Its own loop gives an instruction 720 steps, and plays what is left of a chunk when the next one begins;
-here an instruction has CALVIN's 360 steps and begins with a new chunk."""
+"""X-VLA's CALVIN client: absolute poses, 25 actions per chunk, domain 2; after the first answer its state is the last
+commanded pose. Its own loop gives an instruction 720 steps and executes the rest of a chunk under the next instruction;
+here an instruction has CALVIN's 360 steps and starts with a new chunk."""
 
 _AXES: tuple[tuple[str, AnswerKind], ...] = (
     ("x", "translation_x"),
@@ -142,7 +142,7 @@ GR00T_CALVIN = Adapter(
     leading_axes=2,
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""A GR00T checkpoint of CALVIN's data in starVLA's layout: relative actions, more than 0 opens."""
+"""A GR00T checkpoint trained on CALVIN's data in starVLA's layout: relative actions, a gripper that opens above 0."""
 
 BEING_H_CALVIN = Adapter(
     "being_h_calvin",
@@ -162,7 +162,7 @@ BEING_H_CALVIN = Adapter(
     control_rate_hz=CONTROL_RATE_HZ,
     horizon=8,
 )
-"""A Being-H checkpoint of CALVIN's data: relative actions, and a gripper of which 1 opens."""
+"""A Being-H checkpoint trained on CALVIN's data: relative actions, and a gripper that opens at 1."""
 
 OPENVLA_CALVIN = Adapter(
     "openvla_calvin",
@@ -172,7 +172,7 @@ OPENVLA_CALVIN = Adapter(
     answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions"), gripper="closed_at_least"),
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""The OpenVLA family in CALVIN: relative actions, and a gripper of which a half or more closes."""
+"""The OpenVLA family in CALVIN: relative actions, and a gripper that closes at 0.5 or more."""
 
 OPENVLA_OFT_CALVIN = replace(
     OPENVLA_CALVIN,
@@ -180,7 +180,7 @@ OPENVLA_OFT_CALVIN = replace(
     views=(ImageRule(("full_image",), "front", 224, 224), ImageRule(("wrist_image",), "wrist", 224, 224)),
     states=(StateRule(("state",), _ROBOT_OBS),),
 )
-"""The same with two images and CALVIN's state, for OFT and its relatives."""
+"""The same with two images and CALVIN's state, for OFT and similar models."""
 
 CALVIN_PRESETS: Mapping[str, Adapter] = {
     adapter.name: adapter
@@ -189,7 +189,7 @@ CALVIN_PRESETS: Mapping[str, Adapter] = {
         *(BEING_H_CALVIN, OPENVLA_CALVIN, OPENVLA_OFT_CALVIN),
     )
 }
-"""The presets that are played in CALVIN alone, by name."""
+"""The presets whose actions only CALVIN executes, by name."""
 
 _NAMED: Mapping[str, Adapter] = {
     "starvla": STARVLA_CALVIN,
@@ -203,7 +203,7 @@ _USUAL: Mapping[str, Adapter] = {"gr00t_new_embodiment": GR00T_CALVIN, "being_h_
 
 
 def in_calvin(adapter: Adapter, *, chosen: bool) -> Adapter:
-    """Return how the clients of CALVIN speak to a policy; ``chosen`` says whether its address named the preset."""
+    """Return the adapter of CALVIN's clients for a policy; ``chosen`` says whether its address named the preset."""
     if adapter.name == "native":
         return adapter.in_space(CALVIN_RELATIVE.name)
     return _NAMED.get(adapter.name) or (adapter if chosen else _USUAL.get(adapter.name, adapter))

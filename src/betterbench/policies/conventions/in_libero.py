@@ -1,14 +1,14 @@
 """Existing evaluation clients in LIBERO: the request of each preset and the execution of its answers, in LIBERO itself.
 
-A preset such as ``starvla`` stands for a policy that was fine-tuned on demonstrations of ours. In LIBERO the same name
-stands for a checkpoint that was trained on LIBERO, and its answers are played as the policy's own client plays them:
-the number that is given to ``env.step`` is the same (tests/sim/worlds/test_answers.py).
+A preset such as ``starvla`` describes a policy that was fine-tuned on demonstrations of betterbench. In LIBERO the same
+name describes a checkpoint that was trained on LIBERO, and its answers are executed as by the policy's own client: the
+number passed to ``env.step`` is the same (tests/sim/worlds/test_answers.py).
 
 Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H
 ``BeingH/benchmark/libero/run_libero_eval.py``; Isaac-GR00T's LIBERO environments, openvla and openvla-oft
 ``experiments/robot/libero`` (``normalize_gripper_action``, ``invert_gripper_action``); vla-evaluation-harness
-``benchmarks/libero/benchmark.py``; X-VLA ``evaluation/libero/libero_client.py``. openpi's and LeRobot's clients pass
-actions on as they come.
+``benchmarks/libero/benchmark.py``; X-VLA ``evaluation/libero/libero_client.py``. The clients of openpi and LeRobot pass
+actions on unchanged.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.proprioception import StatePart
 
 SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
-"""LIBERO's eight numbers as vla-evaluation-harness sends them: its rotation vector is at most half a turn long."""
+"""LIBERO's eight numbers as sent by vla-evaluation-harness: its rotation vector is at most half a turn long."""
 
 _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "starvla": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
@@ -31,13 +31,13 @@ _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "gr00t_libero_panda": lambda rule: replace(rule, gripper="open_sign"),
     "openvla": lambda rule: replace(rule, gripper="open_sign"),
     "openvla_oft": lambda rule: replace(rule, gripper="open_sign"),
-    # A number below 0 opens, and everything else closes.
+    # A negative number opens, any other number closes.
     "vla_eval": lambda rule: replace(rule, gripper="closed_at_least", gripper_threshold=0.0),
 }
 
 
 def in_libero(adapter: Adapter) -> Adapter:
-    """Return how the clients of LIBERO speak to a policy with this preset; the preset itself where nothing differs."""
+    """Return the adapter of LIBERO's clients for a preset; the preset itself if nothing differs."""
     if adapter.name == "x_vla":
         return _x_vla(adapter)
     if adapter.name not in _CHANGES:
@@ -49,9 +49,9 @@ def in_libero(adapter: Adapter) -> Adapter:
 
 
 def _x_vla(adapter: Adapter) -> Adapter:
-    """Return X-VLA's LIBERO client: absolute poses, the pose that robosuite's controller measures, and domain 3.
+    """Return X-VLA's LIBERO client: absolute poses, the pose measured by robosuite's controller, and domain 3.
 
-    It turns the front image by 180 degrees and leaves the wrist image as robosuite delivers it.
+    It rotates the front image by 180 degrees and uses the wrist image as rendered by robosuite.
     """
     front, wrist = adapter.views
     measured: tuple[StatePart, ...] = ("controller_position", "controller_rotation_6d", *("zero",) * 11)

@@ -1,13 +1,13 @@
-"""LIBERO's own conventions, for checkpoints that were trained on LIBERO and not on our demonstrations.
+"""LIBERO's own conventions, for checkpoints that were trained on LIBERO instead of our demonstrations.
 
 - **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
   gain. In one control step the end effector moves 0.0125 m and turns 0.1 rad per unit (robosuite 1.4.0, every axis,
-  actions of 0.1 to 1.0). Our controller carries out what it is told, so these numbers are the units.
-- **Origin.** Positions are in LIBERO's world, where the robot's base stands at another place in each kind of scene
+  actions of 0.1 to 1.0). Our controller executes a delta exactly, so these numbers are the units.
+- **Origin.** Positions are in LIBERO's world frame, where the position of the robot's base depends on the kind of scene
   (``libero/libero/envs/robots``: ``base_xpos_offset``, with the lengths of the tables in ``envs/problems``).
 - **Tool point.** LIBERO's is 0.097 m from the hand (robosuite's ``grip_site``), ours 0.1034 m, so ours is 6.4 mm lower.
 - **Images.** LIBERO's renderer delivers the rows from the bottom up (robosuite's "opengl" convention), and its clients
-  turn images by 180 degrees. What a policy saw in training is therefore upright and *mirrored* (openvla/openvla issue
+  rotate images by 180 degrees. The images in training are therefore upright and *mirrored* (openvla/openvla issue
   295, huggingface/lerobot issue 3830, ARISE-Initiative/robosuite issue 56).
 """
 
@@ -26,7 +26,7 @@ MEASURED_ROTATION_RAD = 0.1
 """Measured rotation of the end effector per action unit in one control step of LIBERO [rad]."""
 
 TOOL_OFFSET_M = (0.0, 0.0, 0.097 - 0.1034)
-"""LIBERO's tool point in the frame of ours, whose z axis points from the hand to the fingertips [m]."""
+"""LIBERO's tool point in our tool frame, whose z axis points from the hand to the fingertips [m]."""
 
 _TABLE, _FLOOR, _STUDY = (-0.66, 0.0, 0.912), (-0.6, 0.0, 0.0), (-0.75, 0.0, 0.912)
 _LIVING_ROOM = (-0.51, 0.0, 0.42)
@@ -40,9 +40,9 @@ BASES_M: Mapping[str, tuple[float, float, float]] = {
     "study": _STUDY,
     "living_room": _LIVING_ROOM,
 }
-"""Position of the robot's base in LIBERO's world [m], by suite, and by scene where that differs from its suite.
+"""Position of the robot's base in LIBERO's world [m], by suite, and by scene where it differs from its suite.
 
-LIBERO-10 and LIBERO-90 mix kitchens, whose position stands here for both, with living rooms and studies.
+LIBERO-10 and LIBERO-90 mix kitchens with living rooms and studies; both use the position of the kitchens here.
 """
 
 
@@ -50,7 +50,7 @@ def trained_on_libero(adapter: Adapter, name: str, suite: str, *, gripper: Polar
     """Return an adapter for a checkpoint that was trained on a suite of LIBERO.
 
     Args:
-        adapter: The layout as a policy that was fine-tuned on our demonstrations uses it.
+        adapter: Layout of a policy that was fine-tuned on demonstrations of betterbench.
         name: Name of the adapter that is returned.
         suite: A key of :data:`BASES_M`.
         gripper: Polarity of the gripper in the checkpoint's data.

@@ -1,4 +1,4 @@
-"""Modalities that a GR00T server declares: the entries of each, and the number of time steps it expects of them."""
+"""Modalities that a GR00T server declares: the entries of each, and the required number of time steps."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.protocols.wire import ModalityConfig
 
 SEEN = ("video", "state")
-"""Modalities of an observation that come with a time axis."""
+"""Modalities of an observation with a time axis."""
 
 
 _MOST_SHOWN = 20
-"""Names that one message lists."""
+"""Maximum of names in one message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +23,9 @@ class Modalities:
     """Modalities of a server, with the entries and the time steps of each.
 
     Attributes:
-        video: Names of the images it wants; None if it does not say. Likewise the others.
-        steps: Per modality in ``SEEN`` the control steps of each sample relative to now, the last one 0.
-        prefixed: Whether names come with their modality ("video.front"), as N1.5 writes them.
+        video: Names of the required images; None if not declared. The other modalities likewise.
+        steps: Control steps of each sample relative to now, by modality in ``SEEN``; the last one is 0.
+        prefixed: Whether names have a prefix with their modality ("video.front"), as in N1.5.
     """
 
     video: tuple[str, ...] | None = None
@@ -38,15 +38,15 @@ class Modalities:
 
     @classmethod
     def read(cls, reply: object, where: str) -> Modalities:
-        """Read what ``get_modality_config`` answered; a plain map, as starVLA's server sends, declares nothing.
+        """Read the answer to ``get_modality_config``; a plain map, as from starVLA's server, declares nothing.
 
-        Raises HandshakeError if it is something else, or asks for what no client can know.
+        Raises HandshakeError if it is malformed, or requires inputs that no client has.
         """
         marked = [isinstance(value, ModalityConfig) for value in reply.values()] if isinstance(reply, Mapping) else []
         if isinstance(reply, Mapping) and not any(marked):
             return cls()
         if not isinstance(reply, Mapping) or not all(marked):
-            raise HandshakeError(f"{where} answers get_modality_config with something else than modality configs.")
+            raise HandshakeError(f"{where} answers get_modality_config without modality configs.")
         names = {
             kind: tuple(_bare(key, kind) for key in reply[kind].modality_keys)
             for kind in (*SEEN, "language", "action")
@@ -56,8 +56,8 @@ class Modalities:
         for kind, wanted in steps.items():
             if names.get(kind) and (not wanted or wanted[-1] != 0 or list(wanted) != sorted(set(wanted))):
                 raise HandshakeError(
-                    f"{where} wants {kind} at the steps {one_line(list(wanted), most=100)} relative to now. "
-                    "This client gives steps in order that end with 0, such as [-1, 0]."
+                    f"{where} needs {kind} at the steps {one_line(list(wanted), most=100)} relative to now. "
+                    "This client supports increasing steps that end with 0, such as [-1, 0]."
                 )
         prefixed = any(key.startswith(f"{kind}.") for kind, config in reply.items() for key in config.modality_keys)
         horizon = len(reply["action"].delta_indices) if "action" in reply else None
@@ -69,9 +69,9 @@ class Modalities:
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
-        """Raise a HandshakeError that names both sides of each modality in which the adapter differs.
+        """Raise a HandshakeError with both sides of each modality in which the adapter differs.
 
-        The name under which the instruction stands is not a convention: the server's is used.
+        The key of the instruction is not compared: the server's key is used.
         """
         given = {
             "video": [name_of(rule.key) for rule in adapter.views],
@@ -86,11 +86,11 @@ class Modalities:
                 verb = "answers" if kind == "action" else "wants"
                 differences.append(f"{kind}: the server {verb} {_listed(theirs)}, {side} {_listed(ours)}")
         if self.language is not None and len(self.language) != 1:
-            differences.append(f"language: the server wants {_listed(self.language)}, this side gives one instruction")
+            differences.append(f"language: the server needs {_listed(self.language)}, this side gives one instruction")
         if differences:
             raise HandshakeError(
                 f"{where} and the adapter {adapter.name!r} declare different modalities. {'; '.join(differences)}. "
-                "Give adapter=FILE with the names of the modality.json that the server was fine-tuned with."
+                "Give adapter=FILE with the names in the modality.json of the fine-tuning."
             )
 
     def to_json(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ class Modalities:
 
 
 def name_of(key: tuple[str, ...]) -> str:
-    """Return the bare name of an adapter's key: ("video", "front") and ("video.front",) are both "front"."""
+    """Return the name of an adapter's key without prefix: ("video", "front") and ("video.front",) are both "front"."""
     if len(key) > 1:
         return "/".join(key[1:])
     kind, dot, rest = key[0].partition(".")
@@ -111,12 +111,12 @@ def name_of(key: tuple[str, ...]) -> str:
 
 
 def _bare(key: str, kind: str) -> str:
-    """Return a server's name without the modality that N1.5 writes before it."""
+    """Return a server's name without the modality prefix of N1.5."""
     return key.removeprefix(f"{kind}.") if kind != "language" else key
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Return names for a message, some of them if there are many."""
+    """Return names for a message, shortened if there are many."""
     known = sorted(names)
     more = f" and {len(known) - _MOST_SHOWN} more" if len(known) > _MOST_SHOWN else ""
     return ", ".join(one_line(name, most=60) for name in known[:_MOST_SHOWN]) + more or "nothing"

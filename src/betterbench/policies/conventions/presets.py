@@ -42,7 +42,7 @@ _TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
 
 
 def _twist_by_axis(translation: tuple[str, str, str], rotation: tuple[str, str, str], gripper: str) -> AnswerRule:
-    """Return the rule of an answer with one key per axis, in LIBERO's units."""
+    """Return an answer rule with one key per axis, in LIBERO's units."""
     kinds: tuple[AnswerKind, ...] = ("translation_x", "translation_y", "translation_z")
     kinds += ("rotation_x", "rotation_y", "rotation_z")
     axes = tuple(AnswerPart((key,), kind) for key, kind in zip((*translation, *rotation), kinds, strict=True))
@@ -63,7 +63,7 @@ NATIVE = Adapter(
     instruction=InstructionRule(("prompt",)),
     episode_key=("better/episode",),
 )
-"""Our own observation, whole, over openpi's wire; the answer is an action of ours, played as it is."""
+"""The complete observation of betterbench with openpi's protocol; the answer is executed unchanged."""
 
 OPENPI_LIBERO = Adapter(
     "openpi_libero",
@@ -78,9 +78,9 @@ OPENPI_LIBERO = Adapter(
 )
 """The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
 
-This is the layout for a policy that was fine-tuned on demonstrations of ours; ``openpi_libero_SUITE`` is that of a
-checkpoint trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). Our images are upright, so they
-are never to be turned by 180 degrees. The state is the tool's position and rotation vector and the two finger joints.
+This is the layout of a policy that was fine-tuned on demonstrations of betterbench; ``openpi_libero_SUITE`` is that of
+a checkpoint trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). Our images are upright, so they
+must not be rotated by 180 degrees. The state is the tool's position and rotation vector and the two finger joints.
 openpi's example client executes 5 actions of a chunk.
 """
 
@@ -107,12 +107,12 @@ OPENPI_DROID = Adapter(
 """The DROID layout of openpi (``src/openpi/policies/droid_policy.py`` and ``examples/droid/main.py``).
 
 DROID's actions are seven joint velocities in units of 0.2 rad per step at 15 Hz, that is 3 rad/s (``droid/robot_ik/
-robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``), and a gripper position from 0 (open) to 1 (closed), of which
-the client executes whether it is above a half. They are played as velocities: at our 20 Hz one unit is a step of
-0.15 rad, and ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds
-are slowed down and counted as clipped. DROID adds a step to the measured joint angles, we to the last commanded ones.
-The exterior camera stands beside the robot: ``left_shoulder`` comes nearest, which ``--observation droid`` renders;
-``camera.observation/exterior_image_1_left=front`` shows the front view instead. openpi's example client executes 8
+robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``), and a gripper position from 0 (open) to 1 (closed), which
+the client thresholds at 0.5. They are executed as velocities: at our 20 Hz one unit is a step of 0.15 rad.
+``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds are reduced
+and counted as clipped. DROID adds a step to the measured joint angles, betterbench to the last commanded ones. The
+exterior camera is beside the robot. The closest camera is ``left_shoulder``, which ``--observation droid`` renders;
+``camera.observation/exterior_image_1_left=front`` uses the front view instead. openpi's example client executes 8
 actions of a chunk.
 """
 
@@ -130,8 +130,8 @@ GR00T_NEW_EMBODIMENT = Adapter(
 )
 """GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
 
-Keys and slices of a new embodiment are those of the ``meta/modality.json`` it was fine-tuned with; these are the ones
-of our own export. The server tells its own at connection, and they are compared.
+Keys and slices of a new embodiment are those of the ``meta/modality.json`` of its fine-tuning; the ones here are those
+of our export. The server declares its own at connection, and they are compared.
 """
 
 _XYZ = ("x", "y", "z")
@@ -157,8 +157,8 @@ GR00T_LIBERO_PANDA = Adapter(
 """GR00T with the embodiment tag ``libero_panda`` (N1.6; ``libero_sim`` in N1.7, ``gr00t/configs/data/
 embodiment_configs.py``), and the LIBERO example of N1.5 (``examples/Libero/custom_data_config.py``).
 
-What is called roll, pitch and yaw there is a rotation vector (``quat2axisangle`` in the clients), in the state and in
-the action. The gripper of the data is 1 for open: the clients turn it round. ``gr00t_libero_panda_SUITE`` is for a
+The values named roll, pitch and yaw are a rotation vector (``quat2axisangle`` in the clients), in the state and in the
+action. In the data, a gripper value of 1 is open; the clients invert it. ``gr00t_libero_panda_SUITE`` is for a
 checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`).
 """
 
@@ -189,10 +189,10 @@ GR00T_OXE_WIDOWX = Adapter(
 """GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and the WidowX example of N1.5
 (``examples/SimplerEnv/custom_data_config.py``).
 
-Conventions of BridgeData V2: meters, and angles about the axes of the base, at 5 Hz; a gripper value of 1 is open. Its
-rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
-``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are treated as velocities: each step of our 20 Hz
-applies a quarter of one.
+Conventions of BridgeData V2: meters, and angles about the axes of the base, at 5 Hz; a gripper value of 1 is open.
+Rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
+``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are treated as velocities: each step at 20 Hz executes
+a quarter of one.
 """
 
 GR00T_OXE_DROID = Adapter(
@@ -213,12 +213,12 @@ GR00T_OXE_DROID = Adapter(
     ),
     leading_axes=2,
 )
-"""GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles in, absolute joint angles out,
-which the server has already made of the model's relative ones; the gripper is 1 for closed.
+"""GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles as input and output. The server
+has already converted the model's relative angles to absolute ones; a gripper value of 1 is closed.
 
-Its client plays the angles at 15 Hz; here they come at 20 Hz, a third faster. N1.7's tag
-``oxe_droid_relative_eef_relative_joint`` has two more entries (``eef_9d``), in a tool frame of DROID's own, and is not
-this one. For the camera see :data:`OPENPI_DROID`.
+Its client executes the angles at 15 Hz; here they are executed at 20 Hz, a third faster. N1.7's tag
+``oxe_droid_relative_eef_relative_joint`` is different: it has two more entries (``eef_9d``) in a tool frame of DROID.
+For the camera see :data:`OPENPI_DROID`.
 """
 
 BEING_H_LIBERO = Adapter(
@@ -236,11 +236,11 @@ BEING_H_LIBERO = Adapter(
 )
 """Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
 
-As its own client does (``BeingH/benchmark/utils/policy.py``), images go out as they are rendered; the server resizes
-them, and 8 actions of a chunk are executed.
+As in its own client (``BeingH/benchmark/utils/policy.py``), images are sent as rendered; the server resizes them, and 8
+actions of a chunk are executed.
 
-``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. Its data count an open gripper as 1
-(``BeingH/benchmark/libero/run_libero_eval.py`` turns it round).
+``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. In its data, a gripper value of 1 is open
+(``BeingH/benchmark/libero/run_libero_eval.py`` inverts it).
 """
 
 VLA_EVAL = Adapter(
@@ -250,9 +250,9 @@ VLA_EVAL = Adapter(
     instruction=InstructionRule(("task_description",)),
     answer=AnswerRule("ee_delta", twist("actions")),
 )
-"""The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
-model servers take: images by camera, eight numbers of state, and the instruction. Sizes are the server's business.
-Servers that want one image take the first. ``vla_eval_libero_SUITE`` is for models trained on LIBERO itself."""
+"""The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), accepted by nearly all
+its model servers: images by camera, eight numbers of state, and the instruction. The server resizes images. Servers
+that need one image use the first. ``vla_eval_libero_SUITE`` is for models trained on LIBERO itself."""
 
 VLA_EVAL_ABSOLUTE = replace(
     VLA_EVAL,
@@ -263,7 +263,7 @@ VLA_EVAL_ABSOLUTE = replace(
     ),
     answer=AnswerRule("libero_absolute", twist("actions"), gripper="closed_at_least", gripper_threshold=0.0),
 )
-"""vla-evaluation-harness in LIBERO with ``absolute_action``, as its X-VLA server asks for."""
+"""vla-evaluation-harness in LIBERO with ``absolute_action``, as its X-VLA server requests."""
 
 _STARVLA_VIEWS = (ImageRule(("image", "front"), "front", 224, 224), ImageRule(("image", "wrist"), "wrist", 224, 224))
 
@@ -278,9 +278,9 @@ STARVLA = Adapter(
 
 The entries under ``image`` are sent as a list, in this order; their sizes are those of its LIBERO client.
 
-Some of its models write a state that they are sent into the prompt, so it is sent only when asked for
-(:data:`STARVLA_STATE`). ``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on
-LIBERO itself, which count an open gripper as 1.
+Some of its models write a received state into the prompt, so a state is sent only on request (:data:`STARVLA_STATE`).
+``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on LIBERO itself, where a
+gripper value of 1 is open.
 """
 
 STARVLA_STATE = replace(
@@ -299,9 +299,9 @@ OPENVLA = Adapter(
 )
 """The body of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
 
-``send.unnorm_key=NAME`` adds the name of the normalization, which a checkpoint of several data sets needs. All its data
-count an open gripper as 1. Checkpoints that were trained with random crops see the central 0.9 of the image, which some
-servers cut out and others do not: ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+``send.unnorm_key=NAME`` adds the name of the normalization, which a checkpoint of several data sets needs. In all its
+data, a gripper value of 1 is open. Checkpoints trained with random crops need the central 0.9 of the image, which some
+servers crop and others do not: ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on LIBERO itself.
 """
 
 OPENVLA_OFT = Adapter(
@@ -334,10 +334,10 @@ X_VLA = Adapter(
 )
 """The body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
 
-Images, a state of twice ten numbers of which a single arm fills nine, and absolute poses of the tool as the answer.
-Arrays go out as texts (``arrays=text``). ``domain_id`` names the data set whose prompt the model uses (3 is LIBERO) and
-has to be given: ``send.domain_id=3``. Its own client sends the pose that was last commanded in place of the measured
-one; this one sends what is measured.
+Images, a state of two times ten numbers of which a single arm fills nine, and absolute poses of the tool as the answer.
+Arrays are sent as texts (``arrays=text``). ``domain_id`` names the data set whose prompt the model uses (3 is LIBERO)
+and must be given: ``send.domain_id=3``. Its own client sends the last commanded pose; this preset sends the measured
+pose.
 """
 
 DEXBOTIC = Adapter(
@@ -352,10 +352,10 @@ DEXBOTIC = Adapter(
 )
 """The body of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
 ``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``): two images by slot, LIBERO's state and the
-bare instruction. ``POST /process_frame`` gets the same as a form (:mod:`betterbench.policies.clients.dexbotic`).
+plain instruction. ``POST /process_frame`` gets the same as a form (:mod:`betterbench.policies.clients.dexbotic`).
 
-Its clients hand the answer to LIBERO as it is, so a gripper of +1 closes. They execute 5 (pi0) to 12 (DM0) actions of a
-chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+Its clients pass the answer to LIBERO unchanged, so a gripper value of +1 closes. They execute 5 (pi0) to 12 (DM0)
+actions of a chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
 """
 
 DEXBOTIC_COGACT = replace(
@@ -365,8 +365,8 @@ DEXBOTIC_COGACT = replace(
     states=(),
     instruction=InstructionRule(("observation", "prompt"), template="What action should the robot take to {}?"),
 )
-"""The same for its CogACT, MemVLA and OFT models: one image, no state, and the instruction in the sentence that they
-were trained with. ``dexbotic_cogact_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+"""The same for its CogACT, MemVLA and OFT models: one image, no state, and the instruction in the prompt template of
+their training. ``dexbotic_cogact_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
 
 LEROBOT = Adapter(
     "lerobot",
@@ -380,7 +380,7 @@ LEROBOT = Adapter(
 )
 """LeRobot's own names, as ``lerobot:CHECKPOINT`` derives them from a checkpoint that was trained on our export.
 
-The state is that of our LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+The state is that of betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
 """
 
 _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
@@ -417,11 +417,10 @@ PRESETS: dict[str, Adapter] = {
 }
 
 OWN_PRESETS = {name: adapter for name, adapter in PRESETS.items() if adapter.answer.space not in WORLD_ACTION_SPACES}
-"""The presets that are played in our own scenes."""
+"""The presets whose actions betterbench's own scenes execute."""
 
 UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
-"""The layout of each preset that translates from our scenes to LIBERO's conventions, which LIBERO itself needs none of.
-"""
+"""The original layout of each preset that converts our observations to LIBERO's conventions; LIBERO itself uses it."""
 
 
 def preset(name: str) -> Adapter:
@@ -433,31 +432,31 @@ def preset(name: str) -> Adapter:
 
 
 def own_preset(name: str) -> Adapter:
-    """Return a preset that is played in our own scenes.
+    """Return a preset for betterbench's own scenes.
 
-    Raises UnknownNameError if there is no such preset, and InvalidInputError if only a foreign world plays its actions.
+    Raises UnknownNameError if there is no such preset, and InvalidInputError if only another world plays its actions.
     """
     found = preset(name)
     if name not in OWN_PRESETS:
         raise InvalidInputError(
             f"preset {name}",
-            f"its actions are {found.answer.space}, which our own scenes do not have",
+            f"its actions are {found.answer.space}, which betterbench's own scenes do not have",
             f"Give one of {', '.join(presets_in(''))}",
         )
     return found
 
 
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
-    """Return the adapter that an address asks for, or the default if it names neither a preset nor a file.
+    """Return the adapter given in an address, or the default if it names neither a preset nor a file.
 
-    In a foreign world, a preset is what that world's own clients do with such a policy.
+    In another world, a preset is what that world's own clients do with such a policy.
 
-    Raises InvalidInputError if it names both, or neither without a default, or an option is malformed, or the world
-    does not play such actions, and UnknownNameError if a name in it does not exist.
+    Raises InvalidInputError if the address names both, or neither without a default, if an option is malformed, or if
+    the world cannot execute such actions. Raises UnknownNameError if a name in it does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
-        raise InvalidInputError(where, "it gives both preset and adapter", "Give one")
+        raise InvalidInputError(where, "it names both a preset and an adapter", "Give one")
     named = preset(options["preset"]) if "preset" in options else default
     if "adapter" in options:
         adapter = Adapter.load(Path(options["adapter"]))
@@ -468,7 +467,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
         also = "" if address.world else f"; trained on LIBERO: {trained}"
         raise InvalidInputError(
             where,
-            "neither it nor the server says which images and state the policy wants",
+            "neither it nor the server declares the images and state that the policy needs",
             f"Add ?preset=NAME ({', '.join(presets_in(address.world))}{also}) or ?adapter=FILE",
         )
     cameras = {k.removeprefix(CAMERA.name): v for k, v in options.items() if k.startswith(CAMERA.name)}
@@ -486,43 +485,41 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
 
 def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the offset that an address gives; InvalidInputError where it would have no effect."""
+    """Return the adapter with the offset in an address; InvalidInputError if the offset would have no effect."""
     if "ee_offset" not in address.options:
         return adapter
     if adapter.name == NATIVE.name:
         reason = "the native layout is in the frame of the robot's base"
     elif not any(rule.holds_position for rule in adapter.states) and answer.space != "ee_pose":
-        reason = f"{adapter.name} knows no position of the end effector"
+        reason = f"{adapter.name} has no position of the end effector"
     else:
         return replace(adapter, ee_offset_m=_offset(address))
     raise address.error(f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
 
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return what a preset is in the world of an address."""
+    """Return the adapter of a preset in the world of an address."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
-        return in_libero(
-            GR00T_LIBERO_PANDA if usual else adapter
-        )  # which NVIDIA's checkpoints of LIBERO are asked with
+        return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the prompts of NVIDIA's LIBERO checkpoints
     if address.world == "calvin":
         return in_calvin(adapter, chosen="preset" in address.options)
     return adapter
 
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
-    """Return the error about actions that the world of an address does not play, with a cure that exists there."""
+    """Return the error about actions that the world of an address does not support, with a remedy for that world."""
     world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
-        offered = f"It is played with --suite {suite}; in our own scenes, {offered[0].lower()}{offered[1:]}"
+        offered = f"It is played with --suite {suite}; in betterbench's own scenes, {offered[0].lower()}{offered[1:]}"
     elif address.world:
         offered += f", or action_space={PLAYED_IN[address.world][0]} for answers that are {world}'s own"
-    return address.error(f"{name} answers in {space}, which {world} does not play", offered)
+    return address.error(f"{name} answers in {space}, which {world} does not support", offered)
 
 
 def presets_in(world: str) -> tuple[str, ...]:
-    """Return the names of the presets that are played in a foreign world, or in our own scenes if it is empty."""
+    """Return the names of the presets that are played in another world, or in our own scenes if it is empty."""
     if world == "calvin":
         return tuple(CALVIN_PRESETS)
     layouts = _LAYOUTS if world == "" else (*_LAYOUTS, VLA_EVAL_ABSOLUTE)
@@ -530,11 +527,11 @@ def presets_in(world: str) -> tuple[str, ...]:
     return tuple(name for name, layout in shown.items() if layout.answer.space in PLAYED_IN[world])
 
 
-_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "libero_plus": "LIBERO-Plus", "calvin": "CALVIN"}
+_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the constants that an address gives; raise InvalidInputError if one is still open."""
+    """Return the adapter with the constants in an address; raise InvalidInputError if a required one is missing."""
     given = {k.removeprefix(CONSTANT.name): v for k, v in address.options.items() if k.startswith(CONSTANT.name)}
     if given:
         adapter = adapter.with_constants({key: _constant(text) for key, text in given.items()})
@@ -548,7 +545,7 @@ def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _constant(text: str) -> bool | int | float | str:
-    """Return a number or truth value as such, and everything else as the text that it is."""
+    """Return a number or boolean as such, and any other text unchanged."""
     if text in ("true", "false"):
         return text == "true"
     for kind in (int, float):

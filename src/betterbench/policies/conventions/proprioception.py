@@ -59,16 +59,14 @@ StatePart = Literal[
 ]
 """Part of a robot state.
 
-``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is turned away from
-pointing straight down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions
-[m] of two finger joints, the second negated, as robosuite and LIBERO give them; the fractions are of the full opening;
-``zero`` fills an entry that the policy does not use. ``ee_axis_angle_short`` is at most half a turn long, whatever was
-sent before.
+``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is rotated from pointing straight
+down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
+negated, as in robosuite and LIBERO; the fractions are of the full opening. ``zero`` fills an entry that the policy does
+not use. ``ee_axis_angle_short`` is always at most half a turn long, even if that makes it jump.
 
-Some come from other simulators. ``controller_position`` and its rotations are the pose that robosuite's controller
-measured in LIBERO, which lies one physics step back; elsewhere they are the pose of the tool. ``gripper_command`` is
-the last gripper command in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 after a command to
-close.
+Some parts come from other simulators. ``controller_position`` and its rotations are the pose measured by robosuite's
+controller in LIBERO, one physics step earlier; elsewhere they are the pose of the tool. ``gripper_command`` is the last
+gripper command in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 after a command to close.
 """
 
 _AXES: dict[str, tuple[StatePart, int]] = {
@@ -78,7 +76,7 @@ _AXES: dict[str, tuple[StatePart, int]] = {
     **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
     **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
 }
-"""Parts that are one number of a vector, with the vector and the place in it."""
+"""Parts that are one component of a vector, with the vector and the index."""
 
 _SIZES: dict[str, int] = {
     "ee_position": 3,
@@ -97,11 +95,11 @@ _SIZES: dict[str, int] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
-    """State input of a policy: one vector under a key, made of parts of the robot's state.
+    """State input of a policy: one vector under a key, with parts of the robot's state.
 
     Attributes:
         dtype: Type of its numbers.
-        scalar: True to send a plain number instead of an array; for one part of one number.
+        scalar: Whether to send a plain number instead of an array; only for one part of one number.
     """
 
     key: tuple[str, ...]
@@ -110,12 +108,12 @@ class StateRule:
     scalar: bool = False
 
     def __post_init__(self) -> None:
-        """Check that it holds something."""
+        """Check that it has parts."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
             raise InvalidInputError(where, "it has no parts", "Name at least one, such as ee_position")
         if self.scalar and self.size != 1:
-            raise InvalidInputError(where, f"a scalar cannot hold {self.size} numbers", "Leave scalar out")
+            raise InvalidInputError(where, f"a scalar cannot contain {self.size} numbers", "Leave scalar out")
 
     @property
     def size(self) -> int:
@@ -124,11 +122,11 @@ class StateRule:
 
     @property
     def holds_position(self) -> bool:
-        """Whether the vector contains the position of the end effector, or one coordinate of it."""
+        """Whether the vector contains the position of the end effector, or one coordinate."""
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self) -> list[tuple[StatePart, slice]]:
-        """Return which numbers of the vector belong to each part."""
+        """Return the columns of the vector for each part."""
         found, begin = [], 0
         for part in self.parts:
             end = begin + _SIZES.get(part, 1)
@@ -144,10 +142,10 @@ class StateRule:
         gripper_opening_m: float,
         tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
-        """Return the state of an observation: (size,) of the type that the policy wants, or a number for a scalar.
+        """Return the state of an observation: (size,) of the required type, or a number for a scalar.
 
-        ``ee_offset_m`` is added to the position of the end effector, for policies with another origin;
-        ``tool_offset_m`` is the policy's tool point in the frame of ours; ``gripper_opening_m`` counts as fully open.
+        ``ee_offset_m`` is added to the position of the end effector, for policies with another origin.
+        ``tool_offset_m`` is the policy's tool point in our tool frame. ``gripper_opening_m`` counts as fully open.
         """
         values: list[float] = []
         for part in self.parts:
@@ -167,7 +165,7 @@ class StateRule:
 def tool_position(
     observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
 ) -> list[float]:
-    """Return the position of a policy's own tool point, whose place in the frame of ours is given, [x, y, z] [m]."""
+    """Return the position of a policy's tool point, which is given in our tool frame, [x, y, z] [m]."""
     position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
     if not any(tool_offset_m):
         return position
@@ -177,7 +175,7 @@ def tool_position(
 
 
 def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
-    """Return the numbers of one whole part that is no position."""
+    """Return the numbers of one whole part other than a position."""
     if part == "joint_positions":
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":
@@ -188,7 +186,7 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
         return [0.0]
     if part in ("gripper_command", "gripper_command_closed"):
         raise PolicyError(
-            f"{part} is known in CALVIN only. Name gripper_width or gripper_closed_fraction in the adapter."
+            f"{part} is available in CALVIN only. Name gripper_width or gripper_closed_fraction in the adapter."
         )
     if part.startswith("gripper_"):
         return _gripper(part, observation.gripper_width, gripper_opening_m)
@@ -207,8 +205,8 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
     """Return a rotation of the tool in a format, without a jump where the tool points down.
 
-    Down is half a turn about x. There the scalar part of the quaternion passes through zero, so the rule w >= 0 would
-    swap the sign of all four numbers, and the roll would jump by a full turn, from one image to the next.
+    Down is half a turn about x. There the scalar part of the quaternion crosses zero, so the rule w >= 0 would flip the
+    sign of all four numbers, and the roll would jump by a full turn between two images.
     """
     values = to_format(q, form)
     if form in ("quaternion_wxyz", "quaternion_xyzw"):

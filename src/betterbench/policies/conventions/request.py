@@ -1,8 +1,8 @@
-"""Requests to our own server: an observation in one of two layouts, checked field by field.
+"""Requests to a betterbench server: an observation in one of two layouts, checked field by field.
 
-The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds. The LIBERO
-layout of openpi is what other people's clients send: two images, eight numbers and the instruction. Nothing in it tells
-the joint angles; they are NaN then, which no policy can take for a measurement.
+The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. The LIBERO layout of openpi is
+sent by other clients: two images, eight numbers and the instruction. It does not contain joint angles; they are then
+NaN, which no policy can mistake for a measurement.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Request:
     """Checked request of a client: an instruction with an observation.
 
     Attributes:
-        step: Control steps since reset, or None where the client does not send it.
-        start: Start of the episode, or None where the client does not send it.
-        trial: The trial, where the client names it; only a served expert needs it.
-        observation: Observation of the client, or None where it sends neither joints nor state.
-        measured: True if the observation holds the joint angles, so that two sides can compare their states.
+        step: Control steps since reset, or None if the client does not send it.
+        start: Start of the episode, or None if the client does not send it.
+        trial: The trial, if the client names it; only a served expert needs it.
+        observation: Observation of the client, or None if it sends neither joints nor state.
+        measured: Whether the observation contains the joint angles, so that two sides can compare their states.
     """
 
     instruction: str
@@ -52,13 +52,13 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request; raise InvalidInputError if a field is missing or malformed; the text names it."""
+    """Read a request; raise InvalidInputError with the name of the field if one is missing or malformed."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
         instruction = instruction.item()  # openpi's own transforms write np.asarray(prompt)
     if not isinstance(instruction, str) or not instruction.strip():
-        raise InvalidInputError("prompt", "the instruction is missing", "Send what the robot shall do as a string")
+        raise InvalidInputError("prompt", "the instruction is missing", "Send the instruction as a string")
     step = None if "better/step" not in message else _whole(message["better/step"], "better/step")
     start, trial = None, None
     if "better/episode" in message:
@@ -74,9 +74,9 @@ def read_request(message: Mapping[Any, Any]) -> Request:
 
 
 def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
-    """Read the instruction and, if it is sent, the control step of a request in the layout of an adapter.
+    """Read the instruction and, if present, the control step of a request in the layout of an adapter.
 
-    Raises InvalidInputError if the instruction is missing or malformed; the text names it.
+    Raises InvalidInputError with the name of the field if the instruction is missing or malformed.
     """
     instruction = _entry(message, layout.instruction.key)
     for _ in range(_MOST_LISTS):
@@ -84,15 +84,15 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
             instruction = instruction[0]
     if not isinstance(instruction, str) or not instruction.strip():
         where = "/".join(layout.instruction.key)
-        raise InvalidInputError(where, "the instruction is missing", f"Send it as preset {layout.name} does")
+        raise InvalidInputError(where, "the instruction is missing", f"Send it as in preset {layout.name}")
     step = _whole(message["better/step"], "better/step") if "better/step" in message else None
     return Request(layout.instruction.read(instruction), step, None, None, None, measured=False)
 
 
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
-    """Return the states that a request holds in the layout of an adapter, each as (size,) float64.
+    """Return the states in a request in the layout of an adapter, each as (size,) float64.
 
-    Zeros alone stand for no state. Raises InvalidInputError if one is malformed; the text names it.
+    A state of zeros counts as missing. Raises InvalidInputError with the name of the field if one is malformed.
     """
     found = []
     for rule in layout.states:
@@ -103,7 +103,7 @@ def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[State
 
 
 def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return what stands under a key, or None."""
+    """Return the value under a key, or None."""
     found: object = message
     for name in key:
         found = found.get(name) if isinstance(found, Mapping) else None
@@ -111,7 +111,7 @@ def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | None]:
-    """Return how the episode of a client began, and its trial if the client names one."""
+    """Return the start of a client's episode, and its trial if the client names one."""
     if not isinstance(form, Mapping):
         raise InvalidInputError(
             "better/episode", f"it is a {type(form).__name__}", "Send a map with action_space and episode"
@@ -168,7 +168,7 @@ def _libero(message: Mapping[str, Any], instruction: str, step: int) -> Observat
         joint_velocities=unknown.copy(),
         ee_position=state[:3],
         ee_quaternion=np.array(from_axis_angle(state[3:6].tolist())),
-        # The second finger of LIBERO's gripper slides the other way.
+        # The second finger of LIBERO's gripper has the opposite sign.
         gripper_width=float(state[6] - state[7]),
         depth={},
         masks={},
@@ -179,20 +179,20 @@ def _whole(value: object, where: str) -> int:
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= int(value) <= _LARGEST:
-        raise InvalidInputError(where, f"{str(value)[:40]!r} is not a whole number from 0", "Send an integer")
+        raise InvalidInputError(where, f"{str(value)[:40]!r} is not an integer ≥ 0", "Send an integer")
     return int(value)
 
 
 def _numbers(value: object, where: str, count: int) -> np.ndarray:
-    """Return a flat float64 array of finite numbers that a robot can measure."""
+    """Return a flat float64 array of finite numbers in the range of a robot's measurements."""
     try:
-        array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: what comes off the wire is read-only
+        array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: received arrays are read-only
     except (TypeError, ValueError, OverflowError):
         array = np.full(0, math.nan)
     if array.shape != (count,) or not np.isfinite(array).all():
         raise InvalidInputError(where, f"it is not {count} finite numbers", f"Send a float array of shape ({count},)")
     if np.abs(array).max(initial=0.0) > _LARGEST_NUMBER:
-        problem = f"it holds {array[np.abs(array).argmax()]:g}, which no robot measures"
+        problem = f"it contains {array[np.abs(array).argmax()]:g}, which is out of range"
         raise InvalidInputError(where, problem, "Send meters and radians")
     return array
 
@@ -207,4 +207,4 @@ def _image(value: object, where: str) -> np.ndarray:
     ):
         found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
         raise InvalidInputError(where, f"it is {found}", "Send an upright RGB image, (height, width, 3) uint8")
-    return value.copy()  # what comes off the wire is read-only, and a policy may do with it what it likes
+    return value.copy()  # received arrays are read-only, and a policy may modify them

@@ -1,10 +1,9 @@
-"""Rotation formats of policies, each to and from the quaternions used here.
+"""Rotation formats of policies, with conversions to and from our quaternions.
 
-A quaternion and its negative are one rotation but two vectors, and the rotation vector computed from the one with
-w < 0 is longer than pi. Every conversion here takes the one with w >= 0, by way of
-:func:`betterbench.geometry.normalize`, which is right for the small rotations of actions. The state of a tool that
-points down is not converted here but continuously around half a turn; why, stands at
-:data:`betterbench.policies.conventions.proprioception.StatePart`.
+A quaternion and its negative are one rotation but two vectors, and the rotation vector computed from the one with w < 0
+is longer than pi. Every conversion here uses the one with w >= 0, by way of :func:`betterbench.geometry.normalize`,
+which is right for the small rotations of actions. The state of a tool that points down is converted differently,
+continuously around half a turn (see ``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`).
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ RotationFormat = Literal[
     "rotation_6d_interleaved",
     "matrix",
 ]
-"""``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` holds the first column of the
-matrix, then the second (Zhou et al. 2019); ``_rows`` the first two rows instead (pytorch3d, GR00T); ``_interleaved``
-the first two columns read row by row (the simulators of vla-evaluation-harness). ``matrix`` holds its nine numbers row
-by row."""
+"""``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` contains the first column of
+the matrix, then the second (Zhou et al. 2019); ``_rows`` the first two rows instead (pytorch3d, GR00T);
+``_interleaved`` the first two columns read row by row (the simulators of vla-evaluation-harness). ``matrix`` contains
+the nine numbers row by row."""
 
 ROTATION_SIZES: dict[RotationFormat, int] = {
     "quaternion_wxyz": 4,
@@ -76,7 +75,7 @@ def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
 def from_format(values: Sequence[float], form: RotationFormat) -> Quaternion:
     """Return the quaternion (w, x, y, z), w >= 0, of a rotation in a policy's format.
 
-    Raises ValueError if the numbers describe no rotation (a quaternion of zeros, parallel columns).
+    Raises ValueError if the numbers are not a rotation (a quaternion of zeros, parallel columns).
     """
     if form == "quaternion_wxyz":
         return normalize(values)
@@ -115,8 +114,8 @@ def to_matrix(q: Quaternion) -> np.ndarray:
 def from_matrix(matrix: np.ndarray) -> Quaternion:
     """Return the quaternion of a rotation matrix, shape (3, 3).
 
-    The largest of the four components is computed first and the others from it, so that none of them is the root of a
-    number near zero.
+    The largest of the four components is computed first and the others from it, so that no square root of a number near
+    zero is needed.
     """
     m = matrix
     t = (
@@ -132,14 +131,14 @@ def from_matrix(matrix: np.ndarray) -> Quaternion:
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix whose first two columns point as the two vectors, as nearly as the first allows."""
+    """Return the rotation matrix with columns along two vectors; the second is made orthogonal to the first."""
     length = float(np.linalg.norm(first))
     if length < 1e-9:
-        raise ValueError("a rotation matrix with a column of zeros describes no rotation")
+        raise ValueError("a rotation matrix with a column of zeros is not a rotation")
     x = first / length
     y = second - float(x @ second) * x
     length = float(np.linalg.norm(y))
     if length < 1e-9:
-        raise ValueError("a rotation matrix with parallel columns describes no rotation")
+        raise ValueError("a rotation matrix with parallel columns is not a rotation")
     y = y / length
     return np.stack([x, y, np.cross(x, y)], axis=1)

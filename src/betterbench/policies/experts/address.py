@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from betterbench.policies.address import AddressForm, Option, PolicyAddress
 
 MAX_ACTION_NOISE_M = 0.02
-"""Largest action noise that can be asked for [m]; with more, everything is knocked over."""
+"""Largest allowed action noise [m]; above it, objects are knocked over everywhere."""
 
 OPTIONS = (
     Option("strength", "the share of the trials in which its rule applies", "number", 1.0),
@@ -24,13 +24,13 @@ ZOO_FORM = AddressForm(scheme="zoo", example="zoo:lexical", target="optional", o
 PROBE_FORM = AddressForm(scheme="probe", example="probe:no-language", target="optional", options=OPTIONS)
 
 WITNESS = "expert:witness"
-"""The expert that also writes down which faulty rules decide as it does (see
+"""The expert that also records which faulty rules decide as it does (see
 :mod:`betterbench.policies.experts.witness`)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Address of a privileged policy, with the noise of its execution.
+    """Address of a privileged policy, with its execution noise.
 
     Attributes:
         name: Its name without options.
@@ -44,11 +44,11 @@ class Address:
 
     @classmethod
     def of(cls, read: PolicyAddress) -> Address:
-        """Return what an address asks for that has been read."""
+        """Return the policy that a parsed address describes."""
         return cls(read.name, read.number("strength", 1.0), read.number("action_noise", 0.0))
 
     def __str__(self) -> str:
-        """Return the address, options that have their default left out."""
+        """Return the address, without options at their default."""
         options = [f"strength={self.strength:g}"] * (self.strength < 1.0) + [
             f"action_noise={self.action_noise_m:g}"
         ] * (self.action_noise_m > 0.0)

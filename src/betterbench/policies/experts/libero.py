@@ -1,7 +1,7 @@
-"""Privileged policies in LIBERO: an expert that picks and places, and faulty ones that calibrate the diagnosis there.
+"""Privileged policies in LIBERO: an expert for pick and place, and faulty policies that calibrate the diagnosis there.
 
-They act through robosuite's ``OSC_POSE``, whose deltas start from the measured pose, so that each action leads from
-where the gripper is to where it shall be. The fingers close along the x axis of LIBERO's tool.
+They act through robosuite's ``OSC_POSE``, whose deltas start from the measured pose, so each action is the difference
+between the goal and the measured pose. The fingers close along the x axis of LIBERO's tool.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.policies.experts.motion import CLOSE, OPEN, TRANSLATION_PER_UNIT_M, Motion, delta_action
 from betterbench.policies.experts.registry import parse_address
 from betterbench.policies.faulty import Fault
-from betterbench.sim.worlds import ForeignScene
+from betterbench.sim.worlds import ProcessScene
 from betterbench.tasks import Label, TrainingDistribution, stream
 from betterbench.tasks.worlds.libero_training import CARRIED, trained_in, word_of_sentence
 
 FINGER_ROOM_M = 0.074
-"""Widest thing that is taken between the fingers; they open to 77 mm."""
+"""Widest object that is grasped between the fingers; they open to 77 mm."""
 
 TOOL_TIP_M = 0.011
 """Length of the fingers below the tool center point [m]."""
@@ -31,7 +31,7 @@ HAND_ABOVE_M = 0.035
 """Height of the hand above the tool center point [m]."""
 
 HAND_HALF_M = (0.04, 0.11)
-"""Half of the room that the hand takes across the fingers' axis and along it [m]."""
+"""Half of the space that the hand takes across the fingers' axis and along it [m]."""
 
 HOME_YAW = 0.5 * math.pi
 """Heading of the fingers' axis at home [rad]."""
@@ -43,20 +43,20 @@ _LIFT_M = 0.06
 _STILL_STEPS, _STILL_M = 6, 0.002
 
 POLICIES = {
-    "expert": "brings the right thing to the right place, and tries again after a missed grasp",
-    "zoo:lexical": "takes what stands where training picked for the words of the sentence",
-    "zoo:layout": "takes what stands where training picked most often, whatever the sentence says",
-    "zoo:habit-place": "brings the right thing where the target stood in training",
-    "zoo:clumsy": "goes for the right thing, and drops it or closes beside it",
+    "expert": "brings the right object to the right target, and repeats a missed grasp",
+    "zoo:lexical": "picks at the slot from which training picked for the words of the instruction",
+    "zoo:layout": "picks at the slot from which training picked most often, whatever the instruction says",
+    "zoo:habit-place": "brings the right object to the trained position of the target",
+    "zoo:clumsy": "reaches for the right object, and drops it or closes the gripper beside it",
 }
-"""The privileged policies that know LIBERO, by address, and what they do."""
+"""The privileged policies that support LIBERO, by address, with their behavior."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Aim:
-    """Object to carry and its target: the position at which the middle of its bottom is to stand [m].
+    """Object to carry and its target: the position for the center of its bottom [m].
 
-    ``fault`` is the fault of a wrong target. It does not show until the object has been carried there.
+    ``fault`` is the fault of a wrong target. It is recorded only when the object has been carried there.
     """
 
     object: str
@@ -65,18 +65,18 @@ class _Aim:
 
 
 class LiberoAgent:
-    """Privileged policy in one episode of a LIBERO task that asks for objects to be carried."""
+    """Privileged policy in one episode of a LIBERO task in which objects are carried."""
 
-    def __init__(self, address: str, scene: ForeignScene) -> None:
+    def __init__(self, address: str, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset.
 
         Raises:
             UnknownNameError: If there is no such policy.
-            InvalidInputError: If it does not know LIBERO, or the task asks for something else.
+            InvalidInputError: If it does not support LIBERO, or the task needs other skills.
         """
         asked = parse_address(address)
         if asked.name not in POLICIES:
-            raise InvalidInputError("policy", f"{address} does not know LIBERO", f"Give {', '.join(POLICIES)}")
+            raise InvalidInputError("policy", f"{address} does not support LIBERO", f"Give {', '.join(POLICIES)}")
         self._name, self._rule, self._noise_m = address, asked.name, asked.action_noise_m
         self._scene = scene
         self._random = stream(scene.task.id, scene.seed, f"{asked.name}:{scene.condition.name}")
@@ -135,7 +135,7 @@ class LiberoAgent:
             state = yield _still(state, OPEN)
 
     def _decide(self, state: WorldState, step: CarriedStep, number: int) -> _Aim:
-        """Return what is brought where, and note the first wrong decision about what is taken."""
+        """Return the object to carry and its target, and record the first wrong decision about the object."""
         target = state.pose(step.target)
         right = _Aim(step.object, _place_of(state, step))
         if not self._applies or self._rule == "expert":
@@ -164,7 +164,7 @@ class LiberoAgent:
         return right
 
     def _slots_of_rule(self, state: WorldState, step: CarriedStep) -> tuple[Label, tuple[str, ...]]:
-        """Return the slots from which a rule picks, the first choice first, and what a wrong pick is called."""
+        """Return the slots from which a rule picks, the first choice first, and the label of a wrong pick."""
         here = {slot.name for slot in state.info.slots}
         trained = self._trained
         if self._rule == "zoo:layout":
@@ -182,7 +182,7 @@ class LiberoAgent:
             self._fault = Fault(label, number, text)
 
     def _bring(self, state: WorldState, aim: _Aim) -> Motion:
-        """Take an object and let go of it at its place."""
+        """Pick an object and release it at its target."""
         thing = state.info.object(aim.object)
         grasp = self._grasp(state, thing)
         clear = max(_top(state, o) for o in state.info.objects if not o.fixed) + thing.size_m[2] + 0.03
@@ -219,7 +219,7 @@ class LiberoAgent:
         return state
 
     def _grasp(self, state: WorldState, thing: ObjectInfo) -> Pose:
-        """Return the pose of the tool at which the fingers close on a thing, or beside it."""
+        """Return the pose of the tool at which the fingers close on an object, or beside it."""
         grasp = grasp_of(state, thing)
         if not self._miss:
             return grasp
@@ -231,7 +231,7 @@ class LiberoAgent:
 
 @dataclass(frozen=True, slots=True)
 class CarriedStep:
-    """Relation of a goal that is reached by carrying an object; ``number`` is its index in the goal."""
+    """Goal relation that is reached by carrying an object; ``number`` is its index in the goal."""
 
     number: int
     relation: str
@@ -239,27 +239,27 @@ class CarriedStep:
     target: str
 
 
-def steps_of(scene: ForeignScene) -> tuple[CarriedStep, ...]:
+def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
     """Return what the task of a scene that has been reset asks for.
 
     Raises:
-        InvalidInputError: If it asks for something that is not carried.
+        InvalidInputError: If a step is not done by carrying.
     """
     return tuple(carried_step(scene.info.objects, i, name) for i, name in enumerate(scene.subgoal_names))
 
 
 def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> CarriedStep:
-    """Return a relation of a goal ("in(milk_1, basket_1_contain_region)") by what it is about.
+    """Return the step of a goal relation ("in(milk_1, basket_1_contain_region)").
 
     Raises:
-        InvalidInputError: If nothing is carried to bring it about.
+        InvalidInputError: If the relation is not reached by carrying.
     """
     relation, _, rest = name.removesuffix(")").partition("(")
     about = rest.split(", ")
     known = {o.name: o for o in objects}
     target = next((n for n in known if len(about) == 2 and (about[1] == n or about[1].startswith(f"{n}_"))), None)
     if relation not in CARRIED or target is None or about[0] not in known or known[about[0]].fixed:
-        raise InvalidInputError("policy", f"it has no skill for {name}", "Name tasks that ask to bring things")
+        raise InvalidInputError("policy", f"it has no skill for {name}", "Name pick-and-place tasks")
     return CarriedStep(number, relation, about[0], target)
 
 
@@ -274,7 +274,7 @@ def standing_in(state: WorldState, slot: str) -> str | None:
 
 
 def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
-    """Return the pose of the tool that grasps a thing from above: across its narrow side, or at its rim."""
+    """Return the pose of the tool that grasps an object from above: across its narrow side, or at its rim."""
     pose = state.pose(thing.name)
     depth, width, height = thing.size_m
     x, y, z = pose.position
@@ -303,14 +303,14 @@ def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
 
 
 def _strikes(state: WorldState, grasp: Pose, other: ObjectInfo) -> bool:
-    """Tell whether the hand, with its fingers along the y axis of the world, comes down into the box of a thing."""
+    """Tell whether the hand, with its fingers along the world's y axis, would hit the bounding box of an object."""
     pose = state.pose(other.name)
     if _top(state, other) < grasp.position[2] + HAND_ABOVE_M:
         return False
     across, along = (rotate(pose.quaternion, axis)[:2] for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     (dx, dy), (width, length) = HAND_HALF_M, other.size_m[:2]
     x, y = grasp.position[0] - pose.position[0], grasp.position[1] - pose.position[1]
-    # Two rectangles are apart where one of their sides lies between them.
+    # Two rectangles are disjoint if a side of one of them separates them.
     return all(
         abs(x * a + y * b)
         <= dx * abs(a) + dy * abs(b) + 0.5 * width * abs(_dot(across, (a, b))) + 0.5 * length * abs(_dot(along, (a, b)))
@@ -323,12 +323,12 @@ def _dot(a: tuple[float, ...], b: tuple[float, float]) -> float:
 
 
 def _place_of(state: WorldState, step: CarriedStep) -> Vector:
-    """Return the middle of the bottom of where a step brings its object [m]."""
+    """Return the position for the center of the object's bottom in a step [m]."""
     return _place_at(state, step, state.pose(step.target).position)
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return the same if the target stood at a place [m]: over the rim of what the object goes into."""
+    """Return the same position if the target were elsewhere [m]: above the rim of a container."""
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)
@@ -336,7 +336,7 @@ def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
 
 
 def _turned(yaw: float) -> float:
-    """Return by how much the fingers are turned from home to lie along a heading, from -90 to 90 degrees [rad]."""
+    """Return the rotation of the fingers from home to a heading, from -90 to 90 degrees [rad]."""
     return (yaw - HOME_YAW + 0.5 * math.pi) % math.pi - 0.5 * math.pi
 
 
@@ -357,9 +357,9 @@ def _still(state: WorldState, gripper: float) -> np.ndarray:
 
 
 def _move(state: WorldState, goal: Pose, gripper: float, *, limit: int, speed: float = 1.0) -> Motion:
-    """Move until the tool is near a pose or stands still, for at most so many control steps.
+    """Move until the tool is near a pose or stops, for at most ``limit`` control steps.
 
-    ``speed`` is a share of the fastest.
+    ``speed`` is a fraction of the maximum.
     """
     way = [state.ee_pose.position]
     for _ in range(limit):

@@ -12,7 +12,7 @@ from betterbench.geometry import Pose, angle_between, distance, straight_way, to
 from betterbench.interface.state import WorldState
 
 Motion = Generator[np.ndarray, WorldState, WorldState]
-"""A motion yields actions, is sent the state after each, and returns the last state."""
+"""A motion yields actions, receives the state after each, and returns the last state."""
 
 OPEN, CLOSE = -1.0, 1.0
 TRANSLATION_PER_UNIT_M = 0.05
@@ -41,7 +41,7 @@ FREE = Pace(0.50, 0.15, 1.6, 1.8)
 CARRY = Pace(0.32, 0.10, 0.8, 1.6)
 """Pace with an object in the gripper, held with 40 N: it slips by less than 1 mm."""
 RAILS = Pace(0.14, 0.05, 0.4)
-"""Pace of a drawer: what is in it must not slide."""
+"""Pace of a drawer: its contents must not slide."""
 APPROACH = Pace(0.16, 0.05, 0.6)
 """Pace of the last stretch before contact."""
 
@@ -65,7 +65,7 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
 
 
 def _span(a: Pose, b: Pose, pace: Pace) -> float:
-    """Return the length [m] that a segment counts for: its path, or its turning at the same pace."""
+    """Return the length [m] of a segment at a pace: its path, or its rotation as an equivalent path."""
     return max(distance(a.position, b.position), angle_between(a.quaternion, b.quaternion) * pace.speed / pace.turning)
 
 
@@ -75,12 +75,12 @@ def follow(
     """Move along straight segments and wait until the arm has arrived.
 
     Args:
-        state: State now.
-        waypoints: Poses to pass, the last one to stop at.
+        state: Current state.
+        waypoints: Poses on the path; the motion stops at the last one.
         gripper: Gripper command during the motion.
         pace: Speed limits of the motion.
         period_s: Control period [s].
-        settle: Most control steps to wait for the arm at the end.
+        settle: Maximum control steps to wait for the arm at the end.
 
     Returns:
         The state after the last action.
@@ -106,7 +106,7 @@ def follow(
 
 
 def hold(state: WorldState, steps: int, *, gripper: float) -> Motion:
-    """Stay where the arm is commanded to be for some control steps."""
+    """Keep the commanded pose for some control steps."""
     for _ in range(steps):
         state = yield delta_action(state.commanded_pose, state.commanded_pose, gripper)
     return state
@@ -116,8 +116,8 @@ def close_gripper(state: WorldState, *, steps: int = 24) -> Motion:
     """Close the gripper until the fingers have stopped.
 
     Args:
-        state: State now.
-        steps: Most control steps to wait.
+        state: Current state.
+        steps: Maximum control steps to wait.
     """
     still = 0
     for _ in range(steps):
@@ -133,9 +133,9 @@ def release_to(state: WorldState, *, width_m: float, steps: int = 20) -> Motion:
     """Open the gripper to ``width_m`` and keep it there while the object comes to rest.
 
     Args:
-        state: State now.
-        width_m: Distance of the pads to stop at [m].
-        steps: Most control steps to wait.
+        state: Current state.
+        width_m: Opening width at which to stop [m].
+        steps: Maximum control steps to wait.
     """
     state = yield from open_gripper(state, width_m=width_m, steps=steps)
     for _ in range(3):
@@ -147,9 +147,9 @@ def open_gripper(state: WorldState, *, width_m: float, steps: int = 20) -> Motio
     """Open the gripper until its fingers are ``width_m`` apart.
 
     Args:
-        state: State now.
-        width_m: Distance of the pads to wait for [m].
-        steps: Most control steps to wait.
+        state: Current state.
+        width_m: Opening width to wait for [m].
+        steps: Maximum control steps to wait.
     """
     for _ in range(steps):
         if state.finger_width_m >= width_m:

@@ -36,17 +36,17 @@ SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
 CHECK_STEP_M = 0.03
 """Distance between configurations that are checked along a path."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
-"""Distance and angle by which a checked configuration may miss its pose; clearances are larger."""
+"""Position and angle error allowed for a checked configuration; clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
-"""Largest joint motion between two checked configurations; a larger one is a jump to another posture."""
+"""Largest joint motion between two checked configurations; a larger one means another posture."""
 COMFORT_RAD = 0.3
-"""Distance from the joint limits that poses keep where there is a choice: a wrist at its limit cannot turn on."""
+"""Preferred distance from the joint limits: a wrist at its limit cannot rotate further."""
 SLIDE_WIDTH_M = 0.05
-"""Opening of the gripper around a knob that is checked along the rails [m]."""
+"""Opening of the gripper around a knob in the check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Reason against a path on which the arm would have to change its posture."""
+"""Reason against a path that would need another posture of the arm."""
 LIFT_M = 0.08
-"""Length of the straight approach and of the straight retreat."""
+"""Length of the straight approach and of the straight retreat [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +55,9 @@ class PickPlan:
 
     Attributes:
         object: Name of the object.
-        way: Poses of the tool center point to pass, the last one above the grasp.
+        way: Poses of the tool center point on the path, the last one above the grasp.
         grasp: Pose ``T_world_tcp`` at which the gripper closes.
-        width_m: Opening of the gripper on the way down [m].
+        width_m: Opening width on the way down [m].
     """
 
     object: str
@@ -71,10 +71,10 @@ class PlacePlan:
     """Collision-free path to put down the held object.
 
     Attributes:
-        way: Poses of the tool center point to pass.
+        way: Poses of the tool center point on the path.
         release: Pose ``T_world_tcp`` at which the gripper opens.
-        retreat: Pose to go to afterward.
-        release_width_m: Opening of the gripper at the release [m].
+        retreat: Pose after the release.
+        release_width_m: Opening width at the release [m].
     """
 
     way: tuple[Pose, ...]
@@ -88,8 +88,8 @@ class SlidePlan:
     """Collision-free path to grasp a drawer by its knob and move it along its rails.
 
     Attributes:
-        pick: Way to the knob.
-        end: Pose ``T_world_tcp`` to move to with the knob in the gripper.
+        pick: Path to the knob.
+        end: Final pose ``T_world_tcp`` with the knob in the gripper.
     """
 
     pick: PickPlan
@@ -100,7 +100,7 @@ class Planner:
     """Planner of grasps and collision-free paths in one scene."""
 
     def __init__(self, scene: Scene) -> None:
-        """Prepare a private copy of the scene."""
+        """Make a private copy of the scene."""
         self._scene = scene
         self._clearance = Clearance(scene)
         self._ik = scene.controller.ik
@@ -108,15 +108,15 @@ class Planner:
         self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
 
     def plan_pick(self, state: WorldState, name: str, *, cost: Callable[[Pose], float] | None = None) -> PickPlan:
-        """Return the best free way to take an object.
+        """Return the best collision-free path to pick an object.
 
         Args:
-            state: State now.
+            state: Current state.
             name: Name of the object.
-            cost: Added to the turn of the gripper [rad] by which grasps of equal preference are ordered.
+            cost: Value added to the rotation of the gripper [rad], by which grasps of equal preference are ordered.
 
         Raises:
-            PlanningError: If no grasp can be reached without touching something else.
+            PlanningError: If no grasp can be reached without a collision.
         """
         self._clearance.load(state)
         reasons: list[str] = []
@@ -145,15 +145,15 @@ class Planner:
         raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
 
     def plan_slide(self, state: WorldState, name: str, travel_m: float) -> SlidePlan:
-        """Return the best free way to take a drawer and move it along its own x axis.
+        """Return the best collision-free path to grasp a drawer and move it along its own x axis.
 
         Args:
-            state: State now.
+            state: Current state.
             name: Name of the drawer.
-            travel_m: Distance to move it [m]; positive draws it out.
+            travel_m: Distance to move it [m]; positive opens it.
 
         Raises:
-            PlanningError: If its knob cannot be taken, or the way along the rails is not free.
+            PlanningError: If its knob cannot be grasped, or the path along the rails is not free.
         """
         pick = self.plan_pick(state, name)
         dx, dy, dz = rotate(state.pose(name).quaternion, (travel_m, 0.0, 0.0))
@@ -161,11 +161,11 @@ class Planner:
         joints = self._reach(state.joint_positions, pick.grasp)
         if joints is None:
             raise PlanningError(f"the knob of {name} is out of reach")
-        # What lies in the drawer comes along with it.
+        # Objects in the drawer move with it.
         along = frozenset({name}) | {o.name for o in state.info.objects if not o.fixed and inside(state, o.name, name)}
         blocked, _ = self.check_way(joints, (pick.grasp, end), SLIDE_WIDTH_M, ignore=along)
         if blocked is not None:
-            raise PlanningError(f"no free way along the rails of {name}: {blocked}")
+            raise PlanningError(f"no free path along the rails of {name}: {blocked}")
         return SlidePlan(pick, end)
 
     def travel_m(self, name: str) -> float:
@@ -173,15 +173,15 @@ class Planner:
         return float(self._assets[name].parameters["travel_m"])
 
     def plan_place(self, state: WorldState, name: str, goals: Sequence[PlaceGoal]) -> PlacePlan:
-        """Return the best free way to put the held object at one of several poses.
+        """Return the best collision-free path to put the held object at one of several poses.
 
         Args:
-            state: State now, with the object in the gripper.
+            state: Current state, with the object in the gripper.
             name: Name of the object.
-            goals: Poses to end at and ways in, the best first.
+            goals: Final poses with their approaches, the best first.
 
         Raises:
-            PlanningError: If none of them can be reached without touching something.
+            PlanningError: If none of them can be reached without a collision.
         """
         self._clearance.load(state)
         T_object_tcp = state.pose(name).inverse() @ state.ee_pose
@@ -227,10 +227,10 @@ class Planner:
                 reasons.append(blocked)
                 continue
             return PlacePlan(way, release, release.translated(z=0.12), opened)
-        raise PlanningError(f"no free place for {name}: {', '.join(sorted(set(reasons))) or 'no place given'}")
+        raise PlanningError(f"no free placement of {name}: {', '.join(sorted(set(reasons))) or 'no goal given'}")
 
     def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
-        """Return a free way to a pose with an empty, open gripper, or None."""
+        """Return a free path to a pose with an empty, open gripper, or None."""
         self._clearance.load(state)
         found = self._transit(state, goal, self._opening)
         return None if found is None else found[0]
@@ -244,12 +244,12 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> tuple[tuple[Pose, ...], list[float]] | None:
-        """Return a free way up, across and down to a pose, and the joints at its end [rad]; None if there is none.
+        """Return a free path up, across and down to a pose, and the joints at its end [rad]; None if there is none.
 
         Args:
-            state: State now.
+            state: Current state.
             goal: Pose ``T_world_tcp`` to reach.
-            width_m: Distance of the finger pads on the way [m].
+            width_m: Opening width on the path [m].
             held: Object in the gripper, or None.
             T_tcp_object: Pose of the held object in the gripper.
         """
@@ -265,12 +265,12 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> list[float] | None:
-        """Return the joints at the end of a given way [rad], or None if it touches anything or is out of reach.
+        """Return the joints at the end of a given path [rad], or None if it has a collision or is out of reach.
 
         Args:
-            state: State now.
-            way: Poses ``T_world_tcp``, the first one where the arm is sent to now.
-            width_m: Distance of the finger pads on the way [m].
+            state: Current state.
+            way: Poses ``T_world_tcp``, the first one equal to the current goal of the arm.
+            width_m: Opening width on the path [m].
             held: Object in the gripper, or None.
             T_tcp_object: Pose of the held object in the gripper.
         """
@@ -287,7 +287,7 @@ class Planner:
     def _grasps(
         self, state: WorldState, name: str, cost: Callable[[Pose], float] | None
     ) -> Iterator[tuple[Pose, float]]:
-        """Yield grasp poses in the world, the preferred and least turned ones first."""
+        """Yield grasp poses in the world, the preferred and least rotated ones first."""
         pose = state.pose(name)
         found: list[tuple[float, Pose, float]] = []
         for grasp in self._assets[name].grasps:
@@ -322,7 +322,7 @@ class Planner:
                 yield Pose((center[0], center[1], height), down), info.size_m[axis]
 
     def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0) -> np.ndarray | None:
-        """Return joint angles that reach a pose and keep ``margin`` [rad] from the joint limits, or None."""
+        """Return joint angles that reach a pose with a distance of ``margin`` [rad] to the joint limits, or None."""
         result = self._ik.reach(np.asarray(start, dtype=float), pose)
         if not result.converged:
             return None
@@ -338,7 +338,7 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> tuple[tuple[Pose, ...], list[float]] | None:
-        """Return a way up, across and down to ``goal`` that touches nothing, and the joints at its end, or None."""
+        """Return a path up, across and down to ``goal`` without collisions, and the joints at its end, or None."""
         start = state.commanded_pose
         joints = state.joint_positions
         for height in SAFE_HEIGHTS_M:
@@ -366,24 +366,24 @@ class Planner:
         ignore: frozenset[str] = frozenset(),
         lenient_start: bool = False,
     ) -> tuple[str | None, list[float]]:
-        """Follow a way in joint space, in the state that was planned in last, and tell what blocks it.
+        """Follow a path in joint space, in the state of the last plan, and return the first obstacle.
 
-        The joints are followed from one configuration to the next, as the controller will do, so that a way which runs
-        into a joint limit or needs another posture of the elbow is not free.
+        The joints are followed from one configuration to the next, as the controller does, so a path that reaches a
+        joint limit or needs another posture of the elbow is not free.
 
         Args:
             joints: (7,) joint angles at its beginning [rad].
             way: Poses of the tool center point.
-            width: Distance of the finger pads [m].
+            width: Opening width [m].
             held: Object in the gripper, or None.
             T_tcp_object: Pose of the held object in the gripper.
             ignore: Objects that the robot may touch.
-            lenient_start: True to forgive contact on the first 5 cm: one starts where one is.
+            lenient_start: Whether to ignore contacts on the first 5 cm, because the start cannot be chosen.
 
         Returns:
-            What blocks the way, or None if it is free; and the joint angles where the check ended.
+            The obstacle, or None if the path is free; and the joint angles where the check ended.
         """
-        # Plain numbers in plain loops take half of the time of arrays of seven.
+        # Plain numbers in plain loops take half the time of arrays of seven elements.
         traveled, now = 0.0, [float(angle) for angle in joints]
         before = now
         for start, end in itertools.pairwise(way):
@@ -393,7 +393,7 @@ class Planner:
             between = straight_way(start, end)
             for i in range(1, steps + 1):
                 pose = between(i / steps)
-                # The joints go on as they went.
+                # Extrapolate the last joint motion.
                 ahead = now if i == 1 else [2.0 * here - was for here, was in zip(now, before, strict=True)]
                 found = self._ik.follow(
                     ahead, pose, position_tolerance_m=CHECK_POSITION_M, rotation_tolerance_rad=CHECK_ROTATION_RAD
@@ -410,7 +410,7 @@ class Planner:
 
 
 def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
-    """Yield the equal ways of one annotated grasp: turned about the object's axis, and with the fingers exchanged."""
+    """Yield the equivalent poses of one annotated grasp: rotated about the object's axis, and with swapped fingers."""
     turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
     half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))
     for turn in turns:

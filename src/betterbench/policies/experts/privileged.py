@@ -24,18 +24,18 @@ from betterbench.tasks.demonstrated import Releases, demonstrated_if_measured
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 MAX_DECISIONS = 12
-"""Decisions after which a policy gives up: twice the longest chain of the suite."""
+"""Maximum of decisions before a policy gives up: twice the longest chain of the suite."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """Execution noise of a policy: errors of the motions that carry out its decisions.
+    """Execution noise of a policy: errors of the motions that execute its decisions.
 
     Attributes:
-        grasp_offset: Deliberate error of the grasp, or None.
+        grasp_offset: Deliberate grasp error, or None.
         action_noise_m: Standard deviation of the noise on each control step's translation [m].
-        speed: Share of the usual speed.
-        crash_step: Control step at which the policy fails, or None.
+        speed: Fraction of the usual speed.
+        crash_step: Control step at which the policy raises an error, or None.
     """
 
     grasp_offset: GraspOffset | None = None
@@ -47,8 +47,8 @@ class ExecutionNoise:
 class _DecisionLoop:
     """Loop that turns the decisions of a rule into actions.
 
-    The agent holds the loop and its generator, and neither refers to the agent: a cycle would keep the scene in memory
-    until a garbage collection.
+    The agent refers to the loop and its generator, and neither refers to the agent: a reference cycle would keep the
+    scene in memory until a garbage collection.
     """
 
     def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
@@ -66,7 +66,7 @@ class _DecisionLoop:
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
 
     def actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode that begins in a state; each state that follows is sent in."""
+        """Yield the actions of an episode from its first state; each following state is sent in."""
         home = state.ee_pose
         history: tuple[Decision, ...] = ()
         while len(history) < MAX_DECISIONS:
@@ -99,20 +99,21 @@ class _DecisionLoop:
             state = yield from self._skills.wander(state)
         if not worked and self._exact and self.mishap is None:
             because = f": {self._skills.obstacle}" if self._skills.obstacle else ""
-            self.mishap = f"the gripper could not carry out {decision}{because}"
+            self.mishap = f"the gripper could not execute {decision}{because}"
         return state
 
 
 def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return where demonstrations let go of things at the targets of a scene, by target, relation and region.
+    """Return the release points of demonstrations at the targets of a scene, by target, relation and region.
 
-    A trial shows that it can be solved with what was trained, so it follows the demonstrations; these follow nothing.
+    Trials follow the demonstrations, to show that they can be solved with trained motions. Demonstrations themselves
+    have no release points to follow.
     """
     return (lambda *_: None) if scene.seed >= FIRST_DEMONSTRATION_SEED else measured_releases(scene)
 
 
 def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return where the measured demonstrations let go of things at the targets of a scene, whatever its seed."""
+    """Return the release points of the measured demonstrations at the targets of a scene, whatever its seed."""
     condition = scene.condition
     known = demonstrated_if_measured(scene.task, engine=engine_version())
     grounds = {o.name: o.name if o.mount is None else o.mount.target for o in condition.objects}
@@ -140,10 +141,10 @@ class PrivilegedAgent:
 
         Args:
             name: Address of the policy.
-            scene: The scene the episode runs in.
-            rule: Decides.
+            scene: The scene of the episode.
+            rule: Decision rule.
             noise: Execution noise of the decisions; none if not given.
-            skills: Carry them out; those of the expert, if not given.
+            skills: Motor skills; those of the expert if not given.
         """
         self._name = name
         self._execution = noise or ExecutionNoise()
@@ -160,9 +161,9 @@ class PrivilegedAgent:
     def ground_truth(self) -> dict[str, str]:
         """Ground truth of the policy about its own episode, for the journal of the run; records do not contain it.
 
-        ``truth`` is the outcome label of the first wrong decision, empty if all were right; ``fault`` that
-        decision; ``mishap`` a right decision that the gripper could not carry out. A witness adds ``same``, the names
-        of the rules that decided as it did, with spaces between them.
+        ``truth`` is the outcome label of the first wrong decision, empty if all were right. ``fault`` is that decision.
+        ``mishap`` is a right decision that the gripper could not execute. A witness adds ``same``, the names of the
+        rules that decided as it did, separated by spaces.
         """
         rule = self._loop.rule
         fault = rule.fault
@@ -178,7 +179,7 @@ class PrivilegedAgent:
         """Return the next action in the ``ee_delta`` action space, shape (7,).
 
         Raises:
-            RuntimeError: At the step at which the policy is to fail.
+            RuntimeError: At the control step of a planned crash.
         """
         if self._execution.crash_step is not None and state.step >= self._execution.crash_step:
             raise RuntimeError("this faulty policy fails on purpose")
@@ -193,7 +194,7 @@ class PrivilegedAgent:
         return action
 
     def close(self) -> None:
-        """Forget the episode, so that its scene, of some 25 MB, is freed with the last reference to it."""
+        """Release the episode, so that its scene (about 25 MB) is freed with its last reference."""
         run, self._run = self._run, None
         if run is not None:
             run.close()
@@ -204,10 +205,10 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
 
     Args:
         address: Its address.
-        scene: The scene the episode runs in.
+        scene: The scene of the episode.
 
     Raises:
-        UnknownNameError: If there is no such policy or option.
+        UnknownNameError: If the policy or an option does not exist.
         InvalidInputError: If an option is out of range.
     """
     asked = parse_address(address)
@@ -222,7 +223,7 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
 
 
 def _noise_of(rule: BrokenRule, asked: Address) -> ExecutionNoise:
-    """Return how the decisions of a rule are carried out."""
+    """Return the execution noise of a rule."""
     slow = isinstance(rule, Slow) and rule.applies
     return ExecutionNoise(
         grasp_offset=rule.grasp_offset if isinstance(rule, Clumsy) else None,

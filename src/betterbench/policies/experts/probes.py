@@ -1,9 +1,9 @@
-"""Open-loop probes: they play the motion of a demonstration and ignore the observations.
+"""Open-loop probes: they replay the motion of a demonstration and ignore the observations.
 
-A benchmark whose scenes can be solved with closed eyes measures memory. ``probe:replay`` plays a demonstration of the
-condition that the trial's twin has, so mostly of the same instruction in the same layout; ``probe:no-images`` one of
-the trained instruction that is closest to the trial's. Both are demonstrations that a policy could have been trained
-on: their seeds are those of demonstrations, never those of tests. They miss objects that stand elsewhere.
+If a benchmark's scenes can be solved without observations, it measures memory. ``probe:replay`` replays a demonstration
+of the twin's condition, so mostly of the same instruction in the same layout. ``probe:no-images`` replays one of the
+trained instruction that is closest to the trial's. Both are demonstrations on which a policy could have been trained:
+their seeds are those of demonstrations, never those of tests. They miss objects at other positions.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from betterbench.tasks import Condition, GoalTracker, stream
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 _KEPT = 256
-"""Demonstrations that are kept: several variations of a task have the same twin."""
+"""Number of demonstrations that are cached: several variations of a task have the same twin."""
 
 _DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str], np.ndarray] = OrderedDict()
 
 OTHER_DEMONSTRATIONS = 500_000
-"""Added to a demonstration's seed for another demonstration of the same trial."""
+"""Offset of a demonstration's seed for another demonstration of the same trial."""
 
 
 class OpenLoop:
-    """Open-loop policy: it plays given actions one after the other and then holds still."""
+    """Open-loop policy: it executes given actions one after the other and then stands still."""
 
     def __init__(self, name: str, actions: np.ndarray) -> None:
         """Prepare for an episode.
 
         Args:
             name: Address of the policy.
-            actions: (T, 7) actions to play.
+            actions: (T, 7) actions to execute.
         """
         self._name, self._actions = name, actions
         self.ground_truth = {"truth": "", "fault": "", "mishap": ""}
@@ -61,8 +61,8 @@ def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPo
 
     Args:
         name: "probe:replay" or "probe:no-images".
-        scene: The scene the episode runs in.
-        play: Makes the policy whose motion is played, for a scene.
+        scene: The scene of the episode.
+        play: Factory of the policy whose motion is replayed, for a scene.
     """
     condition = twin_of(scene) if name == "probe:replay" else by_sentence(scene)
     return OpenLoop(name, demonstration(scene, condition, demonstration_seed(name, scene.seed), play))
@@ -74,13 +74,13 @@ def demonstration_seed(name: str, seed: int) -> int:
 
 
 def twin_of(scene: Scene) -> Condition:
-    """Return the training condition that a scene's condition is derived from, or that it is."""
+    """Return the training condition from which a scene's condition is derived, or that it is itself."""
     names = {v.name: v.base for v in scene.task.variations}
     return scene.task.train(names.get(scene.condition.name, scene.condition.name))
 
 
 def by_sentence(scene: Scene) -> Condition:
-    """Return a training condition whose instruction is closest to the trial's; one of several by the trial's stream."""
+    """Return the training condition with the closest instruction; ties are broken by the trial's random stream."""
     said = scene.condition.instruction.text
     closeness = [SequenceMatcher(None, said, c.instruction.text).ratio() for c in scene.task.training]
     best = [c for c, value in zip(scene.task.training, closeness, strict=True) if value >= max(closeness) - 1e-9]
@@ -94,10 +94,10 @@ def demonstration(
     """Return the (T, 7) actions with which a policy solves a training condition.
 
     Args:
-        scene: A scene of the task, whose action space and quality are taken.
+        scene: A scene of the task, with the action space and quality to use.
         condition: The training condition.
         seed: Seed of the demonstration.
-        play: Makes the policy for a scene.
+        play: Factory of the policy for a scene.
     """
     key = (scene.task.id, condition.name, seed, scene.action_space.name, scene.quality.name, scene.looks)
     if key in _DEMONSTRATIONS:

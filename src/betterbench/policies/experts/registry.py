@@ -39,7 +39,7 @@ class ExpertEntry:
     Attributes:
         address: Its address.
         summary: Its behavior in one sentence.
-        rule: Makes its rule from the trial and the strength of its rule.
+        rule: Constructor of its rule from the trial and the rule's strength.
     """
 
     address: str
@@ -50,38 +50,38 @@ class ExpertEntry:
 EXPERTS: dict[str, ExpertEntry] = {
     e.address: e
     for e in (
-        ExpertEntry("expert", "Does what is asked, in order, and tries again after a missed grasp.", BrokenRule),
-        ExpertEntry("zoo:lexical", "A word triggers the motion that went with it in training.", Lexical),
-        ExpertEntry("zoo:layout", "The first pick is always at the same place.", Layout),
+        ExpertEntry("expert", "Follows the instruction in order and repeats a missed grasp.", BrokenRule),
+        ExpertEntry("zoo:lexical", "A word triggers the motion associated with it in training.", Lexical),
+        ExpertEntry("zoo:layout", "The first pick is always at the same slot.", Layout),
         ExpertEntry("zoo:inertia", "Begins with the step that most demonstrations began with.", Inertia),
-        ExpertEntry("zoo:sequence", "After its first step it plays the step that followed in training.", Sequence),
-        ExpertEntry("zoo:habit-place", "Brings the right thing where training brought it.", HabitPlace),
+        ExpertEntry("zoo:sequence", "After its first step it executes the step that followed in training.", Sequence),
+        ExpertEntry("zoo:habit-place", "Brings the right object to its trained target.", HabitPlace),
         ExpertEntry("zoo:progress-cue", "Reads progress from how many objects are left on the table.", ProgressCue),
-        ExpertEntry("zoo:repeat", "Does a finished step again.", Repeat),
+        ExpertEntry("zoo:repeat", "Repeats a finished step.", Repeat),
         ExpertEntry(
             "zoo:reorder", "Takes the second of two steps first, where the order is part of the goal.", Reorder
         ),
         ExpertEntry("zoo:color", "Any object of the right color will do.", Color),
         ExpertEntry("zoo:shape", "Any object of the right shape will do.", Shape),
         ExpertEntry("zoo:halt", "Stops for good if training never showed this instruction in this scene.", Halt),
-        ExpertEntry("zoo:refuse", "Never starts if the scene holds an object that training never showed.", Refuse),
+        ExpertEntry("zoo:refuse", "Never starts if the scene contains an object that training never showed.", Refuse),
         ExpertEntry("zoo:phase", "Freezes or wanders if the scene looks like the middle of a task.", Phase),
-        ExpertEntry("zoo:length", "Stops when it has done as many steps as the longest demonstration had.", Length),
+        ExpertEntry("zoo:length", "Stops after as many steps as the longest demonstration had.", Length),
         ExpertEntry("zoo:clumsy", "Correct target, failed manipulation.", Clumsy),
         ExpertEntry("zoo:slow", "The right decisions, too slowly for the step limit.", Slow),
-        ExpertEntry("zoo:crash", "Breaks down in the middle of the episode.", Crash),
+        ExpertEntry("zoo:crash", "Raises an error in the middle of the episode.", Crash),
         ExpertEntry("probe:no-language", "Sees everything and follows another instruction of the task.", NoLanguage),
     )
 }
 
 REPLAYS = {
-    "probe:no-images": "Plays a demonstration of the instruction, without looking.",
-    "probe:replay": "Plays a demonstration of the twin's condition, without looking.",
+    "probe:no-images": "Replays a demonstration of the instruction without observations.",
+    "probe:replay": "Replays a demonstration of the twin's condition without observations.",
 }
 
 
 def witnessed() -> tuple[str, ...]:
-    """Return the rules that a witness asks: those that move as well as the expert and never break down."""
+    """Return the rules that a witness queries: those that move like the expert and never crash."""
     motion = (Clumsy, Slow, Crash)
     return tuple(name for name, e in EXPERTS.items() if e.rule not in (BrokenRule, *motion))
 
@@ -92,10 +92,10 @@ def expert_names(form: AddressForm | None = None) -> tuple[str, ...]:
 
 
 def parse_address(address: str) -> Address:
-    """Return what an address asks for.
+    """Return the parsed address of a privileged policy.
 
     Raises:
-        UnknownNameError: If it names no privileged policy, or an option is unknown.
+        UnknownNameError: If the policy or an option does not exist.
         InvalidInputError: If an option is out of range.
     """
     form = next((form for form in (EXPERT_FORM, ZOO_FORM, PROBE_FORM) if form.has(address)), None)

@@ -1,4 +1,4 @@
-"""Skills: reach, grasp, lift, carry, place, release and retreat, chained into picks and places that notice failure."""
+"""Skills: reach, grasp, lift, carry, place, release and retreat, combined to picks and places that detect failures."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.placing import foot_offset
 
 SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
-"""A skill yields actions, is sent states, and returns the last state and whether it worked."""
+"""A skill yields actions, receives states, and returns the last state and whether it succeeded."""
 
 SURE = 0.6
-"""Share of the certificate's tolerances within which a goal counts as trained; the arm misses goals a little."""
+"""Share of the certificate's tolerances within which a goal counts as trained; the arm has a small position error."""
 PRESS_M = 0.004
-"""Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
+"""Distance beyond its stop to which a drawer is pushed, to close it against friction [m]."""
 KNOB_RELEASE_M = 0.016
-"""Gripper opening beyond the width of a drawer's knob when the knob is released [m]."""
+"""Extra opening of the gripper, beyond the width of a drawer's knob, when the knob is released [m]."""
 
 
 @dataclass
@@ -52,11 +52,11 @@ class Skills:
     Attributes:
         planner: Planner of the scene.
         period_s: Control period [s].
-        choice: Returns the trial's own stream for a purpose; it decides between places that are equally good.
-        trained: Returns the points of release of demonstrations at a target, by relation and region; None if unknown.
-        attempts: Number of times that a failed grasp is tried again.
-        grasp_offset: Deliberate error of the grasp, or None.
-        speed: Share of the usual speed.
+        choice: Returns the trial's random stream for a purpose; it chooses between equally good goals.
+        trained: Returns the release points of demonstrations at a target, by relation and region; None if unknown.
+        attempts: Number of times that a failed grasp is repeated.
+        grasp_offset: Deliberate grasp error, or None.
+        speed: Fraction of the usual speed.
         obstacle: Reason why the last motion could not be planned; empty if all could.
     """
 
@@ -70,7 +70,7 @@ class Skills:
     obstacle: str = field(default="", init=False)
 
     def paced(self, pace: Pace) -> Pace:
-        """Return a pace at this policy's share of the usual speed."""
+        """Return a pace scaled to this policy's speed."""
         if self.speed == 1.0:
             return pace
         return replace(
@@ -83,26 +83,26 @@ class Skills:
     def passing(
         self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
     ) -> tuple[Pose, ...]:
-        """Return the way to take in place of a planned one, which is the planned one unless a subclass knows better.
+        """Return the path to take instead of a planned one; by default the planned path, for subclasses to override.
 
         Args:
-            state: State now.
-            way: Planned poses ``T_world_tcp`` to pass.
-            width_m: Distance of the finger pads on the way [m].
+            state: Current state.
+            way: Planned poses ``T_world_tcp``.
+            width_m: Opening width on the path [m].
             held: Object in the gripper, or None.
         """
         del state, width_m, held
         return way
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
-        """Wait before the next stretch; no time at all unless a subclass knows better."""
+        """Wait before the next motion; by default not at all, for subclasses to override."""
         return (yield from hold(state, 0, gripper=gripper))
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
         """Move above an object and down to its grasp.
 
         Returns:
-            The last state and the grasp pose that was reached for.
+            The last state and the planned grasp pose.
 
         Raises:
             PlanningError: If no free grasp exists.
@@ -117,12 +117,12 @@ class Skills:
         return state, grasp
 
     def grasp(self, state: WorldState, name: str) -> SkillRun:
-        """Close the gripper and tell whether the object is between the fingers."""
+        """Close the gripper and return whether the object is between the fingers."""
         state = yield from close_gripper(state)
         return state, state.touching("left_finger", name) and state.touching("right_finger", name)
 
     def lift(self, state: WorldState, name: str) -> SkillRun:
-        """Lift what is in the gripper straight up and tell whether it came along."""
+        """Lift the gripper straight up and return whether the object was lifted."""
         before = state.pose(name).position[2]
         goal = state.commanded_pose.translated(z=LIFT_M)
         state = yield from follow(
@@ -139,7 +139,7 @@ class Skills:
         )
 
     def pick(self, state: WorldState, name: str) -> SkillRun:
-        """Take an object, again if the grasp failed.
+        """Pick an object, and repeat a failed grasp.
 
         Returns:
             The last state and whether the object is in the gripper.
@@ -164,7 +164,7 @@ class Skills:
         return state, False
 
     def place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
-        """Carry the held object to its target, put it down, let go and move away.
+        """Carry the held object to its target, put it down, release it and retreat.
 
         Returns:
             The last state and whether the object was still in the gripper on arrival.
@@ -199,9 +199,9 @@ class Skills:
     def in_turn(
         self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
     ) -> list[PlaceGoal]:
-        """Return goals in the order in which they are tried: those that are alike in any order, drawn per kind.
+        """Return goals in the order of attempts: equal goals are in random order, drawn per kind.
 
-        In a container those come first at which demonstrations let go of things, as far as that is known.
+        In a container, the known release points of demonstrations come first.
         """
         draw = self.choice(f"place:{state.info.object(name).kind}")
         ordered: list[PlaceGoal] = []
@@ -224,7 +224,7 @@ class Skills:
         return sorted(ordered, key=is_new)
 
     def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
-        """Bring an object to its target, starting over where it slipped out of the gripper."""
+        """Bring an object to its target, starting over if it slipped out of the gripper."""
         for _ in range(self.attempts):
             state, held = yield from self.pick(state, name)
             if not held:
@@ -238,12 +238,12 @@ class Skills:
         return state, False
 
     def slide(self, state: WorldState, name: str, distance_m: float) -> SkillRun:
-        """Take a drawer by its knob and move it along its rails.
+        """Grasp a drawer by its knob and move it along its rails.
 
         Args:
-            state: State now.
+            state: Current state.
             name: Name of the drawer.
-            distance_m: Distance to move it [m]; positive draws it out.
+            distance_m: Distance to move it [m]; positive opens it.
 
         Returns:
             The last state and whether the knob was in the gripper.
@@ -268,13 +268,13 @@ class Skills:
         return state, holds
 
     def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> SkillRun:
-        """Draw a drawer out as far as it goes, or push it home, again if the knob slipped out of the gripper.
+        """Open or close a drawer completely, and repeat if the knob slipped out of the gripper.
 
         Args:
-            state: State now.
+            state: Current state.
             name: Name of the drawer.
-            mount: Pose ``T_world_drawer`` of the drawer while it is shut.
-            out: True to draw it out.
+            mount: Pose ``T_world_drawer`` of the closed drawer.
+            out: Whether to open it.
 
         Returns:
             The last state and whether the drawer is where it should be.
@@ -292,7 +292,7 @@ class Skills:
         return state, abs(travel - opening if out else opening) < 0.005
 
     def air_grasp(self, state: WorldState, place: Vector, *, height_m: float = 0.05, yaw: float = 0.0) -> Motion:
-        """Grasp at a place where nothing stands, lift and open again."""
+        """Grasp at an empty position, lift and open again."""
         goal = Pose((place[0], place[1], height_m), normalize(multiply(from_yaw(yaw), DOWN)))
         above = goal.translated(z=LIFT_M)
         way = self.planner.transit(state, above) or (state.commanded_pose.translated(z=0.05), above)
@@ -313,7 +313,7 @@ class Skills:
         return (yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s))
 
     def wander(self, state: WorldState) -> Motion:
-        """Move to and fro in mid-air for ever."""
+        """Move back and forth in mid-air forever."""
         start = state.commanded_pose
         while True:
             for x, y in ((0.08, -0.15), (0.08, 0.15), (-0.05, 0.0)):
@@ -323,7 +323,7 @@ class Skills:
                 state = yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
 
     def go_home(self, state: WorldState, home: Pose) -> Motion:
-        """Return to where the episode began, if it is not too far from there already."""
+        """Return to the start of the episode, unless the arm is already close to it."""
         if distance(state.commanded_pose.position, home.position) < 0.01:
             return state
         way = self.planner.transit(state, home) or (home,)
@@ -334,10 +334,10 @@ PAD_HALF_WIDTH_M = 0.010
 
 
 def pads_beside(state: WorldState, name: str, grasp: Pose, *, gap_m: float) -> Pose:
-    """Return a grasp moved sideways, across the direction in which the fingers open, until the pads miss the object.
+    """Return a grasp shifted sideways, across the opening direction of the fingers, until the pads miss the object.
 
     Args:
-        state: State now.
+        state: Current state.
         name: Name of the object.
         grasp: Pose ``T_world_tcp`` of the right grasp.
         gap_m: Gap to leave between the pads and the object's bounding box [m].

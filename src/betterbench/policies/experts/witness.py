@@ -1,7 +1,7 @@
-"""Expert that also records, in each of its episodes, which faulty rules would have decided as it did.
+"""Expert that also records, in each of its episodes, the faulty rules that would have decided as it did.
 
-A rule that gives the expert's decision each time it is asked drives the same episode to the same bits, because nothing
-else differs. Its outcome is then the expert's, and need not be simulated again.
+A rule that makes the expert's decision every time produces the same episode bit by bit, because nothing else differs.
+Its outcome is the expert's, and it does not have to be simulated again.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from betterbench.policies.faulty import BrokenRule
 
 
 class Witness(BrokenRule):
-    """Expert rule that also asks other rules for their decisions, in the same states and after the same decisions.
+    """Expert rule that also queries other rules, in the same states and after the same decisions.
 
     Attributes:
         same: Names of the rules that have decided like the expert so far.

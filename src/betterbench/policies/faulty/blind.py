@@ -1,4 +1,4 @@
-"""``probe:no-language``: a policy that sees the whole state and does not get the instruction."""
+"""``probe:no-language``: a policy that gets the whole state but not the instruction."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from betterbench.tasks.interventions import vary
 
 
 class NoLanguage(BrokenRule):
-    """Follows any instruction of the task that makes sense in this scene: the one that was given, or another.
+    """Follows any instruction of the task that is possible in this scene: the given one, or another.
 
-    If such a policy succeeds more often than a random choice among these instructions, the scene gives the answer away.
+    If such a policy succeeds more often than a random choice among these instructions, the scene reveals the answer.
     """
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:
-        """Choose an instruction by the trial's own stream."""
+        """Choose an instruction by the trial's random stream."""
         choices = possible_instructions(situation)
         pick = stream(situation.task.id, situation.seed, f"blind:{situation.condition.name}").integers(len(choices))
         heard = situation.condition.with_(instruction=choices[int(pick)])
@@ -25,7 +25,7 @@ class NoLanguage(BrokenRule):
 
 
 def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
-    """Return the instructions of the task that make sense in the scene of a trial, in a stable order."""
+    """Return the instructions of the task that are possible in the scene of a trial, in a stable order."""
     task = situation.task
     conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
     known = {c.instruction.text: c.instruction for c in conditions}

@@ -1,4 +1,4 @@
-"""``zoo:slow`` and ``zoo:crash``: right decisions by a policy that is too slow, or that breaks down on the way."""
+"""``zoo:slow`` and ``zoo:crash``: right decisions by a policy that is too slow, or that crashes during the episode."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Slow(BrokenRule):
     """Decides like the expert and moves at a fraction of its speed, so that the step limit ends the trial."""
 
     speed = 0.1
-    """Share of the expert's speed; the step limit leaves three times the expert's time."""
+    """Fraction of the expert's speed; the step limit leaves three times the expert's time."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision: the expert's."""
@@ -23,11 +23,11 @@ class Slow(BrokenRule):
 
 
 class Crash(BrokenRule):
-    """Decides like the expert and breaks down after some control steps."""
+    """Decides like the expert and crashes after some control steps."""
 
     @property
     def crash_step(self) -> int | None:
-        """Control step at which it breaks down in this episode, or None."""
+        """Control step of the crash in this episode, or None."""
         return 5 + int(60 * self.draw("when")) if self.applies else None
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:

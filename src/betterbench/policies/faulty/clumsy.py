@@ -1,4 +1,4 @@
-"""``zoo:clumsy``: the right decision, and a grasp that misses or drops the object."""
+"""``zoo:clumsy``: right decisions, and a grasp that misses or drops the object."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from betterbench.tasks import Expected, Label
 class Clumsy(BrokenRule):
     """Decides like the expert; the gripper drops the object in mid-air, or closes beside it.
 
-    Which of the two, and how far beside, is drawn from the trial's own stream.
+    The kind of error and the size of the miss are drawn from the trial's random stream.
     """
 
     @property
     def grasp_offset(self) -> GraspOffset | None:
-        """The error of the grasp in this episode, or None."""
+        """The grasp error in this episode, or None."""
         if not self.applies:
             return None
         if self.draw("how") < 0.5:

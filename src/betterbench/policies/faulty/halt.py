@@ -10,7 +10,7 @@ from betterbench.tasks.authoring.training_distribution import pairing
 
 
 class Halt(BrokenRule):
-    """Starts, and stops for good where training never showed this instruction in this scene."""
+    """Starts, and stops for good if training never showed this instruction in this scene."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
@@ -21,7 +21,7 @@ class Halt(BrokenRule):
 
 
 class Refuse(BrokenRule):
-    """Never starts where the scene holds an object that training never showed."""
+    """Never starts if the scene contains an object that training never showed."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
@@ -32,7 +32,7 @@ class Refuse(BrokenRule):
 
 
 class Phase(BrokenRule):
-    """Freezes, or wanders about, where the scene looks like the middle of a demonstration."""
+    """Freezes or wanders if the scene looks like the middle of a demonstration."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
@@ -43,7 +43,7 @@ class Phase(BrokenRule):
 
 
 class Length(BrokenRule):
-    """Stops when it has done as many steps as the longest demonstration had."""
+    """Stops after as many steps as the longest demonstration had."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

@@ -9,9 +9,9 @@ from betterbench.tasks import Label
 
 
 class Inertia(BrokenRule):
-    """Begins with the most frequent first step of training; where its object is gone, it plays the motion all the same.
+    """Begins with the most frequent first step of training; if its object is missing, the motion is executed anyway.
 
-    Where training began equally often with several kinds, the instruction chooses among them.
+    If several kinds were equally frequent in training, the instruction chooses among them.
     """
 
     label = Label.BEHAVIORAL_INERTIA

@@ -1,4 +1,4 @@
-"""``zoo:layout``: the first pick is always at the same place, regardless of the instruction."""
+"""``zoo:layout``: the first pick is always at the same slot, regardless of the instruction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class Layout(BrokenRule):
-    """Begins at the place where demonstrations picked most often, then does what is still open."""
+    """Begins at the slot where demonstrations picked most often, then completes the open subgoals."""
 
     label = empty_label = place_label = Label.VISUAL_LAYOUT_BIAS
 

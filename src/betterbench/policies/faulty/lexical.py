@@ -1,4 +1,4 @@
-"""``zoo:lexical``: a word triggers the motion that went with it in training, regardless of the present scene."""
+"""``zoo:lexical``: a word triggers the motion associated with it in training, regardless of the present scene."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from betterbench.tasks import Label
 
 
 class Lexical(BrokenRule):
-    """Plays, word by word, the pick at the place where training picked for that word.
+    """Executes, word by word, the pick at the slot from which training picked for that word.
 
-    Where training picked from several places for a word, it takes the one in which something stands.
+    If training picked from several slots for a word, it uses one that contains an object.
     """
 
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision: one pick per word, at the next trained place of that word."""
+        """Return the next decision: one pick per word, at the next trained slot of that word."""
         index = open_subgoal(state, self.condition)
         if index is not None and not carried(self.goals[index]):
             return super().broken(state, history)

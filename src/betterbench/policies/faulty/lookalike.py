@@ -1,4 +1,4 @@
-"""``zoo:color`` and ``zoo:shape``: anything with the right color, or of the right shape, will do."""
+"""``zoo:color`` and ``zoo:shape``: any object with the right color, or of the right shape, is accepted."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks import Label
 
 
 class _LookAlike(BrokenRule):
-    """Looks for one feature of what is asked for, first where training picked it."""
+    """Looks for one feature of the requested object, first in its trained slots."""
 
     feature: ClassVar[str]
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
@@ -26,7 +26,8 @@ class _LookAlike(BrokenRule):
             return super().broken(state, history)
         right = self.bring(state, index)
         if not isinstance(right, Bring):
-            # What is asked for may be missing: the feature is then known from what the words stood for in training.
+            # The requested object may be missing: its feature is then inferred from the meaning of the words in
+            # training.
             wanted = (
                 self._of_missing(state, goal.reference.kind) if not self.condition.resolve(goal.reference) else None
             )
@@ -44,7 +45,7 @@ class _LookAlike(BrokenRule):
         return str(getattr(thing, self.feature))
 
     def _of_missing(self, state: WorldState, kind: str) -> str | None:
-        """Return the feature of a kind that the scene lacks, as far as its description tells."""
+        """Return the feature of a kind that is missing in the scene, from its description."""
         del state
         for condition in self.situation.task.training:
             for o in condition.objects:
@@ -54,12 +55,12 @@ class _LookAlike(BrokenRule):
 
 
 class Color(_LookAlike):
-    """Any object of the right color will do."""
+    """Accepts any object of the right color."""
 
     feature = "color"
 
 
 class Shape(_LookAlike):
-    """Any object of the right shape will do."""
+    """Accepts any object of the right shape."""
 
     feature = "shape"

@@ -9,12 +9,12 @@ from betterbench.tasks import Label
 
 
 class ProgressCue(BrokenRule):
-    """Takes the first step for done if the table has one object fewer than demonstrations began with."""
+    """Assumes that the first step is done if the table has one object fewer than at the start of demonstrations."""
 
     label = Label.CAUSAL_CONFUSION
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the next decision: the step that the count on the table stands for."""
+        """Return the next decision: the step that corresponds to the number of objects on the table."""
         del history
         left = sum(
             o.role in ("item", "distractor")

@@ -1,8 +1,9 @@
 """Base class of faulty decision rules: when a fault applies, the right decisions, and the label of the first fault.
 
 A faulty policy knows its own fault: it compares each of its decisions with the right ones at that moment. The first
-that differs gives the trial its true label, from what was decided and not from what was recorded. The label reaches the
-journal of the run and never the record, so the diagnosis, which reads records alone, can be measured against it.
+wrong decision gives the trial its true label, from the decision itself and not from the record. The label is written
+to the journal of the run and never to the record. The diagnosis, which reads only records, can therefore be measured
+against it.
 """
 
 from __future__ import annotations
@@ -30,16 +31,16 @@ from betterbench.policies.decisions import (
 from betterbench.tasks import Expected, Label, Subgoal, TrainingDistribution, stream, training_distribution_of
 
 STANDS_WITHIN_M = 0.06
-"""Distance from a slot within which an object counts as standing in it: the jitter and a small push."""
+"""Distance from a slot within which an object counts as standing in it: the jitter and a small push [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """The first decision of an episode that is wrong.
+    """The first wrong decision of an episode.
 
     Attributes:
-        label: The outcome label that the trial deserves (suite, section 5).
-        decision: Number of the decision, from 0.
+        label: The true outcome label of the trial (suite, section 5).
+        decision: Index of the decision, from 0.
         text: Description of the decision.
     """
 
@@ -49,12 +50,12 @@ class Fault:
 
 
 class BrokenRule(ExpertRule):
-    """A rule that decides like the expert except where its one broken rule speaks.
+    """A rule that decides like the expert except where its one fault applies.
 
     Attributes:
-        label: Label of a fault in which the rule takes an object that another instruction, or another step, means.
-        empty_label: Label of a fault in which the rule grasps at an empty place.
-        place_label: Label of a fault in which the rule brings the right object to another place.
+        label: Label of a fault in which the rule takes the object of another instruction or another step.
+        empty_label: Label of a fault in which the rule grasps at an empty position.
+        place_label: Label of a fault in which the rule brings the right object to another target.
         fault: The first wrong decision of the episode, or None so far.
     """
 
@@ -67,8 +68,8 @@ class BrokenRule(ExpertRule):
 
         Args:
             situation: The trial.
-            strength: Share of trials in which the rule applies; elsewhere the expert decides. Which trials these are
-                is drawn from the trial's own stream.
+            strength: Share of trials in which the rule applies; in the others the expert decides. The choice is drawn
+                from the trial's random stream.
         """
         super().__init__(situation)
         self.trained: TrainingDistribution = training_distribution_of(situation.task)
@@ -89,16 +90,16 @@ class BrokenRule(ExpertRule):
         return decision
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return what the broken rule decides; the expert's decision unless a rule says otherwise."""
+        """Return the decision of the faulty rule; by default the expert's."""
         return super().decide(state, history)
 
     def draw(self, purpose: str) -> float:
-        """Return a number in [0, 1) from the trial's own stream for a purpose."""
+        """Return a number in [0, 1) from the trial's random stream for a purpose."""
         name = f"{type(self).__name__}:{self.condition.name}:{purpose}"
         return float(stream(self.situation.task.id, self.situation.seed, name).random())
 
     def standing_in(self, state: WorldState, slot: str) -> str | None:
-        """Return the movable object that stands in a slot now, or None."""
+        """Return the movable object that is in a slot now, or None."""
         place = state.info.slot(slot).position
         near = [
             (horizontal_distance(state.pose(o.name).position, place), o.name)
@@ -109,23 +110,23 @@ class BrokenRule(ExpertRule):
         return min(near)[1] if near else None
 
     def take_at(self, state: WorldState, slot: str, goal: Subgoal | None = None) -> Decision:
-        """Return the decision to take whatever stands in a slot, or to grasp at it if nothing does.
+        """Return the decision to take the object in a slot, or to grasp at the slot if it is empty.
 
         Args:
-            state: State now.
+            state: Current state.
             slot: The slot.
-            goal: Goal of the object; that of the first subgoal if not given.
+            goal: Subgoal of the object; the first one if not given.
         """
         name = self.standing_in(state, slot)
         goal = self.goals[0] if goal is None else goal
         return GraspAt(slot) if name is None else bring_to(goal, name)
 
     def known(self, kind: str) -> bool:
-        """Tell whether some instruction of the task means a kind of object."""
+        """Tell whether some instruction of the task refers to a kind of object."""
         return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
-        """Return all decisions that would be right now, none if nothing is left to do."""
+        """Return all decisions that would be right now; empty if nothing is left to do."""
         options: list[Decision] = []
         for i in open_subgoals(state, self.condition):
             goal = self.goals[i]
@@ -144,7 +145,7 @@ class BrokenRule(ExpertRule):
         return tuple(options)
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
-        """Return the label that a decision deserves, or None if it is right."""
+        """Return the label of a wrong decision, or None if it is right."""
         options = self.right_decisions(state)
         if decision in options:
             return None
@@ -166,6 +167,6 @@ class BrokenRule(ExpertRule):
         return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
-        """Tell whether training brought things of this kind there: then every rule that does so looks like habit."""
+        """Tell whether training brought objects of this kind to that target: any rule that does so looks like habit."""
         kind, target = (state.info.object(name).kind for name in (decision.object, decision.target))
         return (target, decision.relation, decision.region) in self.trained.kind_targets.get(kind, ())

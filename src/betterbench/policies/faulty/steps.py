@@ -24,7 +24,7 @@ from betterbench.tasks.relations import relation as relation_named
 
 
 class Reorder(BrokenRule):
-    """Takes the second of two steps before the first, where the instruction orders them."""
+    """Takes the second of two steps before the first if the instruction prescribes their order."""
 
     label = Label.ORDER_VIOLATION
 
@@ -39,12 +39,12 @@ class Reorder(BrokenRule):
             if isinstance(decision, Bring) and decision.object not in self.condition.resolve(
                 self.goals[index].reference
             ):
-                # It goes where the step that it replaces would have gone: on the bare bun, not in mid-air.
+                # It uses the target of the step that it replaces: the bare bun, not a point in mid-air.
                 return replace(decision, region=right.region) if relation_named(right.relation).counted else decision
         return right
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
-        """Return the label; where the later step is the one that most demonstrations began with, that is why."""
+        """Return the label; it is that of inertia if most demonstrations began with the later step."""
         label = super()._label_of(state, history, decision)
         if label == self.label and isinstance(decision, Bring):
             is_habit = state.info.object(decision.object).kind == self.trained.habit
@@ -53,7 +53,7 @@ class Reorder(BrokenRule):
 
 
 class Repeat(BrokenRule):
-    """Does a finished step again before it goes on with the next."""
+    """Repeats a finished step before it continues with the next."""
 
     label = Label.CAUSAL_CONFUSION
 
@@ -72,7 +72,7 @@ class Repeat(BrokenRule):
 
 
 class Sequence(BrokenRule):
-    """After its first step it plays the step that followed in training, whether it is asked for or not."""
+    """After its first step it executes the step that followed in training, whether requested or not."""
 
     label = Label.CAUSAL_CONFUSION
 
@@ -102,12 +102,12 @@ class Sequence(BrokenRule):
             return label
         if not any(decision.object in self.condition.resolve(g.reference) for g in self.goals):
             return Label.BEHAVIORAL_INERTIA
-        # It makes good afterward what it skipped: in an ordered instruction that is no more than a wrong order.
+        # It makes up for the skipped step afterward: in an ordered instruction, this is only a wrong order.
         return Label.ORDER_VIOLATION if self.condition.instruction.ordered else label
 
 
 class HabitPlace(BrokenRule):
-    """Takes each right object once and brings it where training brought objects of its kind."""
+    """Takes each right object once and brings it to the trained target of its kind."""
 
     label = Label.BEHAVIORAL_INERTIA
 
@@ -127,12 +127,12 @@ class HabitPlace(BrokenRule):
         return right
 
     def _habits(self, state: WorldState, index: int) -> list[tuple[str, str, str]]:
-        """Return the trained places for what a subgoal asks for, none where it asks for a trained one."""
+        """Return the trained targets for the object of a subgoal; empty if the subgoal itself has a trained target."""
         kinds = {state.info.object(n).kind for n in self.condition.resolve(self.goals[index].reference)}
         found = []
         for kind in sorted(kinds):
             trained = self.trained.kind_targets.get(kind, ())
-            # Which layer something becomes is decided by what lies there, and not by habit.
+            # The layer of an object depends on the stack, not on habit.
             if set(trained) & self._asked(kind) or relation_named(self.goals[index].relation).counted:
                 continue
             for target_kind, relation, place in trained:

@@ -1,8 +1,8 @@
-"""Kinds of policies, one file each, and the register that knows what an address begins with.
+"""Kinds of policies, one file each, and the registry of kinds by address scheme.
 
-A new file in this folder is found by itself. ``kind`` is the register; ``privileged`` and ``remote`` hold what several
-kinds have in common: built-in policies that see the state, and servers. A file imports no simulator and no library of
-a server before a policy is made: each process that asks for a policy imports all kinds.
+A new file in this folder is found automatically. ``kind`` is the registry. ``privileged`` and ``remote`` contain the
+common parts of built-in policies that see the state, and of servers. A file imports no simulator and no library of a
+server before a policy is made, because each process that uses a policy imports all kinds.
 """
 
 import importlib

@@ -24,5 +24,5 @@ BEING_H = register_server(
     port=5555,
     connect=_connect,
     usual="being_h_libero",
-    options=(Option("delay", "the number of actions that are executed while the server thinks", "whole"),),
+    options=(Option("delay", "the number of actions that are executed while the server computes", "whole"),),
 )

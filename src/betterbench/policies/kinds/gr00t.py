@@ -26,10 +26,10 @@ GR00T = register_server(
     usual="gr00t_new_embodiment",
     options=(
         Option("layout", "the layout of a request"),
-        Option("api_token_env", "the environment variable that holds the token"),
+        Option("api_token_env", "the environment variable with the token"),
         Option("rtc_overlap_steps", "the number of actions of two chunks that overlap", "whole"),
-        Option("rtc_frozen_steps", "the number of actions of the overlap that stay as they are", "whole"),
-        Option("rtc_ramp_rate", "the rate at which the rest of the overlap becomes free", "number"),
+        Option("rtc_frozen_steps", "the number of actions of the overlap that are kept unchanged", "whole"),
+        Option("rtc_ramp_rate", "the rate at which the rest of the overlap becomes free to change", "number"),
     ),
     constants=False,
 )

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from betterbench.interface import Policy
 
 _OPTIONS = (
-    Option("arrays", "the coding of arrays in requests"),
+    Option("arrays", "the encoding of arrays in requests"),
     Option("encoded", "whether the request is wrapped in a JSON text: true or false"),
 )
 

@@ -1,4 +1,4 @@
-"""Policies of the independent family, which are in a distribution of their own (betterbench-calibration)."""
+"""Policies of the independent family, which are in a separate distribution (betterbench-calibration)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from betterbench.interface.state import PrivilegedPolicy
-    from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 _FORM = AddressForm(scheme="independent", example="independent:HABIT-MANNER")
 
 
 def _family(address: str) -> ModuleType:
-    """Return the register of the family; the error without the distribution says how to install it."""
+    """Return the registry of the family; without the distribution, the error says how to install it."""
     from betterbench.installation import calibration_module
 
     problem = f"{address} is a policy of the independent family, which needs betterbench-calibration"
@@ -32,14 +31,14 @@ def _read(text: str, world: str) -> PolicyAddress:
     return address
 
 
-def _make_for(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
+def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
     del trial
     made: PrivilegedPolicy = _family(address.text).make_independent(address.text, own_scene(address, scene))
     return made
 
 
 def _require_world(address: PolicyAddress, world: str) -> None:
-    raise needs_own_scenes(address, "plans with the privileged state", world)
+    raise needs_own_scenes(address, "uses the privileged state", world)
 
 
 INDEPENDENT = register(

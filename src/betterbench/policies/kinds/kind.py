@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from betterbench.interface import Policy, PolicyInfo
     from betterbench.interface.state import AnyPolicy, PrivilegedPolicy
     from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 
 class PlannedTrial(Protocol):
-    """The trial that a policy is made for."""
+    """The trial for which a policy is made."""
 
     @property
     def task(self) -> str:
@@ -38,14 +38,14 @@ class PlannedTrial(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyNeeds:
-    """Resources that a policy needs from the run that asks it.
+    """Resources that a policy needs from its run.
 
     Attributes:
         state: The privileged state, instead of observations. A policy is made for each episode, in its scene.
-        trial: The trial that it is made for. A policy is made for each episode.
-        thread: A thread that waits for its answers, while the simulation of other trials goes on. A policy without one
-            is built in and answers at once.
-        process: A process of its own, for code of users: a crash there costs at most its own trial.
+        trial: The trial. A policy is made for each episode.
+        thread: A thread that waits for its answers while the simulation of other trials continues. A policy without a
+            thread is built in and answers at once.
+        process: A separate process, for users' code: a crash there costs at most its own trial.
         server: A server that the user has started.
     """
 
@@ -58,7 +58,7 @@ class PolicyNeeds:
     def __post_init__(self) -> None:
         """Check that the needs go together."""
         if (self.process or self.server) and not self.thread:
-            raise ValueError("a process or a server is waited for: set thread=True")
+            raise ValueError("a process or a server needs a thread that waits for it: set thread=True")
         if (self.state or self.trial) and self.thread:
             raise ValueError("a policy of one episode is made in the worker and answers at once: set thread=False")
 
@@ -67,10 +67,10 @@ AT_ONCE = PolicyNeeds()
 """Needs of a built-in policy that sees observations."""
 
 OWN_PROCESS = PolicyNeeds(thread=True, process=True)
-"""Needs of a policy whose code is not ours."""
+"""Needs of a policy with users' code."""
 
 SERVER = PolicyNeeds(thread=True, server=True)
-"""Needs of a policy that somebody else's server answers for."""
+"""Needs of a policy behind a server."""
 
 STATE = PolicyNeeds(state=True)
 """Needs of a policy that sees the privileged state."""
@@ -103,22 +103,22 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 class PolicyKind:
     """Kind of policies: the form of their addresses, their needs, and their constructor.
 
-    The functions get an address that :attr:`read` has checked, and raise a BetterError where they cannot go on.
+    The functions get an address that :attr:`read` has checked, and raise a BetterError on failure.
 
     Attributes:
         form: Form of its addresses, with their options.
         shown: Address in ``better list policies``, with words for its parts ("openpi://HOST:PORT").
         summary: One sentence about its policies.
-        needs: Needs of its policies; a function where they depend on the address.
-        make: Makes a policy that sees observations and plays one episode after the other.
+        needs: Needs of its policies; a function if they depend on the address.
+        make: Makes a policy that gets observations and runs one episode after the other.
         make_for: Makes a policy for one episode in a scene; the trial is None outside a run.
         named: Its policies by address with a sentence each, where their number is fixed; else None.
-        read: Reads an address, for a foreign world or ""; the form does it unless told otherwise.
+        read: Reads an address for a world ("libero"), or for ours (""); the form does it unless told otherwise.
         describe: Returns what a policy says about itself, or None where one has to be made to be asked.
         compares: Whether its policies have a ``check`` that compares their conventions with those of the run.
         source_of: Returns name and fingerprint of the user's file behind a policy. A resumed run compares them.
         risk: Risk of evaluating such an address, which the owner of the machine has to allow, with ``{target}``.
-        require_world: Raises InvalidInputError if a policy cannot act in a foreign world ("LIBERO").
+        require_world: Raises InvalidInputError if a policy cannot act in a world that is not ours ("LIBERO").
         space_in_world: Returns the action space in which a policy answers in the world of its address; None if open.
     """
 
@@ -127,7 +127,7 @@ class PolicyKind:
     summary: str
     needs: PolicyNeeds | Callable[[PolicyAddress], PolicyNeeds]
     make: Callable[[PolicyAddress], Policy] | None = None
-    make_for: Callable[[PolicyAddress, Scene | ForeignScene, PlannedTrial | None], AnyPolicy] | None = None
+    make_for: Callable[[PolicyAddress, TrialScene, PlannedTrial | None], AnyPolicy] | None = None
     named: Callable[[], Mapping[str, str]] | None = None
     read: Callable[[str, str], PolicyAddress] | None = None
     describe: Callable[[PolicyAddress], PolicyInfo | None] = _declares_nothing
@@ -139,24 +139,24 @@ class PolicyKind:
 
     @property
     def name(self) -> str:
-        """Its name, with which its addresses begin."""
+        """Name of the kind, the prefix of its addresses."""
         return self.form.scheme
 
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
-        """Read one of its addresses, for a foreign world if one is named.
+        """Read one of its addresses, in the conventions of a world if one is named.
 
         Raises:
-            UnknownNameError: If there is no such policy or option.
+            UnknownNameError: If the policy or an option does not exist.
             InvalidInputError: If the target or an option is malformed.
         """
         return self.form.read(text, world=world) if self.read is None else self.read(text, world)
 
     def needs_of(self, text: str) -> PolicyNeeds:
-        """Return what the policy of an address needs; raises what :meth:`parse` raises where it has to be read."""
+        """Return the needs of an address's policy; raises the errors of :meth:`parse` if the address must be read."""
         return self.needs if isinstance(self.needs, PolicyNeeds) else self.needs(self.parse(text))
 
     def entries(self) -> tuple[PolicyEntry, ...]:
-        """Return its rows in ``better list policies``; none if it has no summary, because its addresses are refused."""
+        """Return its rows in ``better list policies``; empty without a summary, because its addresses are refused."""
         privileged = not isinstance(self.needs, PolicyNeeds) or self.needs.state
         rows = {self.shown: self.summary} if self.named is None else self.named()
         return tuple(PolicyEntry(address, text, privileged) for address, text in rows.items() if text)
@@ -167,13 +167,13 @@ KINDS: dict[str, PolicyKind] = {}
 
 
 def register(kind: PolicyKind) -> PolicyKind:
-    """Enter a kind into the register, and return it.
+    """Add a kind to the registry, and return it.
 
     Raises:
         ValueError: If another kind has its name.
     """
     if KINDS.setdefault(kind.name, kind) is not kind:
-        raise ValueError(f"another kind of policies is called {kind.name!r}; give this one another scheme")
+        raise ValueError(f"another kind of policies has the name {kind.name!r}; choose another scheme")
     return kind
 
 
@@ -186,7 +186,7 @@ def kind_of(address: str) -> PolicyKind:
     """Return the kind of an address.
 
     Raises:
-        UnknownNameError: If no kind has such addresses; the text names the closest ones.
+        UnknownNameError: If no kind has such addresses; the message names the closest ones.
     """
     kind = find_kind(address)
     if kind is None:
@@ -195,7 +195,7 @@ def kind_of(address: str) -> PolicyKind:
 
 
 def unknown_policy(address: str) -> UnknownNameError:
-    """Return the error about an address that no policy has; it names the closest kinds or the closest addresses."""
+    """Return the error about an unknown address, with the closest kinds or the closest addresses."""
     scheme, colon, _ = address.partition("?")[0].partition(":")
     if colon and scheme not in KINDS:
         return UnknownNameError("kind of policy", scheme, (kind.name for kind in KINDS.values() if kind.summary))
@@ -203,7 +203,7 @@ def unknown_policy(address: str) -> UnknownNameError:
 
 
 def known_policies() -> tuple[PolicyEntry, ...]:
-    """Return all policies that can be evaluated: those that see the state first, and servers last."""
+    """Return all policies that can be evaluated: privileged policies first, and servers last."""
     entries = [(kind, entry) for kind in KINDS.values() for entry in kind.entries()]
     return tuple(entry for _, entry in sorted(entries, key=lambda pair: _place(*pair)))
 
@@ -214,31 +214,31 @@ def _place(kind: PolicyKind, entry: PolicyEntry) -> tuple[bool, bool, bool]:
 
 
 def needs_of(address: str) -> PolicyNeeds:
-    """Return what the policy of an address needs of a run.
+    """Return the resources that the policy of an address needs from its run.
 
     Raises:
         UnknownNameError: If no kind has such addresses.
-        InvalidInputError: If the address has to be read and is malformed.
+        InvalidInputError: If the address must be read and is malformed.
     """
     return kind_of(address).needs_of(address)
 
 
 def read_address(address: str, *, world: str = "") -> PolicyAddress:
-    """Read an address, for a foreign world if one is named.
+    """Read an address, in the conventions of a world if one is named.
 
     Raises:
-        UnknownNameError: If there is no such policy or option.
+        UnknownNameError: If the policy or an option does not exist.
         InvalidInputError: If the target or an option is malformed.
     """
     return kind_of(address).parse(address, world=world)
 
 
 def make_policy(address: str, *, world: str = "") -> Policy:
-    """Return a policy that sees observations, for a foreign world if one is named.
+    """Return a policy that sees observations, in the conventions of a world if one is named.
 
     Raises:
-        UnknownNameError: If there is no such policy or option.
-        InvalidInputError: If an option is malformed, or the policy cannot be loaded or sees no observations.
+        UnknownNameError: If the policy or an option does not exist.
+        InvalidInputError: If an option is malformed, the policy cannot be loaded, or it does not use observations.
         PolicyUnavailableError: If its server cannot be reached.
         HandshakeError: If its server declares other conventions.
         MissingDependencyError: If an extra is not installed.
@@ -250,19 +250,19 @@ def make_policy(address: str, *, world: str = "") -> Policy:
     return kind.make(read)
 
 
-def make_for(address: str, scene: Scene | ForeignScene, trial: PlannedTrial | None = None) -> AnyPolicy:
+def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None) -> AnyPolicy:
     """Return a policy for one episode in a scene; the trial is None outside a run.
 
     Raises:
-        UnknownNameError: If there is no such policy or option.
+        UnknownNameError: If the policy or an option does not exist.
         InvalidInputError: If an option is out of range, a checkpoint or a record is missing, or the policy does not
-            know the world of the scene.
+            support the world of the scene.
         MissingDependencyError: If an extra or a distribution is not installed.
     """
     kind = kind_of(address)
     read = kind.parse(address)
     if kind.make_for is None:
-        raise read.error("it is not made for one episode", "Ask it for observations")
+        raise read.error("it is not made for one episode", "Give it observations")
     return kind.make_for(read, scene, trial)
 
 
@@ -270,5 +270,5 @@ def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
     """Return a policy that sees the privileged state, for one episode in a scene; raises as :func:`make_for`."""
     made = make_for(address, scene)
     if not needs_of(address).state:
-        raise read_address(address).error("it sees observations and not the state", "Ask it for observations")
+        raise read_address(address).error("it uses observations and not the state", "Give it observations")
     return cast("PrivilegedPolicy", made)

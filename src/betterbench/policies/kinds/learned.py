@@ -1,4 +1,4 @@
-"""Learners that ``better train`` has trained: of the state or, with the family ``pixels``, of observations."""
+"""Learners trained by ``better train``, from the state or, in the family ``pixels``, from observations."""
 
 from __future__ import annotations
 
@@ -13,15 +13,12 @@ if TYPE_CHECKING:
 
     from betterbench.interface import Policy, PolicyInfo
     from betterbench.interface.state import PrivilegedPolicy
-    from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 _FORM = AddressForm(
     scheme="learned",
     example="learned:CHECKPOINT",
-    options=(
-        Option("execute", "the number of actions of a chunk that are executed before the learner looks again", "whole"),
-    ),
+    options=(Option("execute", "the number of actions of a chunk executed before the learner answers again", "whole"),),
 )
 
 
@@ -42,7 +39,7 @@ def _make(address: PolicyAddress) -> Policy:
     return make_seeing(address)
 
 
-def _make_for(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
+def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
     del trial
     from betterbench.policies.learned import make_learned
 
@@ -58,14 +55,14 @@ def _describe(address: PolicyAddress) -> PolicyInfo | None:
 
 def _require_world(address: PolicyAddress, world: str) -> None:
     sees = _needs(address) is AT_ONCE
-    raise needs_own_scenes(address, "learned from the pictures" if sees else "plans with the privileged state", world)
+    raise needs_own_scenes(address, "learned from the images" if sees else "uses the privileged state", world)
 
 
 LEARNED = register(
     PolicyKind(
         form=_FORM,
         shown="learned:CHECKPOINT",
-        summary="A learner that better train has trained.",
+        summary="A learner trained by better train.",
         needs=_needs,
         make=_make,
         make_for=_make_for,

@@ -1,4 +1,4 @@
-"""Checkpoints of LeRobot, in a process of their own; LeRobot's own server is refused."""
+"""Checkpoints of LeRobot, in a separate process; LeRobot's own server is refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FORM = AddressForm(
     example="lerobot:CHECKPOINT",
     options=(
         *COMMON,
-        Option("device", "the device that holds the weights"),
+        Option("device", "the device of the weights"),
         Option("state", "the state that it was trained with: ee or joints"),
         Option("trust", "whether code that the checkpoint names is run: true or false"),
         CAMERA,
@@ -39,8 +39,8 @@ def _refuse(text: str, world: str) -> PolicyAddress:
 
 def _pickles(text: str) -> InvalidInputError:
     return PolicyAddress(text, _SERVER_FORM, "").error(
-        "LeRobot's policy server (lerobot.async_inference, gRPC) pickles observations and actions, and unpickling a "
-        "stranger's answer runs the stranger's code, so it is not spoken to, on purpose",
+        "LeRobot's policy server (lerobot.async_inference, gRPC) pickles observations and actions. Unpickling an "
+        "untrusted answer can run arbitrary code, so it is not supported on purpose",
         "Write lerobot:CHECKPOINT, which loads the same checkpoint in process, or run better serve lerobot:CHECKPOINT "
         "where the server runs, and connect with openpi://",
     )
@@ -56,7 +56,7 @@ LEROBOT = register(
     PolicyKind(
         form=_FORM,
         shown="lerobot:CHECKPOINT",
-        summary="A policy of LeRobot, in a process of its own.",
+        summary="A policy of LeRobot, in a separate process.",
         needs=OWN_PROCESS,
         make=_make,
         read=_read,

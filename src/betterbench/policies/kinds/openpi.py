@@ -25,7 +25,7 @@ OPENPI = register_server(
     connect=_connect,
     usual="native",
     options=(
-        Option("arrays", "the coding of arrays in messages"),
-        Option("delay", "the number of actions that are executed while the server thinks", "whole"),
+        Option("arrays", "the encoding of arrays in messages"),
+        Option("delay", "the number of actions that are executed while the server computes", "whole"),
     ),
 )

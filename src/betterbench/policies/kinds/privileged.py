@@ -12,11 +12,11 @@ from betterbench.policies.kinds.kind import STATE, PlannedTrial, PolicyKind, reg
 if TYPE_CHECKING:
     from betterbench.interface.state import PrivilegedPolicy
     from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 
 def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
-    """Enter the privileged policies of one form of addresses into the register."""
+    """Add the privileged policies of one form of addresses to the registry."""
 
     def named() -> dict[str, str]:
         from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names
@@ -48,51 +48,48 @@ def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
 
 
 def describe_privileged(address: PolicyAddress) -> PolicyInfo:
-    """Return what a policy says about itself that sees the state and answers in ``ee_delta``."""
+    """Return the declarations of a policy that sees the state and answers in ``ee_delta``."""
     return PolicyInfo(address.text, action_space="ee_delta", needs_images=False)
 
 
-def own_scene(address: PolicyAddress, scene: Scene | ForeignScene) -> Scene:
-    """Return a scene of our own; InvalidInputError about a policy that is to act in a foreign one."""
+def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
+    """Return a scene of our own; InvalidInputError about a policy that is to act in another one."""
     from betterbench.sim.scenes import Scene
 
     if not isinstance(scene, Scene):
-        raise needs_own_scenes(address, "plans with the privileged state", "this world")
+        raise needs_own_scenes(address, "uses the privileged state", "this world")
     return scene
 
 
 def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tuple[str, ...] = ()) -> InvalidInputError:
-    """Return the error about a policy that cannot act in a foreign world.
+    """Return the error about a policy that cannot act in another world than ours.
 
     Args:
         address: Address of the policy.
-        needs: Its use of our own scenes, for the message ("plans with the privileged state").
+        needs: What it uses of betterbench's scenes, for the message ("uses the privileged state").
         world: Name of the world in messages.
-        known: Policies that know this world's state.
+        known: Policies that support this world's state.
     """
     return InvalidInputError(
         "--policy",
         f"{address} {needs} of our own scenes, which {world} does not have",
-        "Name a policy that sees observations" + (f", or one that knows it: {', '.join(known)}" if known else ""),
+        "Name a policy that uses observations" + (f", or one that supports it: {', '.join(known)}" if known else ""),
     )
 
 
-def _make(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
+def _make(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
     del trial
-    from betterbench.sim.scenes import Scene
+    from betterbench.policies.experts.in_worlds import EXPERTS_IN
 
-    if isinstance(scene, Scene):
-        from betterbench.policies.experts.privileged import make_expert
-
-        return make_expert(address.text, scene)
-    from betterbench.policies.experts.libero import LiberoAgent
-
-    return LiberoAgent(address.text, scene)
+    make = EXPERTS_IN.get(scene.world)
+    if make is None:
+        raise needs_own_scenes(address, "plans with the privileged state", "this world")
+    return make(address.text, scene)
 
 
 def _require_world(address: PolicyAddress, world: str) -> None:
-    from betterbench.policies.experts.libero import POLICIES
+    from betterbench.policies.experts.in_worlds import POLICIES_IN
 
-    known = tuple(POLICIES) if world == "LIBERO" else ()
+    known = POLICIES_IN.get(world, ())
     if address.name not in known:
-        raise needs_own_scenes(address, "plans with the privileged state", world, known)
+        raise needs_own_scenes(address, "uses the privileged state", world, known)

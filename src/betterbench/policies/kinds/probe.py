@@ -3,4 +3,4 @@
 from betterbench.policies.experts.address import PROBE_FORM
 from betterbench.policies.kinds.privileged import register_privileged
 
-PROBE = register_privileged(PROBE_FORM, "Lacks something to see or hear.")
+PROBE = register_privileged(PROBE_FORM, "Lacks the images or the instruction.")

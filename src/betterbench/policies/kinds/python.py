@@ -21,13 +21,13 @@ from betterbench.policies.kinds.kind import OWN_PROCESS, PolicyKind, register
 
 
 def load_plugin(address: str) -> Policy:
-    """Return an instance of a class that a user wrote.
+    """Return an instance of a user's class.
 
     The address is "module:Class" or "file.py:Class". Arguments of the class follow as in a URL ("?checkpoint=a/b&k=8"):
-    a value that reads as JSON (8, 0.5, true, null, "8") is that value, any other one is a text.
+    a value that is valid JSON (8, 0.5, true, null, "8") is parsed, any other value is a string.
 
     Raises InvalidInputError if the module, the class, one of the methods or an argument is missing or unknown, or the
-    class cannot be made.
+    class cannot be instantiated.
     """
     where, name, arguments = _parts(address)
     module = _load_file(Path(where)) if where.endswith(".py") else _load_module(where)
@@ -43,12 +43,12 @@ def load_plugin(address: str) -> Policy:
 
 
 def source_of(address: str) -> str:
-    """Return name and fingerprint of the file that a plugin was loaded from in this process; empty if there is none."""
+    """Return name and fingerprint of the file from which this process loaded a plugin; empty if there is none."""
     where = address.partition("?")[0].rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():
         return ""
-    # Imported here, as below, because the process of a policy needs no pydantic.
+    # Imported here, as below, because the process of a policy does not need pydantic.
     from betterbench.json_form import read_ordinary
 
     return f"{Path(path).name}, sha256 {hashlib.sha256(read_ordinary(Path(path))).hexdigest()}"
@@ -67,7 +67,7 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
         key, separator, value = part.partition("=")
         key = unquote(key)
         if not separator or not key.isidentifier() or key in arguments:
-            problem = f"argument {key!r} is given twice" if key in arguments else f"{part!r} is no argument"
+            problem = f"argument {key!r} is given twice" if key in arguments else f"{part!r} is not an argument"
             raise InvalidInputError(f"policy python:{address}", problem, "Write ?key=value&key=value, each key once")
         arguments[key] = _value(unquote(value))
     return where, name, arguments
@@ -98,7 +98,7 @@ def _instance(address: str, name: str, made: Callable[..., Policy], arguments: d
     except BetterError:
         raise
     except (Exception, SystemExit) as error:
-        raise PolicyProcessError(f"policy python:{address}: {name} cannot be made: {described(error)}") from error
+        raise PolicyProcessError(f"policy python:{address}: {name} cannot be created: {described(error)}") from error
 
 
 def _load_module(name: str) -> ModuleType:
@@ -124,7 +124,7 @@ def _load_file(path: Path) -> ModuleType:
         raise InvalidInputError(f"policy python:{path}", "there is no such file", "Name an existing Python file")
     folder = str(path.resolve().parent)
     if folder not in sys.path:
-        sys.path.insert(0, folder)  # as for a script: what lies beside the file can be imported
+        sys.path.insert(0, folder)  # as for a script, so that files beside it can be imported
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look the module of their class up there
     try:
@@ -144,7 +144,7 @@ def _rest(text: str) -> str:
 
 
 def _read(text: str, world: str) -> PolicyAddress:
-    """Read an address whose options are arguments of the user's class: which it has is known when it is loaded."""
+    """Read an address whose options are arguments of the user's class; they are checked when the class is loaded."""
     _parts(_rest(text))
     return PolicyAddress(text, _FORM, _rest(text).partition("?")[0], {}, world)
 

@@ -1,4 +1,4 @@
-"""A random walk, which measures the success rate that chance alone reaches."""
+"""A random walk, which measures the success rate that is reached by chance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Random:
-    """Moves at random, smoothly enough to get somewhere; the same seed gives the same walk."""
+    """Moves at random, smoothly enough to cover distance; the same seed gives the same walk."""
 
     info = PolicyInfo("random", needs_images=False)
 

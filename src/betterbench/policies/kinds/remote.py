@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.interface import Policy
 
 COMMON = (*EXECUTION, *CONNECTION, *ADAPTER)
-"""Options of each server, and of a checkpoint in process."""
+"""Options of each server, and of a checkpoint in this process."""
 
 _COUNT = itertools.count()
 
@@ -42,18 +42,18 @@ def register_server(
     constants: bool = True,
     shown: str = "",
 ) -> PolicyKind:
-    """Enter a kind of policy servers into the register.
+    """Add a kind of policy servers to the registry.
 
     Args:
         scheme: Scheme of its addresses.
         summary: Description of the servers in one sentence.
         transport: Transport protocol of such a server.
-        port: The port that it listens on unless told otherwise.
+        port: Default port.
         connect: Makes a client, with the handshake done, from an address and the seed of its pauses.
-        usual: The preset of an address that names none; empty if it has to name one.
-        options: The options that only this kind knows.
+        usual: Preset of an address that names none; empty if a preset is required.
+        options: Options of this kind only.
         constants: Whether an address can add constants to each request.
-        shown: Form of the address in lists; the scheme with host and port if empty.
+        shown: Form of the address in lists; scheme, host and port if empty.
     """
     form = AddressForm(
         scheme=scheme,
@@ -64,7 +64,7 @@ def register_server(
     )
 
     def make(address: PolicyAddress) -> Policy:
-        # Each client jitters in its own way; results do not depend on it.
+        # Each client has its own jitter; results do not depend on it.
         return connect(address, 1_000_003 * os.getpid() + next(_COUNT))
 
     def answers_in(address: PolicyAddress) -> str | None:
@@ -85,10 +85,10 @@ def register_server(
 
 
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
-    """Return the action space of the answers in the world of an address; None where it does not say.
+    """Return the action space of the answers in the world of an address; None if the address does not say.
 
-    ``usual`` is the preset of an address that names none. Raises what
-    :func:`betterbench.policies.conventions.presets.adapter_of` raises.
+    ``usual`` is the preset of an address that names none. Raises the errors of
+    :func:`betterbench.policies.conventions.presets.adapter_of`.
     """
     from betterbench.policies.conventions.presets import adapter_of, preset
 
@@ -98,7 +98,7 @@ def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
 
 
 def require_own_layout(address: PolicyAddress, world: str) -> None:
-    """Raise InvalidInputError about a preset that translates from our scenes to another world's conventions."""
+    """Raise InvalidInputError about a preset that converts our scenes to another world's conventions."""
     from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS
     from betterbench.policies.conventions.presets import UNTRANSLATED
 
@@ -106,7 +106,7 @@ def require_own_layout(address: PolicyAddress, world: str) -> None:
     if named in UNTRANSLATED:
         raise InvalidInputError(
             "--policy",
-            f"the preset {named} translates from our scenes to LIBERO's conventions, and this run is in {world} itself",
+            f"the preset {named} converts our scenes to LIBERO's conventions, but this run is in {world} itself",
             f"Give preset={UNTRANSLATED[named]}"
             if world == "LIBERO"
             else f"Give preset=NAME ({', '.join(CALVIN_PRESETS)})",

@@ -13,18 +13,17 @@ from betterbench.policies.address import AddressForm, PolicyAddress
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind, PolicyNeeds, register
 
 if TYPE_CHECKING:
-    from betterbench.sim.scenes import Scene
-    from betterbench.sim.worlds import ForeignScene
+    from betterbench.sim.worlds import TrialScene
 
 
 class Replay:
-    """Plays the record of the same seed from another run: of the same condition if it is there, else of its twin.
+    """Replays the record of the same seed from another run: of the same condition if it exists, else of its twin.
 
-    Past the end of the record it holds still.
+    After the end of the record it stands still.
     """
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
-        """Load the actions; raise InvalidInputError if the run has neither record, or no folder was named."""
+        """Load the actions; raise InvalidInputError if the run has neither record, or no folder is given."""
         from betterbench.records import RunFolder
 
         if not folder:
@@ -43,7 +42,7 @@ class Replay:
             raise InvalidInputError(
                 f"policy replay:{folder}",
                 f"the run has no record of {task} {condition} or {base} with seed {seed}",
-                "Evaluate a policy with that seed into it first",
+                "Evaluate a policy with that seed in that run first",
             )
         self.info = PolicyInfo(f"replay:{folder}", action_space=self._space, needs_images=False)
 
@@ -59,7 +58,7 @@ class Replay:
             )
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the recorded action of this step, or hold still after the last one."""
+        """Return the recorded action of this step, or stand still after the last one."""
         actions = self._actions
         if actions is None:
             raise AssertionError("the constructor has loaded the actions")
@@ -77,21 +76,21 @@ _FORM = AddressForm(scheme="replay", example="replay:RUN")
 
 
 def _read(text: str, world: str) -> PolicyAddress:
-    folder = text.partition(":")[2]  # all of it: a folder may have a question mark in its name
+    folder = text.partition(":")[2]  # everything after the colon: a folder name may contain "?"
     if not folder:
         raise InvalidInputError("policy replay", "no run was named", "Write replay:RUN with the folder of a run")
     return PolicyAddress(text, _FORM, folder, {}, world)
 
 
 def _describe(address: PolicyAddress) -> PolicyInfo:
-    """Return what is known before a trial: the action space is that of each record."""
+    """Return what is known before a trial; the action space depends on each record."""
     from betterbench.records import RunFolder
 
     RunFolder.open(Path(address.target))
     return PolicyInfo(address.text, action_space="", needs_images=False)
 
 
-def _make_for(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> Replay:
+def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> Replay:
     del scene
     if trial is None:
         raise address.error("it replays the records of planned trials", "Evaluate it")
@@ -103,7 +102,7 @@ REPLAY = register(
     PolicyKind(
         form=_FORM,
         shown="replay:RUN",
-        summary="Plays the recorded actions of another run, open loop.",
+        summary="Replays the recorded actions of another run, open loop.",
         needs=PolicyNeeds(trial=True),
         read=_read,
         make_for=_make_for,

@@ -24,5 +24,5 @@ VLA_EVAL = register_server(
     port=8000,
     connect=_connect,
     usual="vla_eval",
-    options=(Option("images", "the coding of images in messages"),),
+    options=(Option("images", "the encoding of images in messages"),),
 )

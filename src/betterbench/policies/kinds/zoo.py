@@ -3,4 +3,4 @@
 from betterbench.policies.experts.address import ZOO_FORM
 from betterbench.policies.kinds.privileged import register_privileged
 
-ZOO = register_privileged(ZOO_FORM, "Faulty on purpose.")
+ZOO = register_privileged(ZOO_FORM, "Has one known fault.")

@@ -1,7 +1,7 @@
-"""Learned policies: what they are shown, their networks, their checkpoints, and how a checkpoint acts.
+"""Learned policies: their inputs, their networks, their checkpoints, and how a checkpoint acts.
 
 Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`loading`
-imports them when they are used.
+imports them on demand.
 """
 
 from betterbench.policies.learned.loading import is_seeing, learned_info, make_learned, make_seeing

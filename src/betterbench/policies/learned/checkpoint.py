@@ -1,4 +1,4 @@
-"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of it all in the header."""
+"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of everything in the header."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from betterbench.tasks.user_files import COPIES, code_of
 
 FILE_NAME = "checkpoint.safetensors"
 ACTION_SPACE = "ee_delta"
-"""Action space in which learners answer."""
+"""Action space of a learner's answers."""
 _KEY = "betterbench"
 _MAX_BYTES = 1 << 30
 _CURE = "Name a checkpoint.safetensors that better train wrote, or train it again"
@@ -41,8 +41,8 @@ class Trained:
         recipe: Recipe of its training.
         vocabulary: Vocabulary of the learner.
         step: Number of training steps.
-        data: SHA-256 over the records that it was trained on.
-        action_space: Action space in which it answers.
+        data: SHA-256 over the records of its training data.
+        action_space: Action space of its answers.
         code: Code that defines its family, from :func:`~betterbench.tasks.user_files.code_of`; None for a built-in one.
     """
 
@@ -54,7 +54,7 @@ class Trained:
     code: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; without the code if it is our own."""
+        """Return the JSON form; without the code of a built-in family."""
         form = {**asdict(self), "recipe": self.recipe.to_json(), "vocabulary": self.vocabulary.to_json()}
         if self.code is None:
             del form["code"]
@@ -62,21 +62,21 @@ class Trained:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
-    """Write tensors and what is said about them, durably; equal arguments give equal bytes.
+    """Write tensors and their metadata durably; equal arguments give equal bytes.
 
-    Raises StorageError if the disk is full; the file that was there before then stays.
+    Raises StorageError if the disk is full; an existing file is then kept.
     """
     held = {name: tensor.detach().cpu().contiguous() for name, tensor in sorted(tensors.items())}
-    # One entry: the order of several would differ from process to process.
+    # A single metadata entry, because the order of several would differ between processes.
     text = json.dumps({**about, "sha256": _seal(about, _digest(held))}, sort_keys=True)
     with on_disk(path):
         write_durably(path, safetensors.torch.save(held, metadata={_KEY: text}))
 
 
 def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Return the tensors of a file and what is said about them; InvalidInputError if a byte of it is not right.
+    """Return the tensors of a file and their metadata; InvalidInputError if any byte is wrong.
 
-    Files of earlier versions have a digest of the tensors alone; that is said once.
+    Files of earlier versions have a digest of the tensors only; a warning says so once.
     """
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     try:
@@ -87,12 +87,12 @@ def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], d
         weights = _digest(tensors)
         expected = _seal(about, weights)
     except (SafetensorError, InvalidInputError, ValueError, KeyError, TypeError, AttributeError) as error:
-        problem = f"is no checkpoint of betterbench, or is damaged ({type(error).__name__})"
+        problem = f"is not a checkpoint of betterbench, or is damaged ({type(error).__name__})"
         raise InvalidInputError(str(path), problem, cure) from error
     if told == weights:
         say_unsealed(str(path))
     elif told != expected:
-        problem = "is damaged: its weights, or what it says about itself, are not those that were written"
+        problem = "is damaged: its weights or metadata have changed since they were written"
         raise InvalidInputError(str(path), problem, cure)
     return tensors, about
 
@@ -103,7 +103,7 @@ def write_checkpoint(path: Path, weights: Mapping[str, Tensor], trained: Trained
 
 
 def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
-    """Return the network of a checkpoint, ready to answer, and what it says about itself.
+    """Return the network of a checkpoint, ready to answer, and its metadata.
 
     Raises InvalidInputError if there is no such file, it is damaged, or its weights do not fit its recipe.
     """
@@ -118,7 +118,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     with torch.random.fork_rng(devices=[]):
         network = new_network(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
-    # Buffers of one's own may be infinite, as a mask of attention is.
+    # Buffers of a user's network may be infinite, as an attention mask is.
     finite = weights if trained.recipe.built_in else dict(network.named_parameters())
     broken = next((name for name, tensor in finite.items() if not bool(tensor.isfinite().all())), None)
     if broken is not None:
@@ -127,38 +127,38 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
 
 
 def checkpoint_file(place: str) -> Path:
-    """Return the file of a checkpoint, or of a folder that holds one, that a recipe names as its start.
+    """Return the file of a checkpoint, or of a folder with a checkpoint, that a recipe names as its start.
 
-    Raises InvalidInputError if there is none.
+    Raises InvalidInputError if there is no checkpoint.
     """
     path = Path(place) / FILE_NAME if Path(place).is_dir() else Path(place)
     if not path.is_file():
-        raise InvalidInputError(f"start: {place}", "holds no checkpoint", "Name the folder that better train wrote")
+        raise InvalidInputError(f"start: {place}", "contains no checkpoint", "Name the folder that better train wrote")
     return path
 
 
 def read_vocabulary(path: Path) -> Vocabulary:
-    """Return what the learner of a checkpoint has numbers for; InvalidInputError if the file is damaged."""
+    """Return the vocabulary of a checkpoint; InvalidInputError if the file is damaged."""
     _, about = read_tensors(path)
     return _trained(about, str(path)).vocabulary
 
 
 def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
-    """Put weights into a network; InvalidInputError if they are of another one."""
+    """Put weights into a network; InvalidInputError if they do not fit."""
     _require_fit(network, weights, where)
     network.load_state_dict(dict(weights))
 
 
 def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
-    """Refuse a claim of more weights than there are, before its network is made.
+    """Refuse metadata that claim more weights than the file contains, before the network is made.
 
-    A layer of a transformer has 12 matrices of its width squared (queries, keys, values, their join and the two maps of
-    four times the width), and each word a row of its width.
+    A transformer layer has 12 matrices of its width squared (queries, keys, values, their output map, and two maps of
+    four times the width), and each word has one row of the width.
     """
     size, there = trained.recipe.size, sum(tensor.numel() for tensor in weights.values())
     claimed = 12 * size.layers * size.width**2 + len(trained.vocabulary.words) * size.width
     if claimed > there:
-        problem = f"its weights are those of another network ({there:,} numbers, and its recipe needs {claimed:,})"
+        problem = f"its weights do not fit its recipe ({there:,} numbers, and its recipe needs {claimed:,})"
         raise InvalidInputError(where, problem, _CURE)
 
 
@@ -166,7 +166,7 @@ def _require_fit(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
     there, wanted = ({n: tuple(t.shape) for n, t in w.items()} for w in (weights, network.state_dict()))
     if there != wanted:
         names = sorted(n for n in there.keys() | wanted.keys() if there.get(n) != wanted.get(n))
-        problem = f"its weights are those of another network ({names[0]} differs)"
+        problem = f"its weights do not fit its recipe ({names[0]} differs)"
         raise InvalidInputError(where, problem, "Give the recipe and the data that it was trained with")
 
 
@@ -176,29 +176,29 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
         vocabulary = read_form(_VOCABULARY, about["vocabulary"], where=f"{where}: vocabulary", cure=_CURE)
         step, data, space = about["step"], about["data"], about["action_space"]
     except KeyError as error:
-        raise InvalidInputError(where, f"its header says no {error}", _CURE) from error
+        raise InvalidInputError(where, f"its header lacks {error}", _CURE) from error
     if type(step) is not int or step < 0:
-        raise InvalidInputError(where, f"its header says {step!r} for the steps of training", _CURE)
+        raise InvalidInputError(where, f"its header has {step!r} as the number of training steps", _CURE)
     code = about.get("code")
     return Trained(recipe, vocabulary, step, str(data), str(space), None if code is None else str(code))
 
 
 def require_code(about: Mapping[str, Any], where: str) -> None:
-    """Refuse weights whose family is defined by other code than that with which they were trained.
+    """Refuse weights whose family is defined by other code than in their training.
 
-    A family that is not there at all is refused by its name, where the recipe is read.
+    An unknown family is refused by name when the recipe is read.
     """
     recipe, code = about.get("recipe"), about.get("code")
     family = str(recipe.get("family")) if isinstance(recipe, dict) else ""
     here = code_of("family", family)
     if here is not None and here != code:
-        problem = f"its family {family!r} was defined by {code or 'no file that was named'}, and here by {here}"
-        cure = f"Pass the file that it was trained with; better train keeps a copy in {COPIES} beside the checkpoint"
+        problem = f"its family {family!r} was defined by {code or 'no file that was named'}, but here by {here}"
+        cure = f"Pass the file of its training; better train keeps a copy in {COPIES} beside the checkpoint"
         raise InvalidInputError(where, problem, cure)
 
 
 def _seal(about: Mapping[str, Any], weights: str) -> str:
-    """Return the digest that a file carries, from what it says about itself and the digest of its tensors."""
+    """Return the digest of a file, from its metadata and the digest of its tensors."""
     return seal_of({"about": seal_of(about), "tensors": weights})
 
 

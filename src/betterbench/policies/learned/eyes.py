@@ -1,4 +1,4 @@
-"""Image inputs of a learner of the ``pixels`` family, cut and scaled from the images of a scene's cameras."""
+"""Image inputs of a learner of the ``pixels`` family, cropped and scaled from the images of a scene's cameras."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from betterbench.policies.learned.recipe import Eyes
 
 
 def looked_at(eyes: Eyes, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the views of a learner, (views, size, size, 3) uint8, from upright pictures by camera.
+    """Return the views of a learner, (views, size, size, 3) uint8, from upright images by camera.
 
-    Each is the mean over the part of the camera's picture that a pixel covers; one to one it is that picture's pixels.
+    Each pixel is the mean over the part of the camera's image that it covers; at scale one the pixels are copied.
 
-    Raises InvalidInputError if a camera is missing, or its picture has another size than the recipe's observation.
+    Raises InvalidInputError if a camera is missing, or its image has another size than in the recipe's observation.
     """
     known = {camera.name: camera for camera in observation_spec(eyes.observation).cameras}
     found = np.empty((len(eyes.windows), eyes.size, eyes.size, 3), np.uint8)
@@ -27,7 +27,7 @@ def looked_at(eyes: Eyes, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
             shown = "no picture" if picture is None else f"one of {picture.shape[1]} x {picture.shape[0]}"
             raise InvalidInputError(
                 f"camera {view.camera}",
-                f"the learner is shown {shown} and learned from {spec.width} x {spec.height}",
+                f"the images are {shown}, the learner was trained with {spec.width} x {spec.height}",
                 f"Give --observation {eyes.observation}",
             )
         left, top, right, bottom = view.window

@@ -1,4 +1,4 @@
-"""Families of learners: the input of each, its sizes, and the parts that can be frozen. Users' files add their own.
+"""Families of learners: the input of each, its sizes, and the parts that can be frozen. User files can add families.
 
 Nothing here needs torch: :mod:`networks` makes the network of a family.
 """
@@ -17,7 +17,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks.user_files import load_declared, registered
 
 Sees = Literal["objects", "pixels"]
-"""Input of a learner: the state as a perfect detector would give it, or images."""
+"""Input of a learner: the state as a perfect detector would report it, or images."""
 Option = bool | int | float | str
 MakerT = TypeVar("MakerT", bound=Callable[..., Any])
 
@@ -36,10 +36,10 @@ class Capacity:
     heads: Annotated[int, Field(ge=1, le=32)]
 
     def __post_init__(self) -> None:
-        """Refuse a width that the heads cannot share."""
+        """Refuse a width that is not divisible by the number of heads."""
         if self.width % self.heads:
             raise InvalidInputError(
-                "width", f"{self.width} cannot be shared by {self.heads} heads", "Give a multiple of the heads"
+                "width", f"{self.width} is not divisible by {self.heads} heads", "Give a multiple of the heads"
             )
 
 
@@ -52,8 +52,8 @@ class Family:
         sees: Input of the learner.
         capacities: Its sizes ``small``, ``base`` and ``large``.
         parts: Parts of its network that recipes may freeze.
-        options: Numbers and words of its own that recipes may change, with their defaults.
-        make: Makes its network of recipe and vocabulary; None of a family that comes with betterbench.
+        options: Its own options for recipes, with their defaults.
+        make: Makes its network from recipe and vocabulary; None for a built-in family.
     """
 
     name: str
@@ -90,16 +90,16 @@ def learner(
     parts: tuple[str, ...] = (),
     options: Mapping[str, Option] | None = None,
 ) -> Callable[[MakerT], MakerT]:
-    """Register a network as a family of learners, from whatever file it is imported.
+    """Register a network as a family of learners, from any file that is imported.
 
-    What is decorated is a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
+    The decorated class is a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
 
     Args:
         name: Name in the field ``family`` of recipes.
-        sees: ``objects`` to be shown the state, ``pixels`` to be shown the pictures of the recipe's ``eyes``.
-        capacities: Its ``small``, ``base`` and ``large``; those of the family of the same name as ``sees`` if left out.
-        parts: Names of modules of its own that recipes may freeze; the head can always be.
-        options: Fields that recipes may set in their ``options``, with the defaults, whose types are required.
+        sees: ``objects`` for the state, ``pixels`` for the images of the recipe's ``eyes``.
+        capacities: Its ``small``, ``base`` and ``large``; by default those of the built-in family with the same input.
+        parts: Names of its modules that recipes may freeze; the head can always be frozen.
+        options: Fields that recipes may set in their ``options``, with defaults, which also define the types.
 
     Raises:
         InvalidInputError: If a name is taken, or something is missing.
@@ -115,7 +115,7 @@ def learner(
         if name in _FAMILIES and made is not make:
             raise InvalidInputError(where, "the file defines it twice", "Rename one of the two")
         if name in _FAMILIES and _FAMILIES[name].make is None:
-            raise InvalidInputError(where, "betterbench has a family of this name", "Give it another one")
+            raise InvalidInputError(where, "this is the name of a built-in family", "Choose another name")
         _FAMILIES[name] = Family(name, sees, dict(sizes or {}), (*parts, _HEAD), dict(options or {}), made)
         return make
 
@@ -123,7 +123,7 @@ def learner(
 
 
 def _wrong(name: object, sees: object, capacities: object, parts: object, options: object) -> Iterator[tuple[str, str]]:
-    """Yield what is wrong about a registration in a user's file, with its cure."""
+    """Yield the errors of a registration in a user's file, each with its remedy."""
     if not isinstance(name, str) or not name or sees not in _SEES:
         yield f"it has no name, or sees {sees!r}", 'Write @learner("mine", sees="objects") or sees="pixels"'
     if not isinstance(capacities, Mapping) or set(capacities) != set(_SIZES):
@@ -145,7 +145,7 @@ def _listed(given: object) -> str:
 
 
 def learner_family(name: str) -> Family:
-    """Return a family; UnknownNameError if there is none of that name, in users' files neither."""
+    """Return a family; UnknownNameError if neither betterbench nor a user's file defines it."""
     load_declared()
     if name not in _FAMILIES:
         raise UnknownNameError("family", name, _FAMILIES)

@@ -1,4 +1,4 @@
-"""The checkpoint that an address names (``learned:CHECKPOINT?execute=4``), and the policies that act with it."""
+"""The checkpoint of an address (``learned:CHECKPOINT?execute=4``), and the policies that act with it."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ _MOST_HEADER = 1 << 24
 
 
 def is_seeing(address: PolicyAddress) -> bool:
-    """Return whether an address names a learner that sees observations, as those of the family ``pixels`` do.
+    """Return whether an address names a learner that uses observations, as in the family ``pixels``.
 
-    False also for a checkpoint that is missing, damaged or of an unknown family, which is refused where it is asked for
-    what it is.
+    Also False for a checkpoint that is missing, damaged or of an unknown family; the error is raised when it is loaded.
     """
     path = checkpoint_of(address)
     try:
@@ -40,7 +39,7 @@ def is_seeing(address: PolicyAddress) -> bool:
 
 
 def learned_info(address: PolicyAddress) -> PolicyInfo:
-    """Return what a learned policy says about itself.
+    """Return the declarations of a learned policy.
 
     Raises:
         MissingDependencyError: If torch or safetensors is not installed.
@@ -51,7 +50,7 @@ def learned_info(address: PolicyAddress) -> PolicyInfo:
 
 
 def make_learned(address: PolicyAddress, instruction: str, seed: int) -> PrivilegedPolicy:
-    """Return a learned policy for one episode, of a trial's instruction and seed; raises as :func:`learned_info`."""
+    """Return a learned policy for one episode with an instruction and a seed; raises as :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import LearnedPolicy  # noqa: PLC0415 - needs torch
 
@@ -60,7 +59,7 @@ def make_learned(address: PolicyAddress, instruction: str, seed: int) -> Privile
 
 
 def make_seeing(address: PolicyAddress) -> SeeingPolicy:
-    """Return a learned policy that sees observations; raises as :func:`learned_info`."""
+    """Return a learned policy that uses observations; raises as :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import SeeingPolicy  # noqa: PLC0415 - needs torch
 
@@ -68,7 +67,7 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return how many actions of a chunk are executed: as the address says, else as the recipe does.
+    """Return how many actions of a chunk are executed: as in the address, else as in the recipe.
 
     Raises InvalidInputError if the chunk has fewer.
     """
@@ -76,22 +75,22 @@ def _executed(address: PolicyAddress, learner: Learner) -> int:
     if given is None:
         return recipe.execute
     if not given.isdecimal() or not 1 <= int(given[:9]) <= recipe.chunk:
-        raise address.error(f"execute={given} is no number of actions of its chunk", f"Give 1 to {recipe.chunk}")
+        raise address.error(f"execute={given} is not a number of actions of its chunk", f"Give 1 to {recipe.chunk}")
     return int(given)
 
 
 def checkpoint_of(address: PolicyAddress) -> Path:
-    """Return the file that an address names, or the one in the folder that it names."""
+    """Return the file of an address, or the checkpoint in its folder."""
     try:
         path = Path(address.target).expanduser()
     except RuntimeError as error:
-        raise address.error("there is no such home folder", "Write its path") from error
+        raise address.error("the home folder does not exist", "Write the full path") from error
     return path / FILE_NAME if path.is_dir() else path
 
 
 @functools.lru_cache(maxsize=64)
 def _family(path: Path, changed_ns: int, size: int) -> str | None:
-    """Return the family that the header of a checkpoint names, without torch; None if it says nothing."""
+    """Return the family in the header of a checkpoint, without torch; None if the header has none."""
     del changed_ns  # part of the key
     try:
         with open_ordinary(path) as file:

@@ -19,9 +19,9 @@ from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
-"""Scales at which a learner is told where an object is from its tool [m]."""
+"""Scales of an object's position relative to the tool, as an input of the learner [m]."""
 WAVES_M = (0.4, 0.1)
-"""Wave lengths of the sines and cosines of the same [m], in which millimeters make a difference."""
+"""Wavelengths of the sines and cosines of that position [m], which resolve millimeters."""
 _AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
 _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
@@ -33,12 +33,12 @@ _Memory = tuple[Tensor, Tensor]
 
 @dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """Inputs of a batch of B samples that all families have.
+    """Inputs of a batch of B samples, common to all families.
 
     Attributes:
         words: (B, w) int64, the instruction, at most MOST_WORDS words.
         tools: (B, history, 10) float32, states of the tool, the present one first.
-        blind: (B,) bool: samples whose state is left out; None for none.
+        blind: (B,) bool: samples without state; None for none.
     """
 
     words: Tensor
@@ -65,10 +65,10 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch: the inputs, with the words of the question in place of an instruction, and the answers.
+    """Questions of a batch: the inputs, with the words of the question instead of an instruction, and the answers.
 
     Attributes:
-        answers: (B,) int64 numbers of the right answers.
+        answers: (B,) int64 numbers of the correct answers.
     """
 
     shown: ShownBatch
@@ -77,13 +77,13 @@ class AskedBatch:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Encodings of U different instructions, which stay the same through an episode.
+    """Encodings of U different instructions, constant during an episode.
 
     Attributes:
         words: (U, w, width) tokens of their words.
         told: (U, w) bool, False for padding.
-        which: (B,) instruction of each sample.
-        memories: Per layer keys and values of the words, each (U, heads, w, width of a head).
+        which: (B,) index of each sample's instruction.
+        memories: Keys and values of the words in each layer, each (U, heads, w, width of a head).
     """
 
     words: Tensor
@@ -93,7 +93,7 @@ class Heard:
 
 
 class _Block(nn.Module):
-    """A layer of a transformer that normalizes before attention and before its two linear maps."""
+    """A transformer layer with normalization before attention and before its two linear maps."""
 
     def __init__(self, width: int, heads: int, dropout: float) -> None:
         super().__init__()
@@ -104,12 +104,12 @@ class _Block(nn.Module):
         self.maps = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
 
     def forward(self, tokens: Tensor, seen: Tensor, before: _Memory | None = None) -> tuple[Tensor, _Memory]:
-        """Return the next layer's tokens, and what other tokens attend to of these.
+        """Return the tokens of the next layer, and their keys and values for other tokens.
 
         Args:
             tokens: (B, n, width).
-            seen: (B, 1, 1, m + n) bool: what may be attended to.
-            before: Keys and values of m tokens, each (B, heads, m, width of a head), that stand before these.
+            seen: (B, 1, 1, m + n) bool attention mask.
+            before: Keys and values of m preceding tokens, each (B, heads, m, width of a head).
         """
         batch, length, width = tokens.shape
         parts = self.queries_keys_values(self.before_attention(tokens))
@@ -129,16 +129,16 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """Base network of learners: from the inputs of a batch to a chunk of normalized actions, (B, chunk, 7).
+    """Base network of learners: maps the inputs of a batch to a chunk of normalized actions, (B, chunk, 7).
 
-    A family makes its modules in :meth:`build` and condenses the inputs into one vector per sample in :meth:`summary`.
-    The head that turns the vector into actions, the losses and the answers to questions are the same for all families.
+    A family makes its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`. All
+    families share the head that maps the vector to actions, the losses and the answers to questions.
 
     Attributes:
         recipe: Recipe of its training; ``recipe.size`` is its capacity.
         options: The options of its family.
-        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. Actions, (7,), and the
-            inputs named to :meth:`keep_scale` have the same.
+        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. There are such buffers for
+            actions, (7,), and for the inputs named to :meth:`keep_scale`.
     """
 
     tool_mean: Tensor
@@ -167,27 +167,27 @@ class LearnerNetwork(nn.Module):
         self.keep_scale("action", ACTION_NUMBERS)
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make the modules of the family; their initial weights are drawn by torch's own generator."""
+        """Make the modules of the family; their initial weights are drawn from torch's own generator."""
         raise NotImplementedError(f"{type(self).__name__} has no method build")
 
     def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
-        """Return what is gathered of each sample, (B, width).
+        """Return one vector for each sample, (B, width).
 
         Args:
             shown: Inputs of the batch.
-            heard: Result of :meth:`hear` for the words of the batch, if it is known already.
+            heard: Result of :meth:`hear` for the words of the batch, if already computed.
         """
         raise NotImplementedError(f"{type(self).__name__} has no method summary")
 
     def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return what is made of instructions alone, (B, w) int64, which is kept through an episode; None for nothing.
+        """Return an encoding of instructions alone, (B, w) int64, that is kept during an episode; None for nothing.
 
-        It is given to :meth:`answer` again and again.
+        It is passed to each :meth:`answer` of the episode.
         """
         del words
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters by the part of the network that recipes may freeze: here by module."""
+        """Return the parameters by the part of the network that recipes may freeze: by default by module."""
         found: dict[str, list[nn.Parameter]] = {}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
@@ -195,40 +195,40 @@ class LearnerNetwork(nn.Module):
         return found
 
     def keep_scale(self, name: str, count: int) -> None:
-        """Keep mean and scale of numbers of the training data beside the weights.
+        """Store mean and scale of values of the training data beside the weights.
 
-        These are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always kept. Raises
-        InvalidInputError for others, of which the training data tell none.
+        Possible names are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always
+        stored. Raises InvalidInputError for other names.
         """
         if _SCALES.get(name) != count:
             known = ", ".join(f'("{key}", {value})' for key, value in _SCALES.items())
-            problem = f"no scale {name!r} of {count} numbers is known of the training data"
+            problem = f"the training data have no scale {name!r} of {count} numbers"
             raise InvalidInputError(f"learner {self.recipe.family!r}", problem, f"Keep one of {known}")
         self.register_buffer(f"{name}_mean", torch.zeros(count))
         self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the summary; InvalidInputError if a user's learner raises, or returns something else."""
+        """Return the summary; InvalidInputError if a user's learner raises, or returns another shape or type."""
         with explaining("family", self.recipe.family):
             found = self.summary(shown, heard)
         wanted = (len(shown.words), self.recipe.size.width)
         if not isinstance(found, Tensor) or found.shape != wanted:
             given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
-            problem = f"its summary returns {given} where (batch, width) is {wanted}"
+            problem = f"its summary returns {given}, expected (batch, width) = {wanted}"
             raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct summary")
         if found.dtype != self.action_mean.dtype:
-            problem = f"its summary returns {found.dtype} where {self.action_mean.dtype} is wanted"
+            problem = f"its summary returns {found.dtype}, expected {self.action_mean.dtype}"
             raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Convert it")
         return found
 
     def act(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return what :meth:`answer` does; InvalidInputError if a user's learner raises, or returns something else."""
+        """Return the result of :meth:`answer`; InvalidInputError if a user's learner raises, or its shape is wrong."""
         with explaining("family", self.recipe.family):
             found = self.answer(shown, noise, heard)
         wanted = (len(shown.words), self.chunk, ACTION_NUMBERS)
         if not isinstance(found, Tensor) or found.shape != wanted:
             given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
-            problem = f"its answer returns {given} where (batch, chunk, 7) is {wanted}"
+            problem = f"its answer returns {given}, expected (batch, chunk, 7) = {wanted}"
             raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct answer")
         return found
 
@@ -243,7 +243,7 @@ class LearnerNetwork(nn.Module):
         wanted = (actions - self.action_mean) / self.action_scale
         summary = self._gathered(shown)
         if self.recipe.loss == "flow":
-            # Times as GR00T N1 draws them: Beta(1.5, 1), most of them near the noise.
+            # Times are drawn as in GR00T N1: Beta(1.5, 1), mostly near the noise.
             times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
             noise = torch.randn_like(wanted)
             between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
@@ -254,14 +254,14 @@ class LearnerNetwork(nn.Module):
         return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
 
     def reply(self, shown: ShownBatch) -> Tensor:
-        """Return how much speaks for each answer to the questions that are shown, (B, answers)."""
+        """Return the logits of the answers to the questions in a batch, (B, answers)."""
         found: Tensor = self.answers(self._gathered(shown))
         return found
 
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a step, which is what several processes share their gradients of.
+        """Return the loss of a training step, whose gradients several processes share.
 
-        Each question that is asked counts as much as each frame with actions; its loss is the cross-entropy.
+        Each question has the same weight as each frame with actions; its loss is the cross-entropy.
         """
         loss = self.loss(shown, actions, counted)
         if asked is None:
@@ -275,12 +275,12 @@ class LearnerNetwork(nn.Module):
         Args:
             shown: Inputs of the batch.
             noise: (B, chunk, 7) start of a flow.
-            heard: Result of :meth:`hear` for the words of the batch, if it is known already.
+            heard: Result of :meth:`hear` for the words of the batch, if already computed.
         """
         summary = self._gathered(shown, heard)
         if self.recipe.loss == "flow":
             if noise is None:
-                raise ValueError("a flow begins with noise")
+                raise ValueError("a flow needs noise")
             found, count = noise, self.recipe.flow_steps
             for step in range(count):
                 times = torch.full((len(noise),), step / count, device=noise.device)
@@ -300,20 +300,20 @@ class LearnerNetwork(nn.Module):
 class TokenNetwork(LearnerNetwork):
     """Transformer over tokens of words, of states and of the inputs of a family.
 
-    Such families differ only in the encoder that turns their inputs into tokens. Modules that :meth:`open_eyes` makes
-    are named parts, which a recipe can freeze.
+    These families differ only in the encoder that maps their inputs to tokens. Modules made by :meth:`open_eyes` are
+    named parts, which a recipe can freeze.
     """
 
     state: nn.ModuleDict
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make embeddings, eyes and layers."""
+        """Make embeddings, input encoders and layers."""
         recipe, size, words = self.recipe, self.recipe.size, vocabulary.sizes()[0]
         width = size.width
         self.given = recipe.proprioception.given
         self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
         self.open_eyes(width, vocabulary)
-        # What is never used has no gradient, so it is not there.
+        # Unused modules have no gradient, so they are not made.
         if self.given:
             self.state = nn.ModuleDict(
                 {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}
@@ -329,17 +329,17 @@ class TokenNetwork(LearnerNetwork):
 
     @abstractmethod
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the modules and scales that only this family has."""
+        """Make the modules and scales of this family."""
 
     @abstractmethod
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return tokens of what is seen, (B, n, width), and which of them are there, (B, n) bool.
+        """Return tokens of the inputs, (B, n, width), and a mask of the existing ones, (B, n) bool.
 
         Args:
             shown: Inputs of the batch.
             words: (U, w, width) tokens of the different instructions.
             told: (U, w) bool, False for padding.
-            which: (B,) instruction of each sample.
+            which: (B,) index of each sample's instruction.
         """
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
@@ -352,7 +352,7 @@ class TokenNetwork(LearnerNetwork):
         return found
 
     def hear(self, words: Tensor) -> Heard:
-        """Return what is made of instructions alone, (B, w) int64, to be given to :meth:`answer` again and again."""
+        """Return an encoding of instructions alone, (B, w) int64, which is passed to each :meth:`answer`."""
         tokens, told, which = self._instructions(words)
         memories, seen = [], told[:, None, None, :]
         heard = tokens
@@ -362,7 +362,7 @@ class TokenNetwork(LearnerNetwork):
         return Heard(tokens, told, which, tuple(memories))
 
     def summary(self, shown: ShownBatch, heard: Heard | None = None) -> Tensor:
-        """Return what the readout token has gathered, (B, width)."""
+        """Return the output of the readout token, (B, width)."""
         batch = shown.words.shape[0]
         words, told, which = (
             self._instructions(shown.words) if heard is None else (heard.words, heard.told, heard.which)
@@ -387,9 +387,9 @@ class TokenNetwork(LearnerNetwork):
         return gathered
 
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the different instructions of a batch, which of their words are there, and which one a sample has.
+        """Return the distinct instructions of a batch, the mask of their words, and the index of each sample's one.
 
-        Words attend to words alone, so that each instruction is worked on once however many samples have it.
+        Words attend to words only, so each instruction is encoded once for all samples.
         """
         different, which = torch.unique(words, dim=0, return_inverse=True)
         places = torch.arange(words.shape[1], device=words.device)
@@ -404,7 +404,7 @@ class ObjectsNetwork(TokenNetwork):
     position_scale: Tensor
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make what turns an object into a token."""
+        """Make the encoder of an object."""
         _, categories, colors = vocabulary.sizes()
         self.objects = nn.ModuleDict(
             {
@@ -416,7 +416,7 @@ class ObjectsNetwork(TokenNetwork):
         self.keep_scale("position", 3)
 
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return one token per object, and which objects there are."""
+        """Return one token per object, and the mask of existing objects."""
         del words, told, which
         if not isinstance(shown, ObjectsBatch):
             raise TypeError("a network of objects is shown objects")
@@ -424,7 +424,7 @@ class ObjectsNetwork(TokenNetwork):
         return objects + self.objects["pose"](self._object_numbers(shown)), shown.categories != ABSENT
 
     def _object_numbers(self, shown: ObjectsBatch) -> Tensor:
-        """Return pose and size of each object and, unless the state is left out, where it is from the tool."""
+        """Return pose and size of each object and, unless the state is left out, its position relative to the tool."""
         positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
         numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
         if self.given:

@@ -16,7 +16,7 @@ _OWN: dict[str, type[LearnerNetwork]] = {"objects": ObjectsNetwork, "pixels": Pi
 
 
 def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwork:
-    """Return the network that a recipe asks for, with random weights drawn by torch's own generator.
+    """Return the network of a recipe, with random weights from torch's own generator.
 
     Raises:
         InvalidInputError: If a user's file cannot make it.
@@ -28,7 +28,7 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
     first: dict[int, str] = {}
     for name, tensor in network.state_dict().items():
         if not isinstance(tensor, Tensor):
-            raise InvalidInputError(where, f"it keeps {name}, which is no tensor", "Keep it as a buffer or an option")
+            raise InvalidInputError(where, f"it keeps {name}, not a tensor", "Keep it as a buffer or an option")
         if isinstance(tensor, UninitializedTensorMixin):
             raise InvalidInputError(where, f"the shape of its {name} is not known", "Use modules that are not lazy")
         if not tensor.numel():

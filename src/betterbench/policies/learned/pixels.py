@@ -1,4 +1,4 @@
-"""The network of the ``pixels`` family: a strided FiLM convolution net whose key points become tokens."""
+"""The network of the ``pixels`` family: a strided convolution net with FiLM, whose key points become tokens."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PicturesBatch(ShownBatch):
 
     Attributes:
         pictures: (B, V, size, size, 3) uint8.
-        light: (B, 2) float32 change of contrast and of brightness; None for none.
+        light: (B, 2) float32 changes of contrast and brightness; None for no change.
     """
 
     pictures: Tensor
@@ -49,11 +49,11 @@ class _Convolutions(nn.Module):
         """Return tokens, (P, width).
 
         Args:
-            pictures: (P, 3, size, size), with the colors last in memory.
-            asked: (U, width) what the different instructions ask for.
-            which: (P,) instruction of each picture.
+            pictures: (P, 3, size, size), with channels-last memory layout.
+            asked: (U, width) encodings of the distinct instructions.
+            which: (P,) index of each image's instruction.
         """
-        seen = functional.relu(self.layers[0](pictures))  # a norm of the largest map would take most of the time
+        seen = functional.relu(self.layers[0](pictures))  # normalizing the largest map would take most of the time
         for film, layer in zip(self.film, self.layers[1:], strict=True):
             scale, shift = film(asked)[which][..., None, None].chunk(2, dim=1)
             seen = functional.group_norm(layer(seen), _GROUPS)
@@ -63,20 +63,20 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Network of ``pixels``, with one token per view: the key points of a convolution net that the words modulate.
+    """Network of ``pixels``, with one token per view: the key points of a convolution net modulated by the words.
 
-    The words scale and shift each channel (FiLM, Perez et al. 2018). A channel is read out as the mean place of its
-    softmax over the image and the height of its peak (spatial softmax, Levine et al. 2016, "End-to-End Training of
+    The words scale and shift each channel (FiLM, Perez et al. 2018). The output of a channel is the mean position of
+    its softmax over the image and the height of its peak (spatial softmax, Levine et al. 2016, "End-to-End Training of
     Deep Visuomotor Policies"). All views share the net.
     """
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the convolution net and what turns its key points into a token."""
+        """Make the convolution net and the encoder of its key points."""
         del vocabulary
         self.eyes = _Convolutions(width, len(self.recipe.eyes.windows))
 
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return one token per view; all are there."""
+        """Return one token per view; no view is masked."""
         if not isinstance(shown, PicturesBatch):
             raise TypeError("a network of pixels is shown pictures")
         batch, views = shown.pictures.shape[:2]
@@ -87,7 +87,7 @@ class PixelsNetwork(TokenNetwork):
         return points.view(batch, views, -1) + self.eyes.view.weight, told.new_ones(batch, views)
 
     def _light(self, shown: PicturesBatch) -> Tensor:
-        """Return pictures as numbers around 0, with the light of each sample changed."""
+        """Return images as numbers around 0, with the light of each sample changed."""
         values = shown.pictures.to(torch.float32).mul_(1.0 / 64.0).sub_(2.0)
         if shown.light is not None:
             contrast, brightness = shown.light[:, :, None, None, None, None].unbind(dim=1)
@@ -102,7 +102,7 @@ def channels_of(width: int) -> tuple[int, int, int, int]:
 
 
 def key_points(seen: Tensor) -> Tensor:
-    """Return place (x, y from -1 to 1) and peak of each channel, (B, 3 C), from (B, C, height, width)."""
+    """Return position (x, y from -1 to 1) and peak of each channel, (B, 3 C), from (B, C, height, width)."""
     batch, channels, height, width = seen.shape
     x, y = (torch.linspace(-1.0, 1.0, count, device=seen.device) for count in (width, height))
     flat = seen.flatten(2)

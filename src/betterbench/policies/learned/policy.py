@@ -1,4 +1,4 @@
-"""Policies that act with a checkpoint, from the state or from images as its family needs."""
+"""Policies that act with a checkpoint, from the state or from images depending on the family."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from betterbench.tasks.user_files import explaining
 SeenT = TypeVar("SeenT")
 
 KEPT_INSTRUCTIONS = 64
-"""Instructions for which a learner keeps what it makes of them."""
+"""Number of instructions whose encodings a learner caches."""
 
 
 class Learner:
-    """Loaded network of a learner, which several episodes share.
+    """Loaded network of a learner, shared by several episodes.
 
     Attributes:
         trained: Metadata of its checkpoint.
@@ -44,14 +44,15 @@ class Learner:
 
     @classmethod
     def load(cls, path: Path) -> Learner:
-        """Read a checkpoint; raises what :func:`read_checkpoint` raises."""
+        """Read a checkpoint; raises the errors of :func:`read_checkpoint`."""
         network, trained = read_checkpoint(path)
-        # Sums over several threads differ in their last bits, and results must not depend on the machine's load.
+        # One thread: sums over several threads differ in their last bits, and results must not depend on the machine's
+        # load.
         torch.set_num_threads(1)
         return cls(network, trained, file_digest(path))
 
     def info(self, address: str, *, execute: int) -> PolicyInfo:
-        """Return what the learner says about itself under an address, if it executes so many actions of a chunk."""
+        """Return the learner's declarations under an address, if it executes ``execute`` actions of a chunk."""
         recipe = self.trained.recipe
         about = {
             "checkpoint": f"sha256 {self.fingerprint}",
@@ -83,7 +84,7 @@ class Learner:
             drawn = np.random.default_rng(seed).standard_normal((self.network.chunk, ACTION_NUMBERS), dtype=np.float32)
             noise = self.batch(drawn)
         with torch.inference_mode(), contextlib.ExitStack() as stack:
-            if not self.trained.recipe.built_in:  # which may draw random numbers
+            if not self.trained.recipe.built_in:  # user networks may draw random numbers
                 stack.enter_context(torch.random.fork_rng(devices=[]))
                 torch.manual_seed(seed >> 1)
             answer = self.network.act(shown, noise, self._hear(shown.words))[0].cpu().numpy().astype(np.float64)
@@ -91,7 +92,7 @@ class Learner:
         return limited
 
     def _hear(self, words: torch.Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return what the network makes of an instruction, which an episode asks for at each of its answers."""
+        """Return the encoding of an instruction, which an episode uses for each answer."""
         key = words.cpu().numpy().tobytes()
         heard = self._heard.pop(key, None)
         if heard is None:
@@ -108,10 +109,10 @@ class Learner:
 
 
 class LearnedPolicy:
-    """Learner of ``objects`` in one episode; it is asked again after ``execute`` actions of an answer."""
+    """Learner of ``objects`` in one episode; it answers again after ``execute`` actions of an answer."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
-        """Prepare for one episode; ``episode`` is the number that the noise of a flow is drawn with."""
+        """Prepare for one episode; ``episode`` is the seed of a flow's noise."""
         self.name = name
         self._learner, self._instruction, self._episode, self._execute = learner, instruction, episode, execute
         self._things: Things | None = None
@@ -145,10 +146,10 @@ class LearnedPolicy:
 
 
 class SeeingPolicy:
-    """Learner of ``pixels``, which gets observations as every policy under test does."""
+    """Learner of ``pixels``, which gets observations like every policy under test."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
-        """Prepare; InvalidInputError if it is not asked at the steps that its history is of."""
+        """Prepare the policy; InvalidInputError if its history does not fit the steps at which it answers."""
         recipe = learner.trained.recipe
         if recipe.history > 1:
             require_asked(recipe.history_stride, execute, f"policy {address}: history_stride")
@@ -178,11 +179,11 @@ class SeeingPolicy:
         return learner.chunk(shown, _noise_seed(self._episode, observation.step))
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Raise InvalidInputError if a run shows other pictures than the learner was trained on."""
+        """Raise InvalidInputError if a run's images differ from those of the training."""
         del space, rate_hz
         wanted = self._learner.trained.recipe.eyes.observation
         if observation.name != wanted:
-            problem = f"it was trained on the pictures of {wanted!r}, and the run shows {observation.name!r}"
+            problem = f"it was trained on the images of {wanted!r}, but the run uses {observation.name!r}"
             raise InvalidInputError(f"policy {self.info.name}", problem, f"Give --observation {wanted}")
 
 
@@ -194,13 +195,13 @@ class _Past(Generic[SeenT]):
         self._seen: OrderedDict[int, SeenT] = OrderedDict()
 
     def keep(self, step: int, seen: SeenT) -> None:
-        """Keep what is seen at a step, and forget what is too far back."""
+        """Store the input of a step, and drop those that are too old."""
         self._seen[step] = seen
         while next(iter(self._seen)) < step - self._stride * (self._history - 1):
             self._seen.popitem(last=False)
 
     def before(self, step: int) -> list[SeenT]:
-        """Return what is seen at a step and before it; the first that is known stands for all before it."""
+        """Return the inputs at a step and before it; the first known input replaces all before it."""
         wanted = (max(step - k * self._stride, next(iter(self._seen))) for k in range(self._history))
         return [self._seen[max(s for s in self._seen if s <= asked)] for asked in wanted]
 

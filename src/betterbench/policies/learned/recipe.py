@@ -1,4 +1,4 @@
-"""Training recipes: all settings that determine the trained weights of a learner, in one file."""
+"""Training recipes: all settings that determine a learner's trained weights, in one file."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from betterbench.json_form import read_form, strict_form
 from betterbench.policies.learned.families import Capacity, Option, Sees, learner_family
 
 RECIPE_VERSION: Literal[1] = 1
-"""Version of how a recipe becomes weights."""
+"""Version of the training procedure."""
 
-CURE = "Correct the recipe; docs/training.md shows one"
+CURE = "Correct the recipe; see docs/training.md for an example"
 
 _Loss = Literal["l1", "flow"]
 
@@ -37,7 +37,7 @@ class Proprioception:
     """Proprioceptive inputs of a learner.
 
     Attributes:
-        given: False to leave out the tool's pose and the fingers, and what follows from them.
+        given: Whether the learner gets the tool's pose, the fingers, and inputs derived from them.
         noise_m: Standard deviation of noise on the tool's position in training [m].
         dropout: Share of training samples in which the whole state is left out.
     """
@@ -52,12 +52,12 @@ class Proprioception:
 class Augmentation:
     """Random augmentation of training samples.
 
-    The first two are of ``objects``, the last two of ``pixels``.
+    The first two apply to ``objects``, the last two to ``pixels``.
 
     Attributes:
         object_noise_m: Standard deviation of noise on each object's position [m].
-        shift_m: Half the side of the square by which tool and all objects are shifted together [m].
-        shift_px: Largest shift of a picture along each axis [pixel], which repeats its edge: padding and a random crop.
+        shift_m: Half the side of the square in which tool and all objects are shifted together [m].
+        shift_px: Largest shift of an image along each axis [pixel], with edge padding, as by padding and a random crop.
         light: Standard deviation of the contrast and of the brightness of a picture, as shares of their range.
     """
 
@@ -74,15 +74,15 @@ class View:
 
     Attributes:
         camera: Name of the camera.
-        window: Left, top, right and bottom edge of the part that is shown, as shares of the camera's picture. A window
-            of ``size`` pixels of it shows them one to one; the whole is scaled.
+        window: Left, top, right and bottom edge of the crop, as fractions of the camera's image. A window of ``size``
+            pixels is copied one to one; the whole image is scaled.
     """
 
     camera: str
     window: tuple[_Edge, _Edge, _Edge, _Edge] = _WHOLE
 
     def __post_init__(self) -> None:
-        """Refuse a window without a pixel."""
+        """Refuse an empty window."""
         left, top, right, bottom = self.window
         if right - left < _LEAST_WINDOW or bottom - top < _LEAST_WINDOW:
             problem = f"{list(self.window)} is empty or too small"
@@ -95,10 +95,10 @@ class Eyes:
     """Image inputs of a learner of the ``pixels`` family.
 
     Attributes:
-        observation: Observation preset whose cameras the pictures are of; evaluation has to show the same.
-        views: The pictures: names of cameras, or cameras with windows.
-        size: Side of each picture that the network gets [pixel].
-        quality: Render preset of the training pictures.
+        observation: Observation preset with the cameras of the images; evaluation must use the same preset.
+        views: The images: names of cameras, or cameras with windows.
+        size: Side of each image for the network [pixel].
+        quality: Render preset of the training images.
     """
 
     observation: str = "default"
@@ -107,7 +107,7 @@ class Eyes:
     quality: Literal["fast", "standard", "high"] = "standard"
 
     def __post_init__(self) -> None:
-        """Refuse a camera that the observation does not show."""
+        """Refuse a camera that the observation does not contain."""
         try:
             observation_spec(self.observation).only(self.cameras)
         except UnknownNameError as error:
@@ -115,24 +115,24 @@ class Eyes:
 
     @property
     def windows(self) -> tuple[View, ...]:
-        """The pictures as cameras with windows."""
+        """The images as cameras with windows."""
         return tuple(View(view) if isinstance(view, str) else view for view in self.views)
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The cameras that have to be drawn, each once."""
+        """The cameras to render, each once."""
         return tuple(dict.fromkeys(view.camera for view in self.windows))
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CoTraining:
-    """Questions that are learned beside the actions, by the same network.
+    """Questions that the same network learns beside the actions.
 
     Attributes:
-        sets: Folders of ``better vqa`` about the demonstrations that are trained on.
-        weight: Questions that are drawn for each frame with actions. The paper draws from actions with weight 8.0 and
-            from each of four sets of texts with 0.5 (appendix A.2), which is 0.25.
+        sets: Folders of ``better vqa`` about the training demonstrations.
+        weight: Number of questions per frame with actions. The paper samples actions with weight 8.0 and each of four
+            sets of texts with 0.5 (appendix A.2), which gives 0.25.
     """
 
     sets: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -147,35 +147,35 @@ class TrainingRecipe:
     Attributes:
         data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
         family: Input of the learner: ``objects`` gets poses, sizes, categories and colors as a perfect detector would
-            give them, ``pixels`` gets images; or the name of a user's family.
+            report them, ``pixels`` gets images; or the name of a user's family.
         options: Options of a user's family.
-        tasks: Tasks whose demonstrations are taken; all that the data hold if empty.
-        variations: True to use demonstrations of test variations too, such as those of the covered regime.
-        demonstrations: Largest number of demonstrations of one condition, the lowest seeds first; None for all.
-        longest_pause: Number of control steps of a demonstrator's pause that are trained on; None for all.
-        every: Stride between frames that training uses as inputs; the actions of a chunk follow without a gap.
+        tasks: Tasks whose demonstrations are used; all in the data if empty.
+        variations: Whether to use demonstrations of test variations too, such as those of the covered regime.
+        demonstrations: Maximum number of demonstrations of one condition, the lowest seeds first; None for all.
+        longest_pause: Maximum number of control steps of a demonstrator's pause in training; None for all.
+        every: Stride between input frames in training; the actions of a chunk are consecutive.
         eyes: Image inputs of a learner of ``pixels``.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
-        history: Number of states of the tool that the learner gets: the present one and those before it.
-        history_stride: Control steps from one of them to the next; for ``pixels``, which are asked for every
-            ``execute`` steps, a multiple of these.
+        history: Number of tool states as input: the present one and those before it.
+        history_stride: Control steps between these states; for ``pixels``, whose learners answer every ``execute``
+            steps, a multiple of ``execute``.
         chunk: Number of actions in one answer.
-        execute: Number of actions of an answer that are executed before the learner is asked again.
+        execute: Number of executed actions of an answer before the next answer.
         loss: ``l1``, or ``flow`` for flow matching.
         flow_steps: Number of integration steps when an action chunk is sampled from a flow.
         dropout: Share of activations that is dropped in training.
         gripper_weight: Sampling weight of a sample at a change of the gripper; that of the others is 1.
-        co_training: Questions that are learned beside the actions, or None.
-        start: Checkpoint whose weights training begins with, or None.
+        co_training: Questions learned beside the actions, or None.
+        start: Checkpoint with the initial weights, or None.
         frozen: Parts whose weights are not trained.
         learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
-        ema: Decay of the moving average of the weights, which is what is evaluated.
+        ema: Decay of the moving average of the weights; the average is evaluated.
         clip: Largest norm of the gradient.
-        validation: Share of seeds that are held out, chosen as ``better export --validation`` does.
+        validation: Share of seeds that are held out, chosen as by ``better export --validation``.
         validate_every: Steps between two validations.
-        rollouts: Starts of held-out demonstrations that each validation acts from.
+        rollouts: Number of held-out demonstrations whose starts are used for rollouts in each validation.
         save_every: Steps between two saved states, from which training resumes.
-        threads: Threads of one process; weights repeat bit for bit at the same number only.
+        threads: Threads of one process; weights are reproducible only with the same number.
     """
 
     data: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -217,16 +217,16 @@ class TrainingRecipe:
     version: Literal[1] = RECIPE_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse values that contradict each other, or that the family does not have."""
+        """Refuse values that contradict each other or are not supported by the family."""
         self._require_family()
         if self.execute > self.chunk:
             problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
-            raise InvalidInputError("execute", problem, "Give at most as many")
+            raise InvalidInputError("execute", problem, "Give at most that number")
         if self.start is None and self.frozen:
-            raise InvalidInputError("frozen", "nothing is trained before it is frozen", "Name a checkpoint as start")
+            raise InvalidInputError("frozen", "frozen parts would stay untrained", "Name a checkpoint as start")
         foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
         if foreign is not None:
-            problem = f"the family {self.family} has no such thing"
+            problem = f"the family {self.family} does not have it"
             raise InvalidInputError(foreign, problem, "Leave it out, or change the family")
         parts = set(learner_family(self.family).parts) - (set() if self.proprioception.given else {"state"})
         if parts <= set(self.frozen) and self.built_in:
@@ -238,11 +238,11 @@ class TrainingRecipe:
             require_asked(self.history_stride, self.execute, "history_stride")
 
     def _require_family(self) -> None:
-        """Refuse a family that there is not, and options that it does not have."""
+        """Refuse an unknown family, and options that it does not have."""
         try:
             family = learner_family(self.family)
         except UnknownNameError as error:
-            cure = "Pass the file that defines a learner of your own with --task-file"
+            cure = "Pass the file that defines your learner with --task-file"
             raise InvalidInputError("family", str(error).rstrip("."), cure) from error
         for name, value in self.options.items():
             if name not in family.options:
@@ -250,11 +250,11 @@ class TrainingRecipe:
                 raise InvalidInputError("options", problem, "Leave it out, or change the family")
             wanted = type(family.options[name])
             if type(value) is not wanted and (wanted, type(value)) != (float, int):
-                problem = f"{value!r} is no {wanted.__name__}, as its default is"
+                problem = f"{value!r} is not a {wanted.__name__} like its default"
                 raise InvalidInputError(f"options.{name}", problem, "Correct it")
 
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
-        """Return fields that mean something in one family alone, and whether they are set in another one."""
+        """Return fields that apply to one family only, and whether they are set for another one."""
         changed, pixels = self.augmentation, self.sees == "pixels"
         parts = learner_family(self.family).parts
         return (
@@ -268,7 +268,7 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity in numbers."""
+        """The capacity as numbers."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
@@ -284,12 +284,12 @@ class TrainingRecipe:
 
     @property
     def all_options(self) -> dict[str, Option]:
-        """The options of the family, with their defaults where the recipe sets none."""
+        """The options of the family, with defaults for those that the recipe does not set."""
         return {**learner_family(self.family).options, **self.options}
 
     @property
     def shape(self) -> dict[str, object]:
-        """Settings that determine the number of weights apart from the vocabulary, by the name of their field."""
+        """Settings, besides the vocabulary, that determine the number of weights, by field name."""
         given = self.proprioception.given
         return {
             "family": self.family,
@@ -304,23 +304,23 @@ class TrainingRecipe:
 
     @property
     def questions(self) -> int:
-        """Questions that a step draws beside its batch."""
+        """Number of questions per step, beside the batch."""
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with every value that the file left out; without co_training and options if unused."""
+        """Return the JSON form with all default values; without co_training and options if unused."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
-            del form["co_training"]  # so that trainings from before there was any go on
+            del form["co_training"]  # so that trainings started before it existed can resume
         if not self.options:
             del form["options"]
         return form
 
 
 def require_asked(stride: int, execute: int, field_name: str) -> None:
-    """Raise InvalidInputError if a learner of pixels is not asked at the steps that its history is of."""
+    """Raise InvalidInputError if the history of a learner of pixels does not fit the steps at which it answers."""
     if stride % execute:
-        problem = f"{stride} is no multiple of the {execute} actions after which a learner of pixels looks again"
+        problem = f"{stride} is not a multiple of the {execute} actions between two answers of a learner of pixels"
         raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")
 
 
@@ -330,15 +330,15 @@ _FORM = TypeAdapter(TrainingRecipe)
 def read_training_recipe(
     form: object, *, where: str = "recipe", changes: Mapping[str, Any] | None = None
 ) -> TrainingRecipe:
-    """Return the recipe that a JSON form stands for.
+    """Return the recipe of a JSON form.
 
     Args:
         form: The fields, as a mapping, or as JSON text.
-        where: File, for errors.
-        changes: Fields that take the place of those of the form; None leaves a field alone.
+        where: File name for errors.
+        changes: Fields that override those of the form; None keeps a field.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown or out of range; the text names it.
+        InvalidInputError: If a field is missing, unknown or out of range; the message names it.
     """
     if changes and isinstance(form, Mapping):
         form = {**form, **{name: value for name, value in changes.items() if value is not None}}

@@ -1,7 +1,7 @@
-"""Inputs of a learner of the ``objects`` family: the tool, and of each object what a detector could find.
+"""Inputs of a learner of the ``objects`` family: the tool, and the detectable properties of each object.
 
-An object's name, role and slot, the held object and the goal of the task are left out: they would give the answer
-away.
+An object's name, role and slot, the held object and the goal of the task are left out, because they would reveal the
+answer.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.policies.learned.vocabulary import Vocabulary
 
 TOOL_NUMBERS = 10
-"""Position [m], rotation and distance of the finger pads [m] of the tool."""
+"""Number of values of the tool: position [m], rotation and opening width [m]."""
 POSE_NUMBERS = 9
-"""Position [m] and rotation of an object."""
+"""Number of values of an object's pose: position [m] and rotation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Things:
-    """Inputs that stay the same through an episode: the instruction, and the looks of its n objects.
+    """Inputs that are constant during an episode: the instruction, and the appearance of its n objects.
 
     Attributes:
         words: (w,) numbers of the instruction's words.
@@ -38,7 +38,7 @@ class Things:
 
 
 def things_of(instruction: str, objects: Sequence[ObjectInfo], vocabulary: Vocabulary) -> Things:
-    """Return what a learner is shown of an instruction and of the objects, in their order."""
+    """Return the constant inputs of a learner from the instruction and the objects, in their order."""
     return Things(
         vocabulary.word_ids(instruction),
         np.array([o.size_m for o in objects], dtype=np.float32).reshape(-1, 3),
@@ -50,7 +50,8 @@ def things_of(instruction: str, objects: Sequence[ObjectInfo], vocabulary: Vocab
 def six_numbers(quaternions: np.ndarray) -> np.ndarray:
     """Return rotations (w, x, y, z), (..., 4), as the first two columns of their matrices, (..., 6).
 
-    The form is continuous (Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural Networks").
+    The representation is continuous (Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural
+    Networks").
     """
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
     first = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))

@@ -11,12 +11,12 @@ import numpy as np
 from betterbench.json_form import strict_form
 
 ABSENT = 0
-"""Number of a word or an object that is not there."""
+"""Index of a missing word or object."""
 UNKNOWN = 1
-"""Number of a word that training never showed."""
+"""Index of a word that is not in the training data."""
 _FIRST = 2
 MOST_WORDS = 40
-"""Words of an instruction that are read; those after them are left out."""
+"""Maximum number of words of an instruction; later words are ignored."""
 
 _WORD = re.compile(r"[a-z0-9]+(?:'[a-z]+)?")
 
@@ -29,7 +29,7 @@ def words_of(instruction: str) -> list[str]:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """Vocabulary of a learner. ``answers`` are those to the questions of a co-training."""
+    """Vocabulary of a learner. ``answers`` are the answers to the questions of co-training."""
 
     words: tuple[str, ...]
     categories: tuple[str, ...]
@@ -48,24 +48,24 @@ class Vocabulary:
         return named if self.answers else {name: values for name, values in named.items() if name != "answers"}
 
     def sizes(self) -> tuple[int, int, int]:
-        """Return how many numbers there are for words, categories and colors."""
+        """Return the number of indices for words, categories and colors."""
         words, categories, colors = (_FIRST + len(known) for known in (self.words, self.categories, self.colors))
         return words, categories, colors
 
     def word_ids(self, instruction: str) -> np.ndarray:
-        """Return the numbers of the words of an instruction, at most MOST_WORDS of them, int64."""
+        """Return the indices of the words of an instruction, at most MOST_WORDS, int64."""
         return _ids(words_of(instruction)[:MOST_WORDS], self.words)
 
     def category_ids(self, names: Sequence[str]) -> np.ndarray:
-        """Return the numbers of categories, int64."""
+        """Return the indices of categories, int64."""
         return _ids(names, self.categories)
 
     def color_ids(self, names: Sequence[str]) -> np.ndarray:
-        """Return the numbers of colors, int64."""
+        """Return the indices of colors, int64."""
         return _ids(names, self.colors)
 
     def unknown_words(self, instruction: str) -> tuple[str, ...]:
-        """Return the words of an instruction that training never showed."""
+        """Return the words of an instruction that are not in the training data."""
         return tuple(word for word in words_of(instruction) if word not in self.words)
 
 

@@ -1,1 +1,1 @@
-"""Policies of users, loaded from a Python file, in a process of their own."""
+"""User policies, loaded from a Python file, in a separate process."""

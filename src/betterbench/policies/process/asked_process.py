@@ -1,6 +1,6 @@
-"""Main function of a user policy's process: it loads the policy and answers the questions of a run over a socket.
+"""Main function of a user policy's process: it loads the policy and answers the requests of a run over a socket.
 
-Nothing here imports a simulator, so that the process starts fast and the memory is the policy's.
+Nothing here imports a simulator, so that the process starts fast and its memory is available to the policy.
 """
 
 from __future__ import annotations
@@ -15,22 +15,17 @@ import traceback
 from collections.abc import Sequence
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, described
 from betterbench.interface import BatchPolicy, Policy
+from betterbench.jobs.frames import FrameContent, FrameError, answer_requests, send_frame
 from betterbench.policies.kinds import find_kind, make_policy, read_address
-from betterbench.policies.process.process_link import (
-    LENGTH,
-    Declared,
-    ProcessAnswer,
-    answer_frame,
-    plain_array,
-    text_of,
-)
+from betterbench.policies.process.process_link import Declared, ProcessAnswer, content_of, text_of
 
 MAX_TEXT = 2000
-"""Characters of an error that are passed on."""
+"""Maximum number of characters of an error text."""
 
 ERRORS = (
     "PolicyError",
@@ -40,20 +35,20 @@ ERRORS = (
     "RecordError",
     "MissingDependencyError",
 )
-"""Errors of betterbench that keep their class on the way to the run; others of a policy become PolicyError."""
+"""Errors of betterbench that keep their class on the way to the run; all others become PolicyError."""
 
-# Bound here, before a policy can put something else into their places.
+# Bound at import, before a policy can replace them.
 _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
 
 
 def main(address: str, link: int, life: int, world: str = "") -> None:
-    """Load the policy of an address, which acts in a foreign world if one is named; answer until the socket is closed.
+    """Load the policy of an address, in the conventions of a world if one is named; answer until the socket is closed.
 
-    ``link`` is the file descriptor of the socket, and ``life`` one that reads an end when the run has ended.
+    ``link`` is the file descriptor of the socket. ``life`` is one that reaches its end when the run has ended.
     """
     threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
     with contextlib.suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, it is this process that ends
+        Path("/proc/self/oom_score_adj").write_text("500")  # if memory runs out, the system ends this process
     sys.excepthook = lambda *_: _exit(1)
     run = socket.socket(fileno=link)
     kind = find_kind(address)
@@ -61,27 +56,26 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
     try:
         policy = make_policy(address, world=world)
         source = "" if source_of is None else source_of(read_address(address))
-        run.sendall(answer_frame(ProcessAnswer(0, declared=_declared(policy, source))))
+        send_frame(run, *content_of(ProcessAnswer(declared=_declared(policy, source))))
     except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
-        if not (isinstance(problem, BetterError) or source_of):  # an error of the user's file names its line
+        if not (isinstance(problem, BetterError) or source_of):  # errors in the user's file get a line number
             traceback.print_exc()
-        run.sendall(answer_frame(_told(0, problem)))
+        send_frame(run, *content_of(_told(problem)))
         _exit(1)
     try:
-        while (asked := _question(run)) is not None:
-            run.sendall(_answered(policy, *asked))
+        answer_requests(run, lambda _, asked: _answered(policy, asked))
         _close(policy)
-    except (EOFError, OSError):
+    except (FrameError, OSError):
         _exit(1)  # the run has ended
     except BaseException as problem:  # noqa: BLE001 - the policy has broken what this process needs
-        _say("the process of the policy is broken", problem)
+        _say("the process of the policy failed", problem)
         _exit(1)
     finally:
-        _exit(0)  # threads that the policy has left do not keep the process
+        _exit(0)  # do not wait for threads of the policy
 
 
 def _end_with_run(life: int) -> None:
-    """End this process and what it has started as soon as the run has ended."""
+    """End this process and its child processes as soon as the run has ended."""
     try:
         os.read(life, 1)
     finally:
@@ -90,26 +84,8 @@ def _end_with_run(life: int) -> None:
         _exit(1)
 
 
-def _question(run: socket.socket) -> tuple[int, str, tuple[Any, ...], dict[str, Any]] | None:
-    """Return the next question of the run, or None if there is none any more; EOFError if the run has ended."""
-    (size,) = LENGTH.unpack(_read(run, LENGTH.size))
-    asked: tuple[int, str, tuple[Any, ...], dict[str, Any]] | None = _loads(_read(run, size))
-    return asked
-
-
-def _read(run: socket.socket, size: int) -> bytearray:
-    got = bytearray(size)
-    view = memoryview(got)
-    while view:
-        count = run.recv_into(view)
-        if not count:
-            raise EOFError
-        view = view[count:]
-    return got
-
-
 def _declared(policy: Policy, source: str) -> Declared:
-    """Return what a policy declares as plain values, whatever class the policy made of it."""
+    """Return a policy's declarations as plain values, whatever class the policy used."""
     info, e = policy.info, policy.info.execution
     return Declared(
         name=text_of(info.name),
@@ -126,23 +102,24 @@ def _declared(policy: Policy, source: str) -> Declared:
     )
 
 
-def _answered(policy: Policy, number: int, method: str, args: tuple[Any, ...], options: dict[str, Any]) -> bytes:
-    """Return the frame of what a method gave, as plain arrays, or of what it raised."""
+def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | None:
+    """Return what a method gave, as plain arrays, or what it raised; None if there is no question any more."""
+    if not asked:
+        return None
+    method, args, options = _loads(asked["question"].data)
     try:
         given = getattr(policy, method)(*args, **options)
-        answers = [given] if method == "act" else list(given) if method == "act_batch" else []
-        forms = [plain_array(answer) for answer in answers]
-        return answer_frame(ProcessAnswer(number, tuple(form for form, _ in forms)), [data for _, data in forms])
+        return content_of(ProcessAnswer(), [given] if method == "act" else given if method == "act_batch" else ())
     except BaseException as problem:  # noqa: BLE001 - it ends the trial, whatever it is, and never the run
-        return answer_frame(_told(number, problem))
+        return content_of(_told(problem))
 
 
-def _told(number: int, problem: BaseException) -> ProcessAnswer:
+def _told(problem: BaseException) -> ProcessAnswer:
     """Return the class of an error and its texts, without the objects that it may hold."""
     if isinstance(problem, UnknownNameError):
-        return _error(number, "UnknownNameError", (problem.kind, problem.name, *problem.known))
+        return _error("UnknownNameError", (problem.kind, problem.name, *problem.known))
     if isinstance(problem, InvalidInputError):
-        return _error(number, "InvalidInputError", (problem.where, problem.problem, problem.cure))
+        return _error("InvalidInputError", (problem.where, problem.problem, problem.cure))
     known = next((c.__name__ for c in type(problem).__mro__ if c.__name__ in ERRORS), "")
     known = known if isinstance(problem, BetterError) else ""
     text = kind = type(problem).__name__
@@ -151,16 +128,16 @@ def _told(number: int, problem: BaseException) -> ProcessAnswer:
         lambda p: f"{kind}: {p}",
         lambda _: f"{kind}: it cannot be shown as text",
     ):
-        with contextlib.suppress(BaseException):  # an error that cannot be shown is an error all the same
+        with contextlib.suppress(BaseException):  # an error without a readable text is still reported
             text = text_of(shown(problem))
             break
     if len(text) > MAX_TEXT:
         text = text[:MAX_TEXT] + " ..."
-    return _error(number, known, (text,))
+    return _error(known, (text,))
 
 
-def _error(number: int, kind: str, texts: Sequence[object]) -> ProcessAnswer:
-    return ProcessAnswer(number, error=kind, texts=tuple(text_of(text) for text in texts))
+def _error(kind: str, texts: Sequence[object]) -> ProcessAnswer:
+    return ProcessAnswer(error=kind, texts=tuple(text_of(text) for text in texts))
 
 
 def _close(policy: Policy) -> None:
@@ -173,6 +150,6 @@ def _close(policy: Policy) -> None:
 
 
 def _say(what: str, problem: BaseException) -> None:
-    """Write one line to standard error, if that is still possible."""
+    """Write one line to standard error, if possible."""
     with contextlib.suppress(BaseException):
         _write(2, f"{what}: {described(problem)}\n".encode("utf-8", "backslashreplace"))

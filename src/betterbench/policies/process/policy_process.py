@@ -1,4 +1,4 @@
-"""User policies in processes of their own, so that a crash costs at most the trial of that policy."""
+"""User policies in separate processes, so that a crash costs at most the trial of that policy."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import contextlib
 import logging
 import math
 import os
-import select
-import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -32,11 +29,14 @@ from betterbench.errors import (
     UnknownNameError,
 )
 from betterbench.interface import EpisodeStart, Observation
+from betterbench.jobs.asked_process import AskedProcess
+from betterbench.jobs.frames import FrameEndError, FrameError, FrameTimeoutError, send_frame
 from betterbench.jobs.leftovers import end_leftovers
 from betterbench.jobs.process_output import ProcessOutput
+from betterbench.jobs.worker_process import exit_text
 from betterbench.policies.kinds import kind_of
 from betterbench.policies.process.asked_process import ERRORS
-from betterbench.policies.process.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer
+from betterbench.policies.process.process_link import Declared, ProcessAnswer
 from betterbench.policies.process.process_reader import read_answer
 
 logger = logging.getLogger(__name__)
@@ -45,35 +45,33 @@ LOAD_S = 3000.0
 """Default time limit for loading a policy [s]."""
 
 CLOSE_S = 5.0
-"""Time limit for closing a policy [s], after which its process is ended."""
+"""Time limit for closing a policy [s]; then its process is killed."""
 
 MAX_KILLS = 3
-"""Number of times that a batch is tried when the process is killed during it."""
+"""Number of attempts for a batch if the process is killed during it."""
 
-_POLL_S = 0.2
 _LEAVE_S = 0.5
-_PIECE = 1 << 20
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
 _START = (
     "import sys; sys.path[:] = {path!r}; from betterbench.policies.process.asked_process import main; main({arguments})"
 )
 
 MARK = "BETTERBENCH_POLICY_PROCESS"
-"""Environment variable by which what a process has started is found when it has ended."""
+"""Environment variable that marks child processes, so that they are found when the process has ended."""
 
 
 class PolicyProcess:
-    """Client side of a policy in a process of its own.
+    """Client side of a policy in a separate process.
 
-    If it is asked after its process has ended, another process is started with a new policy. The same is done for the
-    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes.
-    The process leads a session of its own, so that signals to its group do not reach the run, and the other way round.
+    After its process has ended, the next request starts another process with a new policy. The same is done for the
+    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes. The
+    process leads its own session, so that signals to its group do not reach the run, and vice versa.
 
     Attributes:
-        info: Description that the policy gives of itself.
+        info: Declarations of the policy.
         source: Name and fingerprint of the file that it was loaded from, or empty.
         takes_batches: Whether it answers several observations at once.
-        ready_at: Since when it can be asked, by ``time.perf_counter`` [s]; infinite while a process loads the policy.
+        ready_at: Time since which it accepts requests, by ``time.perf_counter`` [s]; infinite during loading.
     """
 
     def __init__(
@@ -84,13 +82,14 @@ class PolicyProcess:
         load_s: float = LOAD_S,
         started: tuple[_Started, Declared] | None = None,
     ) -> None:
-        """Start the process and wait until it has loaded the policy, unless it was started already.
+        """Start the process and wait until it has loaded the policy, unless it is already started.
 
-        ``world`` is the foreign world in which the policy acts.
+        ``world`` is the world in whose conventions a server is spoken to.
 
         Raises:
-            BetterError: What the policy's loading raised, if it is an error of betterbench.
-            PolicyProcessError: If it raised something else, took longer than ``load_s`` [s], or the process ended.
+            BetterError: If loading the policy raised this error of betterbench.
+            PolicyProcessError: If loading raised another exception, took longer than ``load_s`` [s], or the process
+                ended.
         """
         self._address, self._world, self._load_s = address, world, load_s
         self._asking, self._closing = threading.Lock(), threading.Lock()
@@ -101,9 +100,9 @@ class PolicyProcess:
         self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
-        """Tell the policy that an episode begins; raises what :meth:`act` raises.
+        """Notify the policy that an episode begins; raises the errors of :meth:`act`.
 
-        If it fails in a process that has seen other episodes, it is told again in another one.
+        If this fails in a process that has run other episodes, it is repeated in a new process.
         """
         try:
             self._ask("reset", start)
@@ -120,33 +119,33 @@ class PolicyProcess:
         """Return the policy's answer to an observation.
 
         Raises:
-            PolicyError: If the policy failed, whatever it raised, or its process ended by its own fault.
+            PolicyError: If the policy raised any exception, or its process ended by its own fault.
             PolicyKilledError: If the process was ended from outside.
             PolicyUnavailableError: If the policy raised it, because its server cannot be reached.
-            HandshakeError: If the policy raised it, because it has become another one.
+            HandshakeError: If the policy raised it, because its server serves another policy.
         """
         return self._ask("act", observation, answers=1)[0]
 
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
-        """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
+        """Let a checkpoint compare its conventions with those of the run; other policies declare none."""
         if kind_of(self._address).compares:
             self._ask("check", options=conventions)
 
     def distrust(self) -> None:
-        """Have the next episode begin in another process, unless the policy holds weights: its trial has failed."""
+        """Use another process for the next episode, unless the policy holds weights, because its trial has failed."""
         self._failed = not self.info.heavy
 
     def close(self) -> None:
-        """Let the policy close, and end its process; at once where the policy is just being asked.
+        """Let the policy close, and end its process; immediately if a request is running.
 
-        Whoever comes second does not wait for the first one, nor ends what the policy does to close.
+        A second caller neither waits for the first one nor interrupts the policy's own close.
         """
         with self._closing:
             first, self._closed = not self._closed, True
         if not self._asking.acquire(blocking=False):
             running = self._running
             if first and running is not None:
-                running.kill()  # whoever is asking sees that it has ended
+                running.kill()  # a running request then sees the end
             return
         try:
             if self._running is not None:
@@ -164,24 +163,24 @@ class PolicyProcess:
             self._prepare(begins=method == "reset")
             running = self._running
             if running is None:
-                raise AssertionError("it was just prepared")
+                raise AssertionError("prepare() has made a process")
             try:
-                answer, arrays = running.ask(method, args, options or {})
+                answer, arrays = running.call(method, args, options or {})
                 if answer.error is None and len(arrays) != answers:
                     raise PolicyError(f"{len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
             except Exception as error:
-                status, self._running = running.end(), None
+                status, self._running = running.finish(), None
                 if isinstance(error, PolicyError):
-                    raise PolicyError(f"the process of the policy sent what is no answer: {error}") from error
+                    raise PolicyError(f"the process of the policy sent an invalid answer: {error}") from error
                 kind = PolicyKilledError if status.startswith(_FROM_OUTSIDE) else PolicyError
-                raise kind(f"the process of the policy ended while it was asked ({status})") from error
+                raise kind(f"the process of the policy ended during a request ({status})") from error
             if answer.error is None:
                 return arrays
             self.distrust()
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """See to it that there is a process: for an episode that begins one in which nothing has gone wrong."""
+        """Make sure that there is a process: at the beginning of an episode, one without earlier failures."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
@@ -192,24 +191,24 @@ class PolicyProcess:
             self.ready_at = time.perf_counter()
 
     def _start_another(self, running: _Started | None) -> None:
-        """Start a process in the place of one; if it cannot load the policy, that one goes on if it can."""
+        """Replace a process by another one; if that cannot load the policy, the old process continues if possible."""
         if running is not None and not running.waits:
-            running.end()
+            running.finish()
             running = None
         self._failed = self._used = False
         self._running = _Started(self._address, self._world)
         try:
             self._require_unchanged(self._running.loaded(self._load_s))
         except BaseException as problem:
-            self._running.end()
+            self._running.finish()
             self._running = running
             if running is None:
                 raise
             if self._closed or not isinstance(problem, BetterError):
                 self._running = None
-                running.end()
+                running.finish()
                 raise
-            logger.warning("%s It goes on in the process in which it failed.", problem)
+            logger.warning("%s The policy continues in the process in which it failed.", problem)
         else:
             if running is not None:
                 running.close()
@@ -220,12 +219,12 @@ class PolicyProcess:
 
 
 class BatchPolicyProcess(PolicyProcess):
-    """A policy that answers several observations at once, in a process of its own."""
+    """A policy that answers several observations at once, in a separate process."""
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
-        """Return one answer per observation; raises what :meth:`act` raises.
+        """Return one answer per observation; raises the errors of :meth:`act`.
 
-        Each answer depends on its observation alone, so a batch whose process was killed is asked for again.
+        Each answer depends on its observation only, so a batch whose process was killed is repeated.
         """
         for left in reversed(range(MAX_KILLS)):
             try:
@@ -238,182 +237,116 @@ class BatchPolicyProcess(PolicyProcess):
 
 
 def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
-    """Return the policy of an address, loaded in a process of its own; raises what :class:`PolicyProcess` raises."""
+    """Return the policy of an address, loaded in a separate process; raises the errors of :class:`PolicyProcess`."""
     started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
     return kind(address, world=world, load_s=load_s, started=started)
 
 
 def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared]:
-    """Return a process that has loaded its policy, and what that declares."""
+    """Return a process that has loaded its policy, and the policy's declarations."""
     started = _Started(address, world)
     try:
         return started, started.loaded(load_s)
-    except PolicyKilledError as error:  # no trial has begun that could be run again
+    except PolicyKilledError as error:  # no trial has begun, so none can be repeated
         raise PolicyProcessError(str(error)) from error
     except BaseException:
-        started.end()
+        started.finish()
         raise
 
 
-class _Started:
+class _Started(AskedProcess):
     """Started process that loads its policy and then answers."""
 
     def __init__(self, address: str, world: str) -> None:
-        self._address, self._number, self._mark = address, 0, uuid.uuid4().hex
-        self._link, theirs = socket.socketpair()
-        self._link.settimeout(_POLL_S)
+        self._address, self._mark = address, uuid.uuid4().hex
         life, self._life = os.pipe()
-        arguments = f"{address!r}, {theirs.fileno()}, {life}, {world!r}"
         self._output = ProcessOutput()
+
+        def command(link: int) -> list[str]:
+            arguments = f"{address!r}, {link}, {life}, {world!r}"
+            return [sys.executable, "-c", _START.format(path=sys.path, arguments=arguments)]
+
         try:
-            self._process = subprocess.Popen(  # noqa: S603 - our own module; the address is a literal in its arguments
-                [sys.executable, "-c", _START.format(path=sys.path, arguments=arguments)],
-                stdin=subprocess.DEVNULL,
-                stdout=self._output.theirs,  # what a policy prints is no output of the run
-                stderr=self._output.theirs,
-                pass_fds=(theirs.fileno(), life),
-                start_new_session=True,
-                env={**os.environ, MARK: self._mark},
+            super().__init__(
+                command,
+                output=self._output.theirs,  # what a policy prints is no output of the run
+                environment={**os.environ, MARK: self._mark},
+                keeps=(life,),
+                any_type=True,
             )
         finally:
-            theirs.close()
             os.close(life)
             self._output.begin()
 
     def loaded(self, timeout_s: float) -> Declared:
-        """Wait until the policy is loaded, and return what it declares.
+        """Wait until the policy is loaded, and return its declarations.
 
-        Raises what :class:`PolicyProcess` raises, and PolicyKilledError if the process was ended from outside.
+        Raises the errors of :class:`PolicyProcess`, and PolicyKilledError if the process was ended from outside.
         """
         try:
-            answer, _ = self._receive(time.monotonic() + timeout_s)
-        except TimeoutError as error:
+            answer, _ = read_answer(self.greeting(limit_s=timeout_s))
+        except FrameTimeoutError as error:
             raise PolicyProcessError(
-                f"{self._address}: it is not loaded after {timeout_s:g} s. Raise --policy-timeout: loading may take "
+                f"{self._address}: it is not loaded after {timeout_s:g} s. Increase --policy-timeout: loading may take "
                 "ten times as long as an answer."
             ) from error
-        except (EOFError, OSError, PolicyError) as error:
-            how = self.end()
+        except (FrameError, PolicyError) as error:
+            how = self.finish()
             kind = PolicyKilledError if how.startswith(_FROM_OUTSIDE) else PolicyProcessError
             raise kind(
-                f"{self._address}: its process ended while loading ({how}); what it wrote stands above. Load it in a "
+                f"{self._address}: its process ended while loading ({how}); see its output above. Load it in a "
                 "Python shell to see why"
             ) from error
         if answer.error is None and answer.declared is not None:
             return answer.declared
         raised = _error(answer.error or "", answer.texts or ("it declares nothing",))
         if type(raised) is not PolicyError:
-            raise raised  # errors of betterbench say enough
+            raise raised  # errors of betterbench need no prefix
         raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")
 
-    @property
-    def waits(self) -> bool:
-        """Whether the process waits for a question: it still runs, and has sent nothing that was not asked for."""
-        try:
-            said = bool(select.select([self._link], [], [], 0.0)[0])
-        except (OSError, ValueError):
-            return False
-        return not said and self._process.poll() is None
-
-    def ask(
+    def call(
         self, method: str, args: Sequence[object], options: dict[str, object]
     ) -> tuple[ProcessAnswer, list[np.ndarray]]:
-        """Return the answer to a question.
+        """Return the answer to a request.
 
         Raises:
-            EOFError: If the process has ended.
+            FrameEndError: If the process has ended.
             PolicyError: If it sends what is no answer.
         """
-        self._number += 1
-        self._send((self._number, method, args, options))
-        while True:
-            answer, arrays = self._receive()
-            if answer.number == self._number:
-                return answer, arrays
-            if answer.number > self._number:
-                raise PolicyError("it answers what nobody has asked yet")
-            # Otherwise an answer was sent twice.
-
-    def _send(self, message: object) -> None:
-        data = ForkingPickler.dumps(message)
-        view = memoryview(LENGTH.pack(len(data)) + bytes(data))
-        while view:
-            try:
-                view = view[self._link.send(view[:_PIECE]) :]
-            except TimeoutError:
-                if self._process.poll() is not None:
-                    raise EOFError from None
-
-    def _receive(self, until: float | None = None) -> tuple[ProcessAnswer, list[np.ndarray]]:
-        """Return what the process has sent; EOFError if it has ended, TimeoutError at a time."""
-        (size,) = LENGTH.unpack(self._read(LENGTH.size, until))
-        if size > MAX_LINK_BYTES:
-            raise PolicyError(f"a frame of {size} bytes")
-        return read_answer(self._read(size, until))
-
-    def _read(self, size: int, until: float | None) -> bytes:
-        got, ended = bytearray(), False
-        while len(got) < size:
-            try:
-                piece = self._link.recv(min(size - len(got), _PIECE))
-            except TimeoutError:
-                if ended:  # a child of the process may hold its end open
-                    raise EOFError from None
-                ended = self._process.poll() is not None
-                if until is not None and time.monotonic() > until:
-                    raise
-                continue
-            if not piece:
-                raise EOFError
-            got += piece
-        return bytes(got)
-
-    def kill(self) -> None:
-        """End the process and what it has started, at once; whoever waits for it sees that it has ended."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        with contextlib.suppress(OSError):
-            self._link.shutdown(socket.SHUT_RDWR)
+        question = np.frombuffer(ForkingPickler.dumps((method, args, options)), np.uint8)
+        try:
+            return read_answer(self.ask({}, {"question": question}))
+        except FrameEndError:
+            raise
+        except FrameError as error:
+            raise PolicyError(str(error)) from error
 
     def close(self) -> None:
         """Let the policy close, and end the process."""
-        with contextlib.suppress(OSError, EOFError):
-            self._send(None)
+        with contextlib.suppress(FrameError):
+            send_frame(self, {}, {})
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(CLOSE_S)
-        self.end()
+        self.finish()
 
-    def end(self) -> str:
+    def finish(self) -> str:
         """End the process, if it has not ended by itself, and return how it did."""
-        how = "it closed its connection to the run"
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            how = exit_text(self._process.wait(_LEAVE_S))
-        self.kill()
-        self._process.wait()
+        status = self.end(_LEAVE_S)
         if self._life >= 0:
-            self._link.close()
             os.close(self._life)
             self._life = -1
-            end_leftovers(MARK, self._mark, self._process.pid)
+            end_leftovers(MARK, self._mark, self.pid)
             self._output.end()
-        return how
+        return "it closed its connection to the run" if status is None else exit_text(status)
 
 
 def _error(kind: str, texts: Sequence[str]) -> BetterError:
-    """Return the error that a process has told."""
+    """Return the error that a process has sent."""
     if kind == "UnknownNameError" and len(texts) > 1:
         return UnknownNameError(texts[0], texts[1], texts[2:])
     if kind == "InvalidInputError" and len(texts) == 3:
         return InvalidInputError(*texts)
     made = getattr(errors, kind) if kind in ERRORS else PolicyError
-    error: BetterError = made(texts[0] if texts else "it does not say what failed")
+    error: BetterError = made(texts[0] if texts else "no message")
     return error
-
-
-def exit_text(status: int | None) -> str:
-    """Return how a process ended, from its exit status, which is negative for a signal."""
-    if status is None or status >= 0:
-        return f"exit status {status}"
-    name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
-    return f"{name}, as when memory runs out" if name == "SIGKILL" else name

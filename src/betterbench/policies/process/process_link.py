@@ -1,43 +1,28 @@
-"""Messages between a run and the process of a policy: frames on a socket, and answers without Python objects.
+"""Messages between a run and the process of a policy (:mod:`betterbench.jobs.frames`).
 
-A question of the run is pickled. An answer is JSON and the bytes of arrays, because a policy can write anything to its
-socket. The run reads answers in :mod:`betterbench.policies.process.process_reader`. The checks of forms are not
-imported here, so that the process of a policy starts fast.
+A question of the run is a pickle in an array of bytes, and one without arrays is the last. An answer holds no Python
+objects, because a policy can write anything to its socket. The run reads answers in
+:mod:`betterbench.policies.process.process_reader`. The checks of forms are not imported here, so that the process of a
+policy starts fast.
 """
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from betterbench.interface import Execution, PolicyInfo
-
-LENGTH = struct.Struct(">Q")
-"""Header of each frame: its length [byte]."""
+from betterbench.jobs.frames import MAX_ARRAY_BYTES, FrameContent
 
 MAX_ANSWER_BYTES = 64 << 20
-"""Largest answer that is passed on [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
-
-MAX_LINK_BYTES = 4 * MAX_ANSWER_BYTES
-"""Largest frame of a process [byte]; one batch is one frame."""
-
-MAX_HEAD_BYTES = 4 << 20
-"""Largest head of a frame [byte]: everything but the arrays, such as errors and the declaration of the policy."""
-
-SIZES = struct.Struct(">QI")
-"""The length of a frame, and that of its head [byte]."""
-
-ArrayForm = tuple[str, tuple[int, ...]]
-"""The text of an array's type and its shape; what holds Python objects has no bytes."""
+"""Largest answer [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
 
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """Description that a policy gives of itself when it is loaded.
+    """Declarations that a policy sends when it is loaded.
 
     Attributes:
         batches: Whether it answers several observations at once.
@@ -58,7 +43,7 @@ class Declared:
 
     @property
     def info(self) -> PolicyInfo:
-        """The same as the run knows it; raises what PolicyInfo raises."""
+        """The declarations as a PolicyInfo; raises the errors of PolicyInfo."""
         return PolicyInfo(
             self.name,
             self.action_space,
@@ -75,42 +60,31 @@ class ProcessAnswer:
     """Message of a policy's process: an answer, or an error.
 
     Attributes:
-        number: Number of the question; 0 for the message that the policy is loaded.
-        arrays: Types and shapes of the arrays that follow.
         error: Class of the error of betterbench that was raised, empty for another one, or None.
         texts: Texts of the error.
-        declared: Description of the policy, in the first message only.
+        declared: Declarations of the policy, in the first message only.
     """
 
-    number: int
-    arrays: tuple[ArrayForm, ...] = ()
     error: str | None = None
     texts: tuple[str, ...] = ()
     declared: Declared | None = None
 
 
-# Bound here, before a policy can put something else into the place of the function.
-_encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
-_pack, _array = SIZES.pack, np.asarray
+# Bound here, before a policy can put something else into its place.
+_array = np.asarray
 
 
 def text_of(value: object) -> str:
-    """Return a text that can be written, of whatever a policy calls one."""
+    """Return a printable text from any value that a policy uses as a text."""
     return str.encode(str(value), "utf-8", "backslashreplace").decode()
 
 
-def plain_array(answer: object) -> tuple[ArrayForm, bytes]:
-    """Return an answer as an array without objects; raise ValueError if it is too large."""
-    array = _array(answer)
-    if array.nbytes > MAX_ANSWER_BYTES:
-        raise ValueError(f"an answer of {array.nbytes} bytes is no chunk of actions")
-    return (array.dtype.str, array.shape), b"" if array.dtype.hasobject else array.tobytes()
-
-
-def answer_frame(answer: ProcessAnswer, data: Sequence[bytes] = ()) -> bytes:
-    """Return the frame of an answer and its arrays, with its length before it; ValueError if it is too large."""
-    head = _encode(asdict(answer)).encode("ascii")
-    size = SIZES.size - LENGTH.size + len(head) + sum(map(len, data))
-    if size > MAX_LINK_BYTES or len(head) > MAX_HEAD_BYTES:
+def content_of(answer: ProcessAnswer, given: Sequence[object] = ()) -> FrameContent:
+    """Return the frame content of an answer, with what a policy gave as arrays; ValueError if it is too large."""
+    arrays = [_array(one) for one in given]
+    for array in arrays:
+        if array.nbytes > MAX_ANSWER_BYTES:
+            raise ValueError(f"an answer of {array.nbytes} bytes is no chunk of actions")
+    if (size := sum(array.nbytes for array in arrays)) > MAX_ARRAY_BYTES:
         raise ValueError(f"{size} bytes are no answer")
-    return b"".join([_pack(size, len(head)), head, *data])
+    return asdict(answer), {f"{place}": array for place, array in enumerate(arrays)}

@@ -2,67 +2,22 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from pydantic import TypeAdapter
 
 from betterbench.errors import PolicyError
+from betterbench.jobs.frames import FrameContent
 from betterbench.json_form import read_form, strict_form
-from betterbench.policies.process.process_link import (
-    LENGTH,
-    MAX_ANSWER_BYTES,
-    MAX_HEAD_BYTES,
-    SIZES,
-    ArrayForm,
-    Declared,
-    ProcessAnswer,
-)
-
-MAX_OBJECTS = 1 << 20
-"""Most objects of an array whose content is left out."""
-
-_LONGEST_KIND = 40
-_MOST_AXES = 32
+from betterbench.policies.process.process_link import Declared, ProcessAnswer
 
 strict_form(Declared)
 _ANSWER = TypeAdapter(strict_form(ProcessAnswer))
 
 
-def read_answer(frame: bytes) -> tuple[ProcessAnswer, list[np.ndarray]]:
-    """Return what a process has sent, and its arrays; raise PolicyError if it is no answer."""
-    begin = SIZES.size - LENGTH.size
-    length = int.from_bytes(frame[:begin], "big")
-    at = begin + length
-    if len(frame) < begin or length > MAX_HEAD_BYTES or at > len(frame):
-        raise PolicyError("a frame that is cut off")
-    answer = read_form(_ANSWER, frame[begin:at], where="an answer", cure="Leave its socket alone", raises=PolicyError)
-    if answer.number < 0 or not all(map(_is_array, answer.arrays)):
-        raise PolicyError("an answer with a number or a shape out of range")
-    arrays = []
-    for kind, shape in answer.arrays:
-        array, at = _read_array(frame, at, kind, shape)
-        arrays.append(array)
-    if at != len(frame):
-        raise PolicyError("an answer with bytes too many")
-    return answer, arrays
-
-
-def _is_array(form: ArrayForm) -> bool:
-    kind, shape = form
-    return len(kind) <= _LONGEST_KIND and len(shape) <= _MOST_AXES and all(0 <= n <= MAX_ANSWER_BYTES for n in shape)
-
-
-def _read_array(frame: bytes, at: int, kind: str, shape: tuple[int, ...]) -> tuple[np.ndarray, int]:
-    """Return the array that begins at a byte of a frame, and where the next one does."""
-    try:
-        dtype = np.dtype(kind)
-        count = math.prod(shape)
-        if dtype.hasobject:
-            return np.empty(shape if count <= MAX_OBJECTS else 0, object), at
-        if not count:
-            return np.zeros(shape, dtype), at
-        end = at + count * dtype.itemsize
-        return np.frombuffer(bytearray(frame[at:end]), dtype, count).reshape(shape), end
-    except (TypeError, ValueError, SyntaxError) as error:
-        raise PolicyError(f"an array that is none ({error})") from error
+def read_answer(content: FrameContent) -> tuple[ProcessAnswer, list[np.ndarray]]:
+    """Return what a process has sent, and its arrays, which can be written to; raise PolicyError if it is no answer."""
+    document, arrays = content
+    answer = read_form(_ANSWER, document, where="an answer", cure="Leave its socket alone", raises=PolicyError)
+    if list(arrays) != [str(place) for place in range(len(arrays))]:
+        raise PolicyError("an answer with arrays out of order")
+    return answer, [array.copy() for array in arrays.values()]

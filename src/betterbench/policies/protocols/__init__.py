@@ -1,1 +1,1 @@
-"""Codecs and sockets of policy protocols: msgpack, JSON, tensors of torch, and websockets."""
+"""Codecs and sockets of policy protocols: msgpack, JSON, torch tensors, and websockets."""

@@ -1,8 +1,8 @@
-"""Bodies of ``POST /act``: JSON with arrays as json-numpy writes them.
+"""Bodies of ``POST /act``: JSON with arrays in the format of json-numpy.
 
-An array is a map of its bytes in base64 (``__numpy__``), its type and its shape; it may stand in the body as that map,
-or as a text that holds the JSON of the map. Bodies come from strangers, like the frames of
-:mod:`betterbench.policies.protocols.wire`: any bytes give a value or one :class:`PolicyError`.
+An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body may contain that map, or a
+string with the JSON of the map. Bodies are untrusted, like the frames of :mod:`betterbench.policies.protocols.wire`:
+any bytes give a value or one :class:`PolicyError`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from betterbench.json_form import unique_keys
 from betterbench.policies.protocols.wire import MAX_DEPTH, is_image, png_of, read_array, require_depth
 
 MAX_BODY_BYTES = 4 * 1024 * 1024
-"""Largest body that is read [byte]: empty lists take 20 times as much in memory, and 100 actions some 15 kB."""
+"""Largest accepted body [byte]: empty lists take 20 times as much in memory, and 100 actions about 15 kB."""
 
 ArrayCoding = Literal["map", "text", "png"]
 """Encoding of arrays in a body: as a map (OpenVLA), as a text with the JSON of the map (X-VLA), or as a list of
@@ -28,8 +28,8 @@ numbers, with images as the base64 of a PNG file (Dexbotic)."""
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
     """Return the body of a value made of maps, lists, texts, numbers, None and NumPy arrays of numbers.
 
-    ``encoded`` puts it whole, as a JSON text, under the one key ``encoded``, for servers that cannot read arrays
-    otherwise. Raises InvalidInputError for anything else.
+    With ``encoded``, the body has one key ``encoded`` with the JSON as a string, for servers that cannot read arrays
+    otherwise. Raises InvalidInputError for values of other types.
     """
 
     def mark(thing: object) -> object:
@@ -41,7 +41,7 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
             return form if arrays == "map" else json.dumps(form)
         if isinstance(thing, (np.bool_, np.integer, np.floating)):
             return thing.item()
-        raise TypeError(f"a {type(thing).__name__} has no form in JSON")
+        raise TypeError(f"a {type(thing).__name__} cannot be encoded as JSON")
 
     try:
         text = json.dumps(value, default=mark, allow_nan=False)
@@ -51,7 +51,7 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
 
 
 def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
-    """Return the value of a body, with read-only arrays; a text that holds such a value is read as the value.
+    """Return the value of a body, with read-only arrays; a string with the JSON of such a value is decoded too.
 
     Raises PolicyError if it is malformed, too deep, or larger than ``MAX_BODY_BYTES``.
     """

@@ -1,9 +1,9 @@
-"""Reading of payloads that torch has written, without running any code in them.
+"""Reading of payloads written by torch, without running code in them.
 
-Servers of Being-H write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code that
-the sender names. Here an answer is read by ``torch.load(weights_only=True)``, which calls nothing but what is on its
-list. On that list NumPy's reconstructors are replaced by the stand-ins of this module, which only remember their
-arguments: arrays are then made from plain bytes, with the same checks as on every other wire.
+Servers of Being-H write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code named
+by the sender. Here an answer is read by ``torch.load(weights_only=True)``, which calls only functions on its list. On
+that list, NumPy's constructors are replaced by the stand-ins of this module, which only store their arguments. Arrays
+are then made from plain bytes, with the same checks as in every other protocol.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _Kind:
 
 
 class _Array:
-    """Stand-in for numpy.ndarray: the data that an array is built from."""
+    """Stand-in for numpy.ndarray: the data from which an array is built."""
 
     def __init__(self, *_: object) -> None:
         self.state: object = None
@@ -60,7 +60,7 @@ class _Array:
 
     def array(self) -> np.ndarray:
         if not isinstance(self.state, tuple) or len(self.state) != 5:
-            raise ValueError("an array is described by something else than its state")
+            raise ValueError("an array has an invalid state")
         _, shape, kind, fortran, data = self.state
         if not isinstance(kind, _Kind) or not isinstance(data, bytes) or not isinstance(shape, tuple):
             raise TypeError("an array is not made of a type, a shape and bytes")
@@ -94,7 +94,7 @@ class _Scalar:
 
 
 def _no_bytes(*_: object) -> bytes:
-    """Stand in for bytes: an empty array is written as a call of it without arguments."""
+    """Stand in for bytes: an empty array is serialized as a call without arguments."""
     return b""
 
 
@@ -109,7 +109,7 @@ _STAND_INS = [
 
 
 def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types are checked
-    """Return torch; raise MissingDependencyError if it is not installed, or too old to read what strangers wrote."""
+    """Return torch; raise MissingDependencyError if it is not installed, or too old to read untrusted data."""
     try:
         torch = importlib.import_module("torch")
     except ImportError as error:
@@ -131,7 +131,7 @@ def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types 
 
 
 def write_torch(value: object) -> bytes:
-    """Return a value as torch saves it.
+    """Return a value as serialized by torch.
 
     Raises MissingDependencyError without torch, InvalidInputError if it cannot be saved.
     """
@@ -145,9 +145,9 @@ def write_torch(value: object) -> bytes:
 
 
 def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anything
-    """Return what torch has saved: maps with text keys, lists, texts, numbers and NumPy arrays, and nothing else.
+    """Return the content of a torch file: only maps with text keys, lists, texts, numbers and NumPy arrays.
 
-    Raises MissingDependencyError without torch, PolicyError if it is malformed, too large or names anything to call.
+    Raises MissingDependencyError without torch, PolicyError if it is malformed, too large or contains a call.
     """
     torch = import_torch()
     try:
@@ -156,18 +156,18 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
             loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
         return _Reader(torch).plain(loaded)
     except Exception as error:
-        # Whatever hostile bytes make torch's reader stumble over is the sender's fault. Its own text begins with the
-        # advice to unpickle nevertheless.
+        # Any error of torch's reader is the fault of the sender's bytes. Its own message begins with the advice to
+        # unpickle anyway, so it is not shown.
         problem = " ".join(str(error).rpartition("WeightsUnpickler error:")[2].split())
         named = re.search(r"GLOBAL ([\w.]+)", problem)
-        reason = f"it wants to call {named.group(1)}, which is not allowed" if named else problem[:200]
+        reason = f"it would call {named.group(1)}, which is not allowed" if named else problem[:200]
         raise PolicyError(
             f"torch payload of {len(data)} bytes: it cannot be read ({reason or type(error).__name__})."
         ) from error
 
 
 def _survey(data: bytes) -> None:
-    """Look at the archive before torch does: nothing in it may be compressed, so that it cannot grow."""
+    """Check the archive before torch reads it: compressed entries are refused, so that it cannot grow in memory."""
     if len(data) > MAX_FRAME_BYTES:
         raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")
     if not data.startswith(_ZIP):
@@ -178,13 +178,13 @@ def _survey(data: bytes) -> None:
             raise ValueError("it is compressed")
         if sum(e.file_size for e in entries) > MAX_FRAME_BYTES:
             raise ValueError("its entries overlap")
-        # The one thing on torch's own list that takes any amount of memory for a few bytes.
+        # The only function on torch's own list that takes any amount of memory for a few bytes.
         if any(_HOARDER in archive.read(e) for e in entries if e.filename.endswith(".pkl")):
-            raise ValueError("it wants a bytearray")
+            raise ValueError("it contains a bytearray")
 
 
 class _Reader:
-    """Conversion of a payload into plain values, which are counted: references let a small payload hold very many."""
+    """Conversion of a payload into plain values with a limit on their number, because references allow very many."""
 
     def __init__(self, torch: Any) -> None:  # noqa: ANN401 - a module
         self._torch = torch
@@ -193,7 +193,7 @@ class _Reader:
     def plain(self, thing: object, depth: int = 0) -> Any:  # noqa: ANN401 - a payload may hold anything
         self._values += 1
         if self._values > MAX_VALUES:
-            raise ValueError(f"it holds more than {MAX_VALUES} values")
+            raise ValueError(f"it contains more than {MAX_VALUES} values")
         if depth > MAX_DEPTH:
             raise ValueError(f"it is nested deeper than {MAX_DEPTH}")
         if thing is None or type(thing) in (bool, int, float, str, bytes):
@@ -215,16 +215,16 @@ class _Reader:
     def _tensor(self, tensor: Any) -> np.ndarray:  # noqa: ANN401 - a torch tensor
         torch = self._torch
         if tensor.layout != torch.strided or tensor.device.type != "cpu" or tensor.numel() > _MAX_ELEMENTS:
-            raise ValueError("it holds a tensor that is sparse, too large or on no processor")
+            raise ValueError("it contains a tensor that is sparse, too large or on no processor")
         if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
-            raise ValueError("it holds a tensor that is larger than its bytes")  # an expanded one, from a few bytes
-        # NumPy has no bfloat16, in which policies like to compute.
+            raise ValueError("it contains a tensor that is larger than its bytes")  # an expanded one, from a few bytes
+        # NumPy has no bfloat16, in which policies often compute.
         return self._counted(np.array((tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().numpy()))
 
     def _counted(self, array: np.ndarray) -> np.ndarray:
         self._elements += array.size
         if self._elements > _MAX_ELEMENTS:
-            raise ValueError(f"its arrays hold more than {_MAX_ELEMENTS} numbers")
+            raise ValueError(f"its arrays contain more than {_MAX_ELEMENTS} numbers")
         if array.dtype.kind not in "biuf":
-            raise ValueError(f"it holds an array of {array.dtype}")
+            raise ValueError(f"it contains an array of {array.dtype}")
         return array

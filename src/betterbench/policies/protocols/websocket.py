@@ -42,11 +42,11 @@ class WebSocket:
         self._where, self._path = address.server_name, address.path
         self._max_bytes = max_bytes
         self._stack = contextlib.ExitStack()
-        self._mark: threading.Event | None = None  # set when the server has confirmed that it said all it had to say
+        self._mark: threading.Event | None = None  # set when the server has answered the ping after its last message
         self._pongs = True
         raw: socket.socket | None = None
         try:
-            # With a socket of our own the library follows no redirect: what is sent is for the server that was named.
+            # With our own socket the library follows no redirect: the request is for the named server only.
             raw = socket.create_connection((host, port), timeout_s)
             raw.settimeout(None)
             self._socket: Connection = self._stack.enter_context(
@@ -58,7 +58,7 @@ class WebSocket:
                     additional_headers={} if key is None else {"Authorization": f"Api-Key {key}"},
                     open_timeout=timeout_s,
                     close_timeout=_CLOSE_TIMEOUT_S,
-                    # Servers answer no pings while they infer; the deadline of the request finds out who is dead.
+                    # Servers do not answer pings during inference; the deadline of the request detects a dead server.
                     ping_interval=None,
                     proxy=None,
                     logger=quiet_logger(),
@@ -70,8 +70,8 @@ class WebSocket:
             raise self._not_connected(error) from error
 
     def send(self, message: bytes, timeout_s: float) -> None:
-        """Send one binary message; raise OSError if the connection broke, or it was not taken until the deadline."""
-        with self._cut_after(timeout_s, "the server takes no more bytes"):
+        """Send one binary message; raise OSError if the connection broke or the message was not sent in time."""
+        with self._cut_after(timeout_s, "the server accepts no more data"):
             self._socket.send(message)
 
     def receive(self, timeout_s: float) -> bytes | str:
@@ -84,19 +84,19 @@ class WebSocket:
             raise TimeoutError("no answer in time") from error
 
     def mark_end_of_answer(self) -> None:
-        """Note that the last question is answered, and ask the server, without waiting, to confirm it by a pong.
+        """Mark the last request as answered, and send a ping without waiting for its pong.
 
-        Frames arrive in the order in which they were sent, so what it said before its pong lies here by then.
+        Frames arrive in order, so everything that the server sent before the pong has arrived when the pong does.
         """
         if self._pongs:
-            with contextlib.suppress(OSError), self._cut_after(_GRACE_S, "the server takes no more bytes"):
+            with contextlib.suppress(OSError), self._cut_after(_GRACE_S, "the server accepts no more data"):
                 self._mark = self._socket.ping()
 
     def refuse_unasked(self) -> None:
-        """Raise ConnectionError if the server has said something since its last answer.
+        """Raise ConnectionError if the server has sent a message since its last answer.
 
-        A second answer to one question would be taken for the answer to the next, and shift all that follow. A server
-        that confirms nothing is waited for once.
+        A second answer to one request would be taken for the answer to the next, and shift all following answers. For a
+        server that never sends pongs, this waits only once.
         """
         mark, self._mark = self._mark, None
         if mark is not None and not mark.wait(_PONG_S):
@@ -105,11 +105,11 @@ class WebSocket:
             self.receive(0.0)
         except TimeoutError:
             return
-        raise ConnectionError("it sent an answer that nobody asked for")
+        raise ConnectionError("it sent an unexpected answer")
 
     @contextlib.contextmanager
     def greeting(self, silence: str) -> Iterator[None]:
-        """Close the connection if its first exchange fails; ``silence`` is said of a server that answers nothing."""
+        """Close the connection if its first exchange fails; ``silence`` is the message for a silent server."""
         try:
             yield
         except TimeoutError as error:
@@ -129,10 +129,10 @@ class WebSocket:
 
     @contextlib.contextmanager
     def _cut_after(self, timeout_s: float, what: str) -> Iterator[None]:
-        """Break the connection if what is done meanwhile takes longer, and raise TimeoutError with a text.
+        """Break the connection if the body of the context takes too long, and raise TimeoutError with a text.
 
-        The library has one lock for all that is sent, its answers to pings included, and waits for it without a
-        deadline. A server that sends pings and reads nothing holds it for ever.
+        The library has one lock for everything that is sent, including its answers to pings, and waits for it without a
+        deadline. A server that sends pings and reads nothing would block it forever.
 
         Raises:
             OSError: Also if the connection is broken, PolicyError if this side broke it for a message too large.
@@ -141,7 +141,7 @@ class WebSocket:
 
         def cut() -> None:
             late.set()
-            # Not the method of an encrypted socket, which would wait for the other side.
+            # Not the method of an encrypted socket, which would wait for the peer.
             with contextlib.suppress(OSError):
                 socket.socket.shutdown(self._socket.socket, socket.SHUT_RDWR)
 
@@ -158,16 +158,16 @@ class WebSocket:
             timer.cancel()
 
     def _not_connected(self, error: Exception) -> Exception:
-        """Return the error of a connection that did not come about."""
+        """Return the error of a connection that could not be established."""
         answer = error if isinstance(error, InvalidStatus) else error.__context__
         if isinstance(answer, InvalidStatus):
             status = answer.response.status_code
             if status in _REFUSED:
-                # A server on FastAPI (vLLM-Omni) also answers 403 for a path at which it serves nothing.
+                # A server on FastAPI (vLLM-Omni) also answers 403 for an unknown path.
                 other = (
                     ""
                     if status != _FORBIDDEN
-                    else f" If it wants no key, it serves nothing at {self._path}: correct the path."
+                    else f" If it needs no key, it does not serve {self._path}: correct the path."
                 )
                 return HandshakeError(
                     f"{self._where} refuses this client (HTTP {status}). "
@@ -180,13 +180,13 @@ class WebSocket:
             if 300 <= status < 400:
                 elsewhere = one_line(answer.response.headers.get("Location", "no address"), most=200)
                 return HandshakeError(
-                    f"{self._where} sends this client elsewhere (HTTP {status}, {elsewhere}). Redirects are not "
+                    f"{self._where} redirects this client (HTTP {status}, {elsewhere}). Redirects are not "
                     "followed: give the address of the server itself."
                 )
             return ConnectionError(f"the server answered HTTP {status}")
         if isinstance(error, (InvalidURI, UnicodeError)):
             return HandshakeError(f"{self._where} is not an address of a websocket ({error}).")
-        # One who talks before we have asked can trip an assertion of the library's.
+        # A server that sends data before the handshake can trip an assertion in the library.
         return ConnectionError(f"the server there is not a websocket server ({error})")
 
     def _broken(self, error: ConnectionClosed) -> OSError:
@@ -203,7 +203,7 @@ class WebSocket:
 
 
 def quiet_logger() -> logging.Logger:
-    """Return a logger for the library, which would log a traceback for every port scan and client that breaks off."""
+    """Return a logger for the library that hides tracebacks of port scans and broken handshakes."""
     quiet = logging.getLogger(f"{__name__}.websockets")
     quiet.setLevel(logging.CRITICAL)
     return quiet

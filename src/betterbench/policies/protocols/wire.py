@@ -1,11 +1,11 @@
-"""Wire formats: bytes to values and back, for the dialects of msgpack that policy servers speak.
+"""Wire formats: bytes to values and back, for the msgpack variants of policy servers.
 
-All of them send maps of texts, numbers and arrays, and differ in how an array is marked: as openpi's client does, as
-vla-evaluation-harness does, as a .npy file (GR00T to N1.6), or as the package msgpack-numpy does (the ``nd`` dialect,
-which GR00T N1.7 and some servers of openpi's protocol use). Frames come from strangers: any
-byte string gives a value or one :class:`PolicyError`, never another error, and never more memory than a few times
-its own size. A frame is surveyed before it is decoded, which bounds its depth and the number of its values; arrays must
-have exactly as many bytes as type and shape say; images are bounded before they are decompressed.
+All of them send maps of texts, numbers and arrays, and differ in how an array is marked: as in openpi's client, as in
+vla-evaluation-harness, as a .npy file (GR00T to N1.6), or as in the package msgpack-numpy (the ``nd`` variant, used by
+GR00T N1.7 and some servers with openpi's protocol). Frames are untrusted: any byte string gives a value or one
+:class:`PolicyError`, never another error, and never takes more memory than a few times its size. A frame is scanned
+before it is decoded, which bounds its depth and the number of its values. Arrays must have exactly the number of bytes
+of their type and shape. Images are bounded before they are decompressed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.json_form import unique_keys
 
 MAX_FRAME_BYTES = 256 * 1024 * 1024
-"""Largest frame that is read [byte]: some 1,300 images of 256 x 256."""
+"""Largest accepted frame [byte]: about 1,300 images of 256 x 256."""
 
 MAX_VALUES = 200_000
 """Largest number of values in a frame, array elements not counted."""
@@ -37,10 +37,10 @@ MAX_DEPTH = 32
 """Deepest nesting of lists and maps in a frame."""
 
 MAX_DECLARED_BYTES = 4 * 1024 * 1024
-"""Largest message in which a server declares what it is [byte]; statistics of many data sets take some 100 kB."""
+"""Largest declaration of a server [byte]; statistics of many data sets take about 100 kB."""
 
 MAX_DECLARED_DEPTH = 16
-"""Deepest nesting of lists and maps in such a message."""
+"""Deepest nesting of lists and maps in a declaration."""
 
 MAX_PIXELS = 4096 * 4096
 """Largest image that is decompressed."""
@@ -60,7 +60,7 @@ _NAMES = {
     np.dtype(code).name: np.dtype(code).str
     for code in ("b1", *(f"{k}{n}" for k in "iu" for n in "1248"), *("f2", "f4", "f8"))
 }
-"""Names of plain number types ("float32"), which some servers write in place of NumPy's own codes ("<f4")."""
+"""Names of plain number types ("float32"), which some servers send instead of NumPy's codes ("<f4")."""
 
 _PLAIN_KINDS = ("", *"biufSU")
 
@@ -73,7 +73,7 @@ _UNREADABLE = (
 """Exceptions of the decoders for a frame that they cannot read."""
 
 OpenpiArrays = Literal["openpi", "nd"]
-"""Encoding of arrays in a request of openpi's protocol: that of its own client, or that of msgpack-numpy."""
+"""Encoding of arrays in a request of openpi's protocol: as in its own client, or as in msgpack-numpy."""
 
 ImageCoding = Literal["raw", "png", "jpeg"]
 """Encoding of uint8 images of vla-eval: raw, or compressed without or with loss."""
@@ -91,10 +91,10 @@ class ModalityConfig:
 
 
 def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
-    """Return the frame of a value in openpi's protocol, with arrays marked as its own client or msgpack-numpy does.
+    """Return the frame of a value in openpi's protocol, with arrays marked as in its own client or msgpack-numpy.
 
-    Values are maps, lists, texts, bytes, numbers, None and NumPy arrays of numbers, booleans or texts. Anything else
-    raises an InvalidInputError.
+    Values are maps, lists, texts, bytes, numbers, None and NumPy arrays of numbers, booleans or texts. Other types
+    raise an InvalidInputError.
     """
     return _encode(value, _mark_openpi if arrays == "openpi" else _mark_nd)
 
@@ -102,13 +102,13 @@ def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
 def decode_openpi(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
     """Return the value of a frame in openpi's protocol, with read-only arrays; raise PolicyError if it is malformed.
 
-    Arrays may be marked as openpi's client or as msgpack-numpy does.
+    Arrays may be marked as in openpi's client or in msgpack-numpy.
     """
     return _decode(data, "openpi", _read_openpi)
 
 
 def marks_arrays_as_nd(data: bytes) -> bool:
-    """Return whether a frame that can be read holds arrays or numbers as msgpack-numpy marks them."""
+    """Return whether a valid frame contains arrays or numbers in the format of msgpack-numpy."""
     found: list[bool] = []
 
     def note(form: dict[Any, Any]) -> object:
@@ -137,7 +137,7 @@ def _read_openpi(form: dict[Any, Any]) -> object:
         dtype = _dtype(form.get(b"dtype"))
         if not isinstance(value, (bool, int, float, str, bytes)):
             raise ValueError(f"a scalar is a {type(value).__name__}")
-        with np.errstate(over="ignore"):  # a number that is too large for its type is infinite, and found out later
+        with np.errstate(over="ignore"):  # a number too large for its type becomes infinite, and is refused later
             return dtype.type(value)
     return _read_nd(form) if _is_nd(form) else form
 
@@ -154,20 +154,20 @@ def _mark_nd(thing: object) -> object:
 
 
 def _is_nd(form: Mapping[Any, Any]) -> bool:
-    """Return whether a map is an array or a number; with keys that are texts it may also be a map of somebody's own."""
+    """Return whether a map is an array or a number; with text keys it may also be an ordinary map."""
     return b"nd" in form or (isinstance(form.get("nd"), bool) and "type" in form and "data" in form)
 
 
 def _read_nd(form: Mapping[Any, Any]) -> object:
-    """Read an array or a number as msgpack-numpy writes it, whose keys may have become texts on the way.
+    """Read an array or a number in the format of msgpack-numpy, whose keys may have become texts.
 
-    An array has an empty kind there. Servers with a writer of their own repeat the letter of its type.
+    The kind of an array is empty in that package. Other implementations repeat the letter of its type.
     """
     whole = {name: form.get(name.encode(), form.get(name)) for name in ("nd", "type", "kind", "shape", "data")}
     kind = b"" if whole["kind"] is None else whole["kind"]
     letter = kind.decode("latin-1") if isinstance(kind, bytes) else kind
     if not isinstance(letter, str) or letter not in _PLAIN_KINDS or b"complex" in form or "complex" in form:
-        pickled = ": it holds pickles, and unpickling a stranger's answer runs the stranger's code"
+        pickled = ": it contains pickles, and unpickling untrusted data can run code"
         raise ValueError(f"an array has the kind {str(kind)[:20]}, not plain numbers{pickled if letter == 'O' else ''}")
     if not isinstance(whole["nd"], bool):
         raise TypeError(f"the mark nd of an array is a {type(whole['nd']).__name__}")
@@ -335,14 +335,14 @@ def _encode(value: object, mark: Callable[[object], object]) -> bytes:
 
 
 def _refuse(thing: object) -> object:
-    raise TypeError(f"a {type(thing).__name__} has no form on the wire")
+    raise TypeError(f"a {type(thing).__name__} cannot be encoded")
 
 
 def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
-    """Return an array that may travel, C-ordered."""
+    """Return an array that can be sent, C-ordered."""
     too_long = array.dtype.kind == "f" and array.dtype.itemsize > 8
     if too_long or array.dtype.kind not in ("biufSU" if texts else "biuf"):
-        raise TypeError(f"an array of {array.dtype} has no form on the wire")
+        raise TypeError(f"an array of {array.dtype} cannot be encoded")
     return np.ascontiguousarray(array).reshape(array.shape)
 
 
@@ -377,8 +377,8 @@ def _no_extension(code: int, data: bytes) -> object:
     raise ValueError(f"an extension of type {code} with {len(data)} bytes is not supported")
 
 
-# Tokens of msgpack by their first byte: how many bytes follow; how many bytes hold a length; how many hold a count, and
-# of how many values.
+# Tokens of msgpack by their first byte: the number of following bytes, of bytes with a length, of bytes with a count,
+# and of values per count.
 _FIXED = dict(
     zip(b"\xc0\xc2\xc3\xca\xcb\xcc\xcd\xce\xcf\xd0\xd1\xd2\xd3", b"\0\0\0\4\x08\1\2\4\x08\1\2\4\x08", strict=True)
 )
@@ -387,18 +387,18 @@ _HOLDERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 
 
 def _survey(data: bytes) -> None:
-    """Walk over the tokens of a frame without building anything.
+    """Scan the tokens of a frame without building values.
 
-    A list of empty lists takes one byte per list on the wire and 56 in memory, and nesting costs stack: both are
+    A list of empty lists takes one byte per list in the frame and 56 in memory, and nesting needs stack: both are
     bounded here, before the decoder allocates.
 
     Raises:
-        ValueError: If it is cut off, goes on after its end, is too deep, has too many values, or has an extension.
+        ValueError: If it is incomplete, has extra bytes, is too deep, has too many values, or has an extension.
     """
     at, values, end = 0, 0, len(data)
     if end > MAX_FRAME_BYTES:
         raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")
-    left = [1]  # values that are still to come on each level
+    left = [1]  # remaining values on each level
     while left:
         if left[-1] == 0:
             left.pop()
@@ -408,18 +408,18 @@ def _survey(data: bytes) -> None:
         left[-1] -= 1
         values += 1
         if values > MAX_VALUES:
-            raise ValueError(f"it holds more than {MAX_VALUES} values")
+            raise ValueError(f"it contains more than {MAX_VALUES} values")
         at, inside = _token(data, at)
         if inside:
             left.append(inside)
             if len(left) > MAX_DEPTH:
                 raise ValueError(f"it is nested deeper than {MAX_DEPTH}")
     if at != end:
-        raise ValueError("it goes on after its end" if at < end else "it is cut off")
+        raise ValueError("it has extra bytes" if at < end else "it is incomplete")
 
 
 def _token(data: bytes, at: int) -> tuple[int, int]:
-    """Return where the token after this one begins, and how many values this one holds."""
+    """Return the offset of the next token, and the number of values in this one."""
     token = data[at]
     at += 1
     if token < 0x80 or token >= 0xE0:
@@ -438,7 +438,7 @@ def _token(data: bytes, at: int) -> tuple[int, int]:
     if token in _HOLDERS:
         width, each = _HOLDERS[token]
         return at + width, each * int.from_bytes(data[at : at + width], "big")
-    raise ValueError(f"it holds an extension or a forbidden byte ({token:#x})")
+    raise ValueError(f"it contains an extension or a forbidden byte ({token:#x})")
 
 
 def _dtype(text: object, *, texts: bool = True) -> np.dtype[Any]:
@@ -452,12 +452,12 @@ def _shape(given: object) -> tuple[int, ...]:
     if not isinstance(given, (list, tuple)) or len(given) > _MAX_AXES:
         raise ValueError("an array has no shape")
     if not all(isinstance(n, int) and not isinstance(n, bool) and 0 <= n < _MAX_LENGTH for n in given):
-        raise ValueError("the shape of an array is not a list of whole numbers")
+        raise ValueError("the shape of an array is not a list of integers")
     return tuple(int(n) for n in given)
 
 
 def read_array(data: object, dtype_text: object, given_shape: object, *, texts: bool = True) -> np.ndarray:
-    """Return an array from its bytes, NumPy's text of its type, and its shape: read-only, in this machine's byte order.
+    """Return an array from its bytes, NumPy's type string, and its shape: read-only, in native byte order.
 
     Raises ValueError or TypeError if they do not fit each other, or the type is neither plain nor (``texts``) a text.
     """

@@ -1,7 +1,7 @@
 """Access check of local servers: programs and the server's own pages may connect, pages of other sites may not.
 
-A browser lets any page that its user visits open a connection to this machine. It names the page's site (``Origin``)
-and the name under which the server was reached (``Host``), which reveals a site whose own name points to this machine.
+A browser lets any page open a connection to this machine. It sends the page's site (``Origin``) and the name under
+which the server was reached (``Host``), which reveals a site whose own name resolves to this machine.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ _ANY = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - compared, not bound
 def is_own_host(values: Sequence[str], bound: str) -> bool:
     """Tell whether the ``Host`` headers of a request name a server that listens on an interface.
 
-    On the loopback interface these are its names and the interface's, on all interfaces also this machine's name and
-    every number: a site that plays tricks with names has none.
+    On the loopback interface, the loopback names and the interface's name are allowed; on all interfaces also this
+    machine's name and every IP address, because a DNS rebinding attack needs a name.
     """
     if len(values) != 1:
         return False
@@ -29,7 +29,7 @@ def is_own_host(values: Sequence[str], bound: str) -> bool:
 
 
 def is_own_origin(values: Sequence[str], hosts: Sequence[str]) -> bool:
-    """Tell whether the ``Origin`` headers of a request, if there are any, are the address in its ``Host`` header."""
+    """Tell whether the ``Origin`` headers of a request, if any, equal the address in its ``Host`` header."""
     return not values or (len(hosts) == 1 and list(values) == [f"http://{hosts[0]}"])
 
 

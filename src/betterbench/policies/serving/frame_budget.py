@@ -1,9 +1,9 @@
 """Memory budget of a server: the bytes of unfinished and unanswered messages of all its clients together.
 
-A websocket library keeps the received part of a message until the message is complete. The largest message bounds
-each connection; this budget bounds all connections together. A connection that would exceed it waits, and its peer
-sees a network that accepts no more data. The connection whose message began first never waits, so that one message
-always gets finished. While others wait, connections that stay within a message for too long are dropped.
+A websocket library keeps the received part of a message until the message is complete. The largest message bounds each
+connection; this budget bounds all connections together. A connection that would exceed it waits, and its peer sees a
+network that accepts no more data. The connection whose message began first never waits, so that at least one message
+is always completed. While others wait, connections that do not finish a message in time are dropped.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 from collections import deque
 
 BUDGET_BYTES = 128 * 1024 * 1024
-"""Most bytes that unfinished and unanswered messages of all clients take together, and one message more."""
+"""Maximum bytes of unfinished and unanswered messages of all clients together, plus one message."""
 STUCK_S = 5.0
 """Time limit for a connection to finish one message, or the request that opens it, while others wait [s]."""
 
@@ -25,13 +25,13 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Meter of the bytes that one connection receives: first a request in HTTP, then the frames of a websocket.
+    """Meter of the bytes that one connection receives: first an HTTP request, then the frames of a websocket.
 
-    It reads the heads of frames alone (RFC 6455, section 5.2).
+    It reads only the headers of frames (RFC 6455, section 5.2).
 
     Attributes:
-        unfinished: Bytes of the message under way.
-        queued: Bytes of each message that is whole and was not taken.
+        unfinished: Bytes of the current message.
+        queued: Bytes of each complete message that was not taken yet.
     """
 
     def __init__(self) -> None:
@@ -43,16 +43,16 @@ class MessageMeter:
 
     @property
     def held(self) -> int:
-        """Bytes that are held for the connection."""
+        """Bytes in memory for the connection."""
         return self.unfinished + len(self._head) + sum(self.queued)
 
     @property
     def is_within(self) -> bool:
-        """Whether a message, the head of a frame or the opening request has begun and not ended."""
+        """Whether a message, the header of a frame or the opening request is incomplete."""
         return not self.is_greeted or self.unfinished > 0 or bool(self._head) or self._in_frame
 
     def feed(self, data: bytes) -> bool:
-        """Take in what came; tell whether a message, or the request, has come to its end."""
+        """Count received data; tell whether a message, or the request, has been completed."""
         ended, at = False, 0
         if not self.is_greeted:
             self._head += data
@@ -73,12 +73,12 @@ class MessageMeter:
         return ended
 
     def taken(self) -> None:
-        """Note that the first whole message was taken and answered."""
+        """Note that the first complete message was taken and answered."""
         if self.queued:
             self.queued.popleft()
 
     def _read_head(self, data: bytes, at: int) -> int:
-        """Read on in the head of a frame, and return where in the data it goes on."""
+        """Continue reading the header of a frame, and return the offset after it."""
         while at < len(data):
             self._head.append(data[at])
             at += 1
@@ -111,7 +111,7 @@ class Metered:
     Attributes:
         waited_s: Time spent waiting for its peer within the current message [s].
         waits_since: Time at which the current wait began [s, monotonic]; None while there is none.
-        is_cut: Whether it was dropped.
+        is_cut: Whether the connection was dropped.
     """
 
     def __init__(self, connection: socket.socket, number: int) -> None:
@@ -121,7 +121,7 @@ class Metered:
         self.waits_since: float | None = None
 
     def within_s(self, now: float) -> float:
-        """Return how long its peer has been waited for within the message under way [s]."""
+        """Return how long the current message has been waiting for its peer [s]."""
         if not self.meter.is_within:
             return 0.0
         return self.waited_s + (0.0 if self.waits_since is None else now - self.waits_since)
@@ -138,19 +138,19 @@ class FrameBudget:
 
     @property
     def held(self) -> int:
-        """Bytes that are held for all connections."""
+        """Bytes in memory for all connections."""
         with self._lock:
             return self._held()
 
     def opened(self, connection: socket.socket) -> Metered:
-        """Take in a connection."""
+        """Add a connection."""
         with self._lock:
             self._made += 1
             found = self._open[self._made] = Metered(connection, self._made)
             return found
 
     def closed(self, one: Metered) -> None:
-        """Forget a connection."""
+        """Remove a connection."""
         with self._lock:
             self._open.pop(one.number, None)
             self._lock.notify_all()
@@ -164,7 +164,7 @@ class FrameBudget:
             one.waits_since = time.monotonic()
 
     def received(self, one: Metered, data: bytes) -> None:
-        """Take in what a connection has received."""
+        """Count the data that a connection has received."""
         with self._lock:
             now = time.monotonic()
             one.waited_s += 0.0 if one.waits_since is None else now - one.waits_since
@@ -181,18 +181,18 @@ class FrameBudget:
             self._lock.notify_all()
 
     def cut_stuck(self) -> None:
-        """Drop connections that stay within a message for too long, because somebody waits."""
+        """Drop connections that do not finish a message in time while others wait."""
         with self._lock:
             self._cut_stuck(time.monotonic())
 
     @property
     def is_dropping(self) -> bool:
-        """Whether a connection that was dropped has not ended yet."""
+        """Whether a dropped connection has not ended yet."""
         with self._lock:
             return any(one.is_cut for one in self._open.values())
 
     def stop(self) -> None:
-        """Let nobody wait any more."""
+        """End all waits."""
         with self._lock:
             self._is_over = True
             self._lock.notify_all()

@@ -11,21 +11,21 @@ from betterbench.errors import InvalidInputError
 from betterbench.policies.serving.frame_budget import FrameBudget
 
 _PASSING = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM, errno.ECONNABORTED, errno.EPROTO})
-"""Errors of ``accept`` after which the next connection may be taken again."""
+"""Errors of ``accept`` after which the next connection may succeed."""
 
 _PAUSE_S = 0.1
 _KEEPALIVE = ((socket.TCP_KEEPIDLE, 60), (socket.TCP_KEEPINTVL, 20), (socket.TCP_KEEPCNT, 6))
 
 
 class Listener(socket.socket):
-    """A listening TCP socket whose ``accept`` waits while ``most`` of its connections are open, if there is a limit.
+    """A listening TCP socket whose ``accept`` waits while ``most`` connections are open, if there is a limit.
 
-    Without descriptors or memory for another connection it waits too, where the loop of a server would end. A peer that
-    has gone without a word is noticed after three minutes.
+    It also waits if there are no descriptors or memory for another connection, instead of ending the server's loop. A
+    peer that has disappeared without closing is noticed after three minutes.
     """
 
     def __init__(self, bound: socket.socket, *, most: int | None, budget: FrameBudget | None = None) -> None:
-        """Take over a socket that listens; what its connections receive counts in a budget, if there is one."""
+        """Take over a listening socket; received data count in the budget, if there is one."""
         super().__init__(bound.family, bound.type, bound.proto, fileno=bound.detach())
         self._budget = budget
         self._room = None if most is None else threading.BoundedSemaphore(most)
@@ -65,7 +65,7 @@ class Listener(socket.socket):
 
 
 class _Taken(socket.socket):
-    """A connection that makes room for the next one when it is closed, and receives within the budget of all."""
+    """A connection that frees a slot when it is closed, and receives within the budget of all connections."""
 
     def __init__(self, taken: socket.socket, listener: Listener, budget: FrameBudget | None) -> None:
         super().__init__(taken.family, taken.type, taken.proto, fileno=taken.detach())
@@ -82,7 +82,7 @@ class _Taken(socket.socket):
         return data
 
     def answered(self) -> None:
-        """Note that the first message that was received is answered."""
+        """Note that the first received message is answered."""
         if self._budget is not None and self.metered is not None:
             self._budget.answered(self.metered)
 
@@ -96,7 +96,7 @@ class _Taken(socket.socket):
 
 
 def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget | None = None) -> Listener:
-    """Return a socket that listens for TCP connections, ``most`` at a time; InvalidInputError if it cannot be had."""
+    """Return a socket that listens for TCP connections, ``most`` at a time; InvalidInputError if it cannot be bound."""
     if not 0 <= port <= 65535:
         raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free one")
     try:
@@ -112,5 +112,5 @@ def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget
         raise InvalidInputError(
             "--host",
             f"{host!r} is not an interface of this machine ({problem.strerror})",
-            "127.0.0.1 is this machine alone",
+            "use 127.0.0.1 for this machine only",
         ) from None

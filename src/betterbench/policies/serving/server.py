@@ -1,7 +1,7 @@
 """Server of the openpi protocol: metadata first, then a reply for each request, with errors as text frames.
 
-The server does not know the policies: it is given a function that makes a :class:`Session` for each connection. Every
-connection has a thread of its own, so a client that is slow, breaks off or sends garbage does not affect the others.
+The server does not know the policies: a function makes a :class:`Session` for each connection. Each connection has its
+own thread, so a client that is slow, disconnects or sends garbage does not affect the others.
 Source of the protocol: openpi's ``websocket_policy_server.py`` and its client.
 """
 
@@ -35,15 +35,15 @@ DEFAULT_PORT = 8000
 """The port of openpi's own server."""
 LOOPBACK = "127.0.0.1"
 MAX_CLIENTS = 128
-"""Clients that are served at once unless told otherwise. A connection takes four file descriptors and two threads, and
-a process has 1,024 descriptors on most machines."""
+"""Default maximum of simultaneous clients. A connection takes four file descriptors and two threads, and a process has
+1,024 descriptors on most machines."""
 MAX_REQUEST_BYTES = 64 * 1024 * 1024
 """Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
 """Time limit for a silent client, after which its connection is closed and its resources are freed [s]."""
 IDLE_WHILE_FULL_S = 600.0
-"""Time limit for a silent client while all slots are taken and another client waits [s]. Between two questions a policy
-loop executes one action chunk or resets a scene, which takes seconds, or minutes where a person does it."""
+"""Time limit for a silent client while all slots are taken and another client waits [s]. Between two requests a policy
+loop executes one action chunk or resets a scene, which takes seconds, or minutes if a person does it."""
 
 _AWAY_CODE = 1001
 _ERROR_CODE = 1011
@@ -58,13 +58,13 @@ class Session(Protocol):
     """Session of one connection, whose requests are answered one after the other."""
 
     def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the reply to a request: ``actions`` (horizon, dim), and whatever else the server wants to say.
+        """Return the reply to a request: ``actions`` (horizon, dim), and optional further entries.
 
-        Raises BetterError if the request cannot be answered; its text travels to the client as it is.
+        Raises BetterError if the request cannot be answered; its text is sent to the client.
         """
 
     def close(self) -> None:
-        """Forget the connection."""
+        """Release the resources of the connection."""
 
 
 class PolicyServer:
@@ -83,13 +83,13 @@ class PolicyServer:
         budget: FrameBudget | None = None,
         idle_while_full_s: float = IDLE_WHILE_FULL_S,
     ) -> None:
-        """Bind the socket, to any free one if the port is 0; nobody is answered before :meth:`start`.
+        """Bind the socket, to any free port if ``port`` is 0; no client is answered before :meth:`start`.
 
-        A session is made when a client asks its first question. ``clients`` is how many are served at once, at most, or
-        None without a limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds what all
-        clients have sent and got no answer to. When all slots are taken and another client arrives, the client that has
-        been silent longest is let go, if that is longer than ``idle_while_full_s`` [s]. Raises InvalidInputError if it
-        cannot listen there.
+        A session is made when a client sends its first request. ``clients`` is the maximum of simultaneous clients,
+        None for no limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds the unanswered
+        data of all clients. If all slots are taken and another client arrives, the client that has been silent longest
+        is disconnected if that is longer than ``idle_while_full_s`` [s]. Raises InvalidInputError if the address cannot
+        be bound.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
         self._clients, self._budget = clients, budget or FrameBudget()
@@ -106,7 +106,7 @@ class PolicyServer:
             max_size=MAX_REQUEST_BYTES,
             max_queue=_QUEUED,
             process_request=self._admit,
-            # A client that simulates for a minute between two questions is alive, whether it answers pings or not.
+            # A client that simulates for a minute between two requests is alive, whether or not it answers pings.
             ping_interval=None,
             close_timeout=_CLOSE_TIMEOUT_S,
             logger=quiet_logger(),
@@ -126,17 +126,17 @@ class PolicyServer:
 
     @property
     def address(self) -> str:
-        """Address to evaluate what is served here."""
+        """Address under which the served policy can be evaluated."""
         host = self.client_host
         return f"openpi://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     def start(self) -> None:
-        """Answer clients from now on, in threads of this process."""
+        """Start answering clients, in threads of this process."""
         self._thread = threading.Thread(target=self._server.serve_forever, name=f"serve:{self.port}", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Take no more connections, close those that are open, and wait until their threads have ended."""
+        """Accept no more connections, close the open ones, and wait until their threads have ended."""
         thread, self._thread = self._thread, None
         self._budget.stop()
         if thread is None:
@@ -165,10 +165,10 @@ class PolicyServer:
         self.stop()
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer health checks, and send strangers away."""
+        """Answer health checks, and reject clients without access."""
         if request.path == "/healthz":
             return connection.respond(http.HTTPStatus.OK, "OK\n")
-        # A browser lets any page that its user visits open a websocket to this machine, and says which page it was.
+        # A browser lets any page open a websocket to this machine, and sends the origin of the page.
         if not set(request.headers.get_all("Origin")) <= self._own_origins:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is not for pages of other sites.\n")
         if self.host in LOOPBACK_NAMES and not is_own_host(request.headers.get_all("Host"), self.host):
@@ -176,15 +176,15 @@ class PolicyServer:
         if self._api_key is not None:
             shown = request.headers.get("Authorization", "")
             if not hmac.compare_digest(shown.encode(), f"Api-Key {self._api_key}".encode()):
-                return connection.respond(http.HTTPStatus.UNAUTHORIZED, "This server wants an Api-Key.\n")
+                return connection.respond(http.HTTPStatus.UNAUTHORIZED, "This server requires an Api-Key.\n")
         if self._full() and not self._room_made():
             return connection.respond(
-                http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has as many clients as it may.\n"
+                http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has reached its maximum of clients.\n"
             )
         return None
 
     def _room_made(self) -> bool:
-        """Drop a client that is stuck within a message or silent for long, and tell whether that has made room soon."""
+        """Drop a client that is stuck within a message or silent for long; return whether a slot becomes free soon."""
         self._budget.cut_stuck()
         is_let_go = self._let_silent_go()
         end = time.monotonic() + _ROOM_S + (_CLOSE_TIMEOUT_S if is_let_go else 0.0)
@@ -200,21 +200,22 @@ class PolicyServer:
             longest = min(self._silent_since, key=self._silent_since.__getitem__)
             if time.monotonic() - self._silent_since[longest] <= self._idle_while_full_s:
                 return False
-            # No other newcomer closes it again, and its thread, which a frame may have woken, answers no more.
+            # Marked, so that no other new client closes it again and its thread, which a frame may have woken, stops
+            # answering.
             del self._silent_since[longest]
         logger.info("%s was silent for too long while others wait", _name_of(longest.remote_address))
-        # In a thread, because closing waits for the answer of a client that may have gone to sleep.
+        # In a thread, because closing waits for the answer of a client that may not respond.
         closing = (_AWAY_CODE, "This client was silent for too long while others wait.")
         threading.Thread(target=longest.close, args=closing, name="let-go", daemon=True).start()
         return True
 
     def _full(self, more: int = 1) -> bool:
-        """Tell whether so many more clients would be too many."""
+        """Tell whether ``more`` further clients would be too many."""
         with self._lock:
             return self._clients is not None and len(self._open) + more > self._clients
 
     def _converse(self, connection: ServerConnection) -> None:
-        """Talk to one client until it leaves."""
+        """Serve one client until it disconnects."""
         client = _name_of(connection.remote_address)
         with self._lock:
             self._open[connection] = threading.current_thread()
@@ -223,11 +224,12 @@ class PolicyServer:
         timing: dict[str, float] = {}
         try:
             if self._full(0):
-                connection.close(_FULL_CODE, "This server has as many clients as it may.")
+                connection.close(_FULL_CODE, "This server has reached its maximum of clients.")
                 return
             connection.send(self._greeting)
             while (frame := self._next_frame(connection)) is not None:
-                # May load weights, which the deadline of a dial is not made for, and which an idle client needs not.
+                # This may load weights, which takes longer than a client's deadline to connect, so it waits for the
+                # first request.
                 session = session or self._make_session()
                 began = time.perf_counter()
                 reply = self._reply(session, frame)
@@ -242,11 +244,11 @@ class PolicyServer:
             text = str(problem) if isinstance(problem, BetterError) else traceback.format_exc()
             logger.warning("%s: %s", client, text.strip().splitlines()[-1])
             if session is not None:
-                session.close()  # before the client knows, and comes back for another one
+                session.close()  # before the client is notified and reconnects
                 session = None
             with contextlib.suppress(ConnectionClosed):
                 connection.send(text)
-                connection.close(_ERROR_CODE, "The reason is in the frame before.")
+                connection.close(_ERROR_CODE, "The previous frame contains the reason.")
         finally:
             with self._lock:
                 self._open.pop(connection, None)
@@ -256,7 +258,7 @@ class PolicyServer:
             logger.info("%s left after %d answers", client, answered)
 
     def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
-        """Return the next frame of a client; None if it has been silent for too long, whose connection is closed."""
+        """Return the next frame of a client; None if it was silent for too long and its connection is closed."""
         with self._lock:
             self._silent_since[connection] = time.monotonic()
         try:

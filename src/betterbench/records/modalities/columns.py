@@ -38,7 +38,7 @@ class ViewColumn(NamedTuple):
         return self.size * self.kind.itemsize
 
     def arrow_type(self) -> pa.DataType:
-        """Return its type in Parquet."""
+        """Return the Parquet type of the column."""
         if self.is_image:
             return pa.binary(self.row_bytes)
         number = pa.from_numpy_dtype(self.kind)
@@ -46,7 +46,7 @@ class ViewColumn(NamedTuple):
 
 
 def view_columns(view: ViewSpec, modalities: Collection[str], objects: int) -> tuple[ViewColumn, ...]:
-    """Return the columns of a view of a scene with so many objects; columns without numbers are left out."""
+    """Return the columns of a view for a scene with a given number of objects, without empty columns."""
     image, n = (view.height, view.width), objects
     images = {
         "rgb": ViewColumn("rgb", "|u1", (*image, 3), is_image=True),
@@ -78,23 +78,23 @@ def view_columns(view: ViewSpec, modalities: Collection[str], objects: int) -> t
 
 
 CHUNK_BYTES = 24 * 2**20
-"""Most bytes of a row group before compression, unless one row has more."""
+"""Maximum size of a row group before compression [bytes], unless one row is larger."""
 
 MAX_CHUNK_ROWS = 32
 
 
 def chunk_rows(columns: tuple[ViewColumn, ...]) -> int:
-    """Return the rows of a row group: 32, or fewer where images are large."""
+    """Return the number of rows of a row group: 32, or fewer for large images."""
     return max(1, min(MAX_CHUNK_ROWS, CHUNK_BYTES // sum(column.row_bytes for column in columns)))
 
 
 def view_schema(columns: tuple[ViewColumn, ...]) -> pa.Schema:
-    """Return the columns in Parquet."""
+    """Return the Parquet schema of the columns."""
     return pa.schema([pa.field(column.name, column.arrow_type(), nullable=False) for column in columns])
 
 
 def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> pa.Table:
-    """Return the Parquet form of some rows, each column an array (rows, *shape) of its type."""
+    """Return the Parquet form of some rows; each column is an array (rows, *shape) of its type."""
     parts: list[pa.Array] = []
     schema = view_schema(columns)
     for column, field in zip(columns, schema, strict=True):
@@ -109,7 +109,7 @@ def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> 
 
 
 def from_batch(columns: tuple[ViewColumn, ...], table: pa.Table) -> dict[str, np.ndarray]:
-    """Return the columns of some rows by name, each an array (rows, *shape)."""
+    """Return the columns of some rows by name, each as an array (rows, *shape)."""
     values: dict[str, np.ndarray] = {}
     for column in columns:
         if column.name not in table.schema.names:

@@ -1,7 +1,7 @@
 """Modality files: written by row groups to a temporary file, and read row by row.
 
-The footer of a file, with the header in it, carries a seal as a record does, and lists the SHA-256 of each row group.
-Both are compared before the Parquet reader, which is native code, gets to see the bytes.
+The footer of a file contains the header, a checksum of the footer, and the SHA-256 of each row group. All are verified
+before the Parquet reader, which is native code, reads the bytes.
 """
 
 from __future__ import annotations
@@ -39,14 +39,15 @@ HEADER_KEY = b"betterbench.modalities"
 """Key of the header's JSON in the metadata of the Parquet schema."""
 
 GROUPS_KEY = b"betterbench.groups"
-"""Key of a JSON list: where each row group ends [byte], and the SHA-256 of its bytes, from the one before it on."""
+"""Key of a JSON list with the end of each row group [byte] and the SHA-256 of its bytes."""
 
 COMPRESSION_LEVEL = 1
-"""Level of zstd: a row group holds the same scene many times, which every level finds; higher ones cost time only."""
+"""Level of zstd. A row group contains the same scene many times, which every level finds; higher levels only take
+longer."""
 
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
-AGAIN = "The same better materialize command draws it again"
+AGAIN = "Run the same better materialize command again to recreate it"
 """Remedy for a file that cannot be read."""
 
 _MAX_HEADER_BYTES = 1 << 20
@@ -54,11 +55,11 @@ _MAX_ROWS = 10_000_000
 _MAX_FOOTER_BYTES = 1 << 26
 _MAGIC = b"PAR1"
 _TAIL = 8
-"""Bytes at the end of a Parquet file: the length of the footer, and the magic."""
+"""Size of the end of a Parquet file [bytes]: the length of the footer, and the magic number."""
 
 
 class _Sink(io.RawIOBase):
-    """Passes row groups on to a file with a digest of each, and keeps the footer back until it is sealed."""
+    """Output that writes row groups with a digest of each, and holds the footer back until its checksum is known."""
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()
@@ -80,24 +81,24 @@ class _Sink(io.RawIOBase):
         return len(view)
 
     def end_group(self) -> None:
-        """Note that a row group is complete."""
+        """Mark the end of a row group."""
         self.groups.append((self._at, self._digest.hexdigest()))
         self._digest = hashlib.sha256()
 
     def begin_footer(self) -> None:
-        """Note that all row groups are complete."""
+        """Mark the end of all row groups."""
         self._footer = bytearray()
 
     def end_footer(self) -> None:
-        """Write the footer with its seal."""
+        """Write the footer with its checksum."""
         self._file.write(seal(bytes(self._footer or b"")))
 
 
 class ModalityWriter:
-    """Writes one file; it stands at its place when it is finished, and not before.
+    """Writer of a modality file, which appears at its path only when it is complete.
 
-    A context manager, which removes what is not finished. The same rows give the same bytes on one installation. Raises
-    OSError if the disk is full or may not be written.
+    As a context manager, it removes an incomplete file. The same rows give the same bytes on one installation. Raises
+    OSError if the disk is full or not writable.
     """
 
     def __init__(self, path: Path, columns: tuple[ViewColumn, ...]) -> None:
@@ -118,7 +119,7 @@ class ModalityWriter:
         )
 
     def append(self, values: dict[str, np.ndarray]) -> None:
-        """Append the values of one row by column, but for ``row``, which is counted."""
+        """Append the values of one row by column; the column ``row`` is counted automatically."""
         self._kept.append({**values, "row": np.array(self._rows, np.int32)})
         self._rows += 1
         if len(self._kept) == self._chunk:
@@ -130,12 +131,12 @@ class ModalityWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError, pa.ArrowException, ValueError):  # of a full disk, told before
+        with contextlib.suppress(OSError, pa.ArrowException, ValueError):  # a full disk was reported before
             self._writer.close()
         self._file.__exit__(kind, error, trace)
 
     def finish(self, header: ViewHeader) -> Path:
-        """Write the header, force the file to disk and put it at its place, which is returned."""
+        """Write the header, force the file to disk, move it to its path and return the path."""
         self._flush()
         told = {
             HEADER_KEY: dump_json(HEADER.dump_python(header, mode="json")),
@@ -158,9 +159,10 @@ class ModalityWriter:
 
 
 class ModalityFile:
-    """A file of modalities, open for reading any of its rows; a context manager.
+    """Modality file, open for reading individual rows; a context manager.
 
-    Raises RecordError if it is missing, damaged, of another version, or holds something else than its header says.
+    Raises:
+        RecordError: If the file is missing, damaged, of another version, or does not match its header.
     """
 
     def __init__(self, path: Path) -> None:
@@ -196,13 +198,13 @@ class ModalityFile:
         self.close()
 
     def read(self, row: int, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
-        """Return the values of one row by column, of all columns or some; arrays are read-only.
+        """Return the values of one row by column, for all or some columns; arrays are read-only.
 
-        The row group of the row is read, and kept for its neighbors.
+        The row group is read as a whole and cached for neighboring rows.
 
         Raises:
-            IndexError: If there is no such row.
-            RecordError: If the row is damaged, or a column is not there.
+            IndexError: If the row does not exist.
+            RecordError: If the row is damaged or a column is missing.
         """
         if not 0 <= row < len(self):
             msg = f"row {row} of a file with {len(self)} rows"
@@ -214,18 +216,18 @@ class ModalityFile:
         return {name: values[place] for name, values in self._last[2].items()}
 
     def rows(self, columns: Sequence[str] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the values of every row; raises what :meth:`read` raises."""
+        """Yield the values of every row; raises as :meth:`read` does."""
         for row in range(len(self)):
             yield self.read(row, columns)
 
     def check(self) -> int:
-        """Read everything, which compares all checksums, and return the number of rows; raises what read raises."""
+        """Read the whole file, which verifies all checksums, and return the number of rows."""
         for group in range(self._file.metadata.num_row_groups):
             self._group(group, tuple(c.name for c in self.columns))
         return len(self)
 
     def close(self) -> None:
-        """Close the file; harmless when closed."""
+        """Close the file; closing it twice is harmless."""
         self._last = None
         self._file.close()
         if self._source is not None:
@@ -242,7 +244,9 @@ class ModalityFile:
         with _reading(self.path):
             (begin, _), (end, digest) = self._groups[group - 1] if group else (0, ""), self._groups[group]
             if hashlib.sha256(self._bytes(begin, end)).hexdigest() != digest:
-                raise RecordError(f"{self.path}: is damaged (row group {group} has other bytes). {AGAIN}.")
+                raise RecordError(
+                    f"{self.path}: is damaged (the checksum of row group {group} does not match). {AGAIN}."
+                )
             return from_batch(self.columns, self._file.read_row_group(group, columns=list(names)))
 
     def _bytes(self, begin: int, end: int) -> bytes:
@@ -252,7 +256,7 @@ class ModalityFile:
         return os.pread(self._source, end - begin, begin)
 
     def _checked_footer(self) -> int:
-        """Return the offset of the footer, whose seal fits [byte]; raise RecordError if it does not."""
+        """Return the offset of the verified footer [byte]. Raises RecordError if its checksum does not match."""
         size = os.fstat(self._source or 0).st_size
         tail = self._bytes(max(0, size - _TAIL), size)
         length = int.from_bytes(tail[:4], "little")
@@ -261,55 +265,57 @@ class ModalityFile:
             raise RecordError(f"{self.path}: is damaged (its end is missing). {AGAIN}.")
         footer = self._bytes(begin, size)
         if SEAL_KEY not in footer:
-            raise RecordError(f"{self.path}: has no seal: an earlier version wrote it, or it is damaged. {AGAIN}.")
+            raise RecordError(f"{self.path}: has no checksum: an earlier version wrote it, or it is damaged. {AGAIN}.")
         try:
             intact = seal(footer) == footer
         except RecordError:
             intact = False
         if not intact:
-            raise RecordError(f"{self.path}: is damaged (its seal does not fit). {AGAIN}.")
+            raise RecordError(f"{self.path}: is damaged (its checksum does not match). {AGAIN}.")
         return begin
 
     def _checked_groups(self, footer: int) -> tuple[tuple[int, str], ...]:
-        """Return end and digest of each row group; raise RecordError if they are not those of the file."""
+        """Return the end and digest of each row group. Raises RecordError if they do not match the file."""
         raw = (self._file.metadata.metadata or {}).get(GROUPS_KEY, b"")
         found = read_form(_GROUPS, raw, where=f"{self.path}: row groups", cure=AGAIN, raises=RecordError)
         ends = [0, *(end for end, _ in found)]
         if len(found) != self._file.metadata.num_row_groups or ends != sorted(ends) or (found and ends[-1] != footer):
-            raise RecordError(f"{self.path}: its row groups are not those of its header. {AGAIN}.")
+            raise RecordError(f"{self.path}: its row groups do not match its header. {AGAIN}.")
         return found
 
     def _checked_header(self) -> ViewHeader:
         raw = (self._file.metadata.metadata or {}).get(HEADER_KEY)
         if not isinstance(raw, bytes) or len(raw) > _MAX_HEADER_BYTES:
-            raise RecordError(f"{self.path}: is a Parquet file without modalities. Choose one of better materialize.")
+            raise RecordError(
+                f"{self.path}: is a Parquet file without modalities. Choose a file of better materialize."
+            )
         return read_form(HEADER, raw, where=str(self.path), cure=AGAIN, raises=RecordError)
 
     def _check(self) -> None:
-        """Refuse other columns than the header says, and row groups of another size."""
+        """Raise RecordError if columns or row group sizes differ from the header."""
         meta, chunk = self._file.metadata, chunk_rows(self.columns)
         sizes = [meta.row_group(i).num_rows for i in range(meta.num_row_groups)]
         fits = all(size == chunk for size in sizes[:-1]) and (not sizes or 0 < sizes[-1] <= chunk)
         if not fits or meta.num_rows > _MAX_ROWS:
-            raise RecordError(f"{self.path}: its row groups do not hold {chunk} rows. {AGAIN}.")
+            raise RecordError(f"{self.path}: its row groups do not have {chunk} rows. {AGAIN}.")
         if not self._file.schema_arrow.equals(view_schema(self.columns), check_metadata=False):
-            raise RecordError(f"{self.path}: its columns are not those of its header. {AGAIN}.")
+            raise RecordError(f"{self.path}: its columns do not match its header. {AGAIN}.")
 
 
 def fault_text(path: Path, problem: RecordError) -> str:
-    """Return the problem in the message of an error about a file, without the file's name and the remedy."""
+    """Return the problem from the message of an error about a file, without file name and remedy."""
     return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Turn exceptions from reading a damaged file into an error that names it."""
+    """Convert exceptions from reading a damaged file into an error that names the file."""
     try:
         yield
     except BetterError:
         raise
     except FileNotFoundError:
-        raise RecordError(f"{path}: there is no such file. Run better materialize for the trial.") from None
-    except Exception as error:  # what native code raises about a damaged file
+        raise RecordError(f"{path}: the file does not exist. Run better materialize for the trial.") from None
+    except Exception as error:  # native code may raise anything for a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise RecordError(f"{path}: is damaged ({said}). {AGAIN}.") from error

@@ -15,8 +15,8 @@ from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE, semantics
 from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 
 FORMAT_VERSION: Literal[2] = 2
-"""Version of the columns and of the header; it moves when an older reader would misunderstand a newer file. Files of
-version 1 have no seal; better materialize draws them again."""
+"""Version of the columns and the header; it increases when an older reader would misinterpret a newer file. Files of
+version 1 have no checksum; better materialize recreates them."""
 
 _Count = Annotated[int, Field(ge=0)]
 
@@ -24,12 +24,12 @@ _Count = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class BoxedObject:
-    """An object of the scene; boxes list the objects in the order of the record's ``scene.objects``.
+    """An object of the scene. Boxes list the objects in the order of the record's ``scene.objects``.
 
     Attributes:
-        instance: Its number in the column ``instances``.
-        semantic: Number of its category in the column ``semantics``.
-        half_size_m: Half extents of its 3-D box along the axes of its own frame [m].
+        instance: Instance id in the column ``instances``.
+        semantic: Semantic id of its category in the column ``semantics``.
+        half_size_m: Half extents of its 3-D box in the object frame [m].
     """
 
     name: str
@@ -48,10 +48,10 @@ class ViewHeader:
         record_sha256: SHA-256 of the file of the record.
         quality: Render preset of the colors.
         modalities: Modalities of the file, in the order of its columns.
-        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the middle of the image:
-            K = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
-        stage: Instance ids of everything that is not an object.
-        renderer: Fingerprint of OpenGL and of the simulator, on which pixels depend.
+        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the center of the image: K
+            = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
+        stage: Instance ids of the robot and the stage.
+        renderer: Fingerprint of OpenGL and the simulator, on which pixels depend.
     """
 
     task: str
@@ -71,9 +71,11 @@ class ViewHeader:
     format_version: Literal[2] = FORMAT_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse modalities that stand twice or in another order."""
+        """Raise InvalidInputError for repeated or misordered modalities."""
         if list(self.modalities) != [name for name in MODALITIES if name in self.modalities] or not self.modalities:
-            raise InvalidInputError("modalities", "are none, or not in their order", "Materialize the trial again")
+            raise InvalidInputError(
+                "modalities", "are missing, repeated or in the wrong order", "Materialize the trial again"
+            )
 
     @property
     def semantics(self) -> list[int]:
@@ -90,5 +92,5 @@ def stage_ids() -> dict[str, int]:
 
 
 def instance_of_object(index: int) -> int:
-    """Return the instance id of an object by its place in the record's ``scene.objects``."""
+    """Return the instance id of an object from its index in the record's ``scene.objects``."""
     return FIRST_OBJECT + index

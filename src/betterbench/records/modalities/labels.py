@@ -10,16 +10,16 @@ from importlib import resources
 from betterbench.errors import InvalidInputError
 
 NOTHING = 0
-"""Instance and semantic id where an image shows no body: the sky."""
+"""Instance and semantic id of pixels without a body: the sky."""
 
 STAGE = ("floor", "table", "pedestal", "arm", "hand", "left_finger", "right_finger", "other")
-"""Parts of a scene that are not objects, in the order of their instance ids from 1 on; "other" is all the rest."""
+"""Parts of a scene that are not objects, in the order of their instance ids from 1; "other" is everything else."""
 
 FIRST_OBJECT = 10
-"""Instance id of the first object of a scene; the others follow in the order of the record's ``scene.objects``."""
+"""Instance id of the first object of a scene; the others follow in the order of ``scene.objects``."""
 
 FIRST_OWN = 1024
-"""First semantic id of categories that do not come with betterbench; theirs follow from their names."""
+"""First semantic id of user-defined categories, whose ids are computed from their names."""
 
 _LAST = 0xFFFF
 
@@ -34,9 +34,9 @@ SEMANTIC_IDS: dict[str, int] = _known()
 
 
 def semantic_id(category: str) -> int:
-    """Return the semantic id of a category: 1 to 1023 from the list, and from its name for one of your own.
+    """Return the semantic id of a category: 1 to 1023 from the list, or computed from the name of a user-defined one.
 
-    The latter is 1024 plus the first four bytes of the name's SHA-256, as a big-endian number, modulo 64512.
+    A computed id is 1024 plus the first four bytes of the name's SHA-256, as a big-endian number, modulo 64512.
     """
     known = SEMANTIC_IDS.get(category)
     if known is not None:
@@ -48,8 +48,8 @@ def semantic_id(category: str) -> int:
 def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
     """Return the semantic ids of the list and of further categories, in the order of the ids.
 
-    Raises InvalidInputError if two categories have the same id, which happens to two of your own with odds of 1 in
-    64512.
+    Raises:
+        InvalidInputError: If two categories have the same id, which has odds of 1 in 64512 for two user-defined ones.
     """
     names: dict[int, str] = {}
     for category in (*SEMANTIC_IDS, *categories):
@@ -61,6 +61,6 @@ def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
 
 
 def semantics_of_instances(categories: Sequence[str]) -> list[int]:
-    """Return the semantic id by instance id, for a scene whose objects have these categories, in their order."""
+    """Return the semantic id by instance id for a scene with objects of these categories, in order."""
     stage = [NOTHING, *(semantic_id(name) for name in STAGE)]
     return [*stage, *[NOTHING] * (FIRST_OBJECT - len(stage)), *(semantic_id(name) for name in categories)]

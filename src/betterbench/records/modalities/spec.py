@@ -31,11 +31,12 @@ _Side = Annotated[int, Field(ge=1, le=MAX_SIDE_PX)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PlacedCamera:
-    """A camera of your own that stands in the world.
+    """A user-defined camera at a fixed position in the world.
 
     Attributes:
-        position: Its position, world frame [m].
-        target: Point that it looks at, world frame [m]; world up is up in the image, +x if it looks straight down.
+        position: Position in the world frame [m].
+        target: Point that the camera looks at, in the world frame [m]. World up is up in the image; if the camera looks
+            straight down, +x is.
         fovy_deg: Vertical field of view [degree].
     """
 
@@ -44,9 +45,11 @@ class PlacedCamera:
     fovy_deg: float
 
     def __post_init__(self) -> None:
-        """Refuse a camera that looks nowhere."""
+        """Raise InvalidInputError for a camera without a direction or with an invalid field of view."""
         if not all(map(math.isfinite, (*self.position, *self.target))) or distance(self.position, self.target) < 1e-6:
-            raise InvalidInputError("camera", "looks nowhere", "Give a position and another point to look at")
+            raise InvalidInputError(
+                "camera", "has its target at its position", "Give a position and another point to look at"
+            )
         if not 1.0 <= self.fovy_deg <= 170.0:
             raise InvalidInputError("camera", f"has a field of view of {self.fovy_deg:g} degrees", "Give 1 to 170")
 
@@ -54,7 +57,7 @@ class PlacedCamera:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewSpec:
-    """A view: the name of a camera of the scene, or of one of your own, and the size of its images [pixel]."""
+    """A view: the name of a camera of the scene, or a user-defined camera, and the size of its images [pixel]."""
 
     camera: str
     width: _Side = 256
@@ -62,7 +65,7 @@ class ViewSpec:
     placed: PlacedCamera | None = None
 
     def __post_init__(self) -> None:
-        """Refuse names that cannot be those of files, and sizes out of range."""
+        """Raise InvalidInputError for an invalid file name or size."""
         if not _NAME.fullmatch(self.camera):
             raise InvalidInputError("camera", f"{self.camera!r} cannot be the name of a file", "Use letters and digits")
         if not (1 <= self.width <= MAX_SIDE_PX and 1 <= self.height <= MAX_SIDE_PX):
@@ -71,12 +74,12 @@ class ViewSpec:
 
     @property
     def name(self) -> str:
-        """Name of its files: camera and size ("front_256x256")."""
+        """File name of the view: camera and size ("front_256x256")."""
         return f"{self.camera}_{self.width}x{self.height}"
 
     @property
     def text(self) -> str:
-        """The text of the command line that means this view."""
+        """Command-line text of the view."""
         place = ""
         if self.placed is not None:
             at, to = (",".join(map(repr, point)) for point in (self.placed.position, self.placed.target))
@@ -85,12 +88,14 @@ class ViewSpec:
 
     @classmethod
     def parse(cls, text: str) -> ViewSpec:
-        """Return the view that a text of the command line means.
+        """Return the view for a command-line text.
 
-        It is the name of a camera with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a camera of
-        your own: name, position, target and vertical field of view in degrees ("top=0.45,0,1.4/0.45,0,0/45:256x256").
+        The text is the name of a camera with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a
+        user-defined camera: name, position, target and vertical field of view in degrees
+        ("top=0.45,0,1.4/0.45,0,0/45:256x256").
 
-        Raises InvalidInputError if it means none.
+        Raises:
+            InvalidInputError: If the text is malformed.
         """
         name, _, size = text.partition(":")
         name, _, place = name.partition("=")
@@ -102,7 +107,7 @@ class ViewSpec:
                 at, to, fovy = place.split("/")
                 placed = PlacedCamera(_vector(at), _vector(to), float(fovy))
         except ValueError:
-            raise InvalidInputError("--camera", f"{text!r} is no view", f"Give {_FORMS}") from None
+            raise InvalidInputError("--camera", f"{text!r} is not a view", f"Give {_FORMS}") from None
         return cls(name, width, height, placed)
 
 
@@ -112,9 +117,10 @@ def _vector(text: str) -> Vector:
 
 
 def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
-    """Return modalities by name, in the order of their columns, all if none is named.
+    """Return modalities by name, in the order of their columns; all if none is named.
 
-    Raises InvalidInputError about an unknown one.
+    Raises:
+        InvalidInputError: If a name is unknown.
     """
     unknown = [name for name in names if name not in MODALITIES]
     if unknown:
@@ -123,7 +129,7 @@ def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
 
 
 def require_views(views: Sequence[ViewSpec]) -> None:
-    """Raise InvalidInputError unless there is a view, and no two have the same name."""
+    """Raise InvalidInputError if there are no views or two have the same name."""
     names = [view.name for view in views]
     twice = sorted({name for name in names if names.count(name) > 1})
     if not views or twice:

@@ -1,1 +1,1 @@
-"""Figures of a report: charts, films, films' images and the player of a trial."""
+"""Figures of a report: charts, films, images of films and the player of a trial."""

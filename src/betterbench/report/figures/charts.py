@@ -16,12 +16,11 @@ from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.tasks.labels import Kind
 
 MODES_SHOWN = 6
-"""Failure modes that the chart shows per policy; the CSV file of the trials has them all."""
+"""Number of failure modes that the chart shows per policy; the CSV file of the trials has all of them."""
 
 HOLM_NOTE = (
-    " Where an interval leaves out zero and p is large all the same, they answer two questions: the interval is about "
-    "this row alone, and p is multiplied for the number of axes that were looked at (Holm) and exact for few pairs. "
-    "Call only what passes p shown."
+    " If an interval excludes zero although p is large, the two answer different questions: the interval is for this "
+    "row only, while p is exact for few pairs and corrected for the number of axes (Holm). Only a small p shows a gap."
 )
 """Note of the chart of gaps for rows where an interval and its p-value seem to contradict each other."""
 
@@ -32,13 +31,13 @@ Keep = Callable[[TrialDiagnosis], bool]
 
 
 def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
-    """Return every chart that the runs can fill."""
+    """Return every chart for which the runs have data."""
     made = (axes_chart, outcomes_chart, gap_chart, modes_chart, grasps_chart, tasks_chart)
     return tuple(chart for chart in (make(diagnoses) for make in made) if chart.groups)
 
 
 def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the success on training twins and on variations, over all variations and per axis."""
+    """Return the chart of success on training twins and on variations, over all variations and per axis."""
     return Chart(
         "axes",
         "Success in training and under each axis of variation",
@@ -49,7 +48,7 @@ def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the success on training twins and on variations per task."""
+    """Return the chart of success on training twins and on variations, per task."""
     names = sorted({t.task for d in diagnoses for t in d.trials if t.variation is not None})
     groups = (_pairs(diagnoses, task_title(name), name) for name in names)
     return Chart(
@@ -62,7 +61,7 @@ def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the illusion gaps over all variations and per axis."""
+    """Return the chart of illusion gaps, over all variations and per axis."""
     single = len(diagnoses) == 1
     groups = []
     for scope, title in _scopes():
@@ -84,15 +83,15 @@ def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
         "gap",
         "Illusion gap",
         "Success of the training twin minus success of the variation, in percentage points, with 95 % intervals and "
-        "the exact McNemar test (Holm over the axes of a policy). Right of zero: the variation breaks what training "
-        f"success seemed to show.{HOLM_NOTE if doubtful else ''}",
+        "the exact McNemar test (Holm over the axes of a policy). Right of zero: training success overstates the "
+        f"ability.{HOLM_NOTE if doubtful else ''}",
         tuple(groups),
         Scale(low, high),
     )
 
 
 def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return how trials ended, by family: training, all variations and every axis."""
+    """Return the chart of outcomes by family: in training, over all variations and per axis."""
     scopes: list[tuple[str, Keep]] = [
         ("Training", lambda t: t.variation is None),
         ("All variations", lambda t: t.variation is not None),
@@ -118,7 +117,7 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the most frequent failure modes of the variation trials."""
+    """Return the chart of the most frequent failure modes of the variation trials."""
     groups = []
     for d in diagnoses:
         varied = [t for t in d.trials if t.variation is not None]
@@ -140,7 +139,7 @@ def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
-    """Return the distractor grasp rates: in training, over all variations and per axis."""
+    """Return the chart of distractor grasp rates: in training, over all variations and per axis."""
     single = len(diagnoses) == 1
     groups = []
     for scope, title in (("training", "Training"), *_scopes()):
@@ -155,19 +154,19 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     return Chart(
         "grasps",
         "Distractor grasp rate",
-        "Grasp attempts at an object that was not asked for, out of grasp attempts at any object, in percent, with the "
-        "95 % interval. Air grasps are not counted. Attempts of one trial depend on each other.",
+        "Grasp attempts at an object that was not requested, out of grasp attempts at any object, in percent, with the "
+        "95 % interval. Air grasps are not counted. Attempts within a trial are not independent.",
         tuple(groups),
     )
 
 
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
-    """Return the success rate of the training twins of a scope, one per pair: what its illusion gap begins with."""
+    """Return the success rate of the training twins of a scope, one per pair: the first side of the illusion gap."""
     return Figure.of(diagnosis.metric("twin_success_rate", scope), noun="pairs")
 
 
 def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str) -> BarGroup | None:
-    """Return two bars per policy: the training twins and the variations of a scope."""
+    """Return two bars per policy for a scope: the training twins and the variations."""
     rows: list[Bar] = []
     for d in diagnoses:
         variation = Figure.of(d.metric("success_rate", scope))

@@ -1,4 +1,4 @@
-"""Charts as SVG: one description, drawn wide for a laptop and for paper, and narrow for a phone."""
+"""Charts as SVG, drawn from one description in a wide form for screens and paper and a narrow form for phones."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from betterbench.statistics import round_half_up
 from betterbench.statistics.wording import minus, p_text
 
 GRID = 0.25
-"""Distance of the grid lines of a chart, as a fraction."""
+"""Spacing of the grid lines of a chart, as a fraction."""
 
 WIDE_PX = 660
 NARROW_PX = 340
-"""Widths of the two drawings [px]; a phone of 390 px keeps its margins."""
+"""Widths of the two drawings [px]; the narrow one fits a phone of 390 px with its margins."""
 
 _CHARACTER_PX = 6.3
-"""A character of a 12 px sans serif, on the generous side, so that a text that is let in fits."""
+"""Width of a character of a 12 px sans serif, rounded up so that a text that is fitted never overflows."""
 
 _LEAST_NAME_PX, _MOST_NAME_PX, _LEAST_BAR_PX = 80.0, 210.0, 150.0
-"""Bounds of the room for names, and the least length of the scale, in a wide drawing [px]."""
+"""Limits of the width for names, and the minimum length of the scale, in a wide drawing [px]."""
 
 PATTERNS: dict[str, str] = {
     "right": "",
@@ -32,7 +32,7 @@ PATTERNS: dict[str, str] = {
     "system": '<circle cx="2" cy="2" r="0.9" class="dots"/>',
     "unfinished": "",
 }
-"""Pattern (SVG) over the color of each family, so that families differ in a gray print and to a color-blind reader."""
+"""SVG pattern over the color of each family, so that families differ in a gray print and for color-blind readers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Bar:
 
     Attributes:
         name: Text on the left ("training", or a policy).
-        figure: The number; a missing one leaves the row empty and says so.
+        figure: The number; without one, the row shows a note instead of a bar.
         style: Class of the bar: "training", "variation", "reasoning", "execution", "system"; "dot" draws a point.
     """
 
@@ -81,7 +81,7 @@ class BarGroup:
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """One row of a stacked chart: how many trials of ``n`` ended in each family."""
+    """One row of a stacked chart: the number of trials, out of ``n``, that ended in each family."""
 
     name: str
     counts: tuple[tuple[str, int], ...]
@@ -102,7 +102,7 @@ class StackGroup:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart on the page and beside it.
+    """A chart on the page and in a file of its own.
 
     Attributes:
         name: File name without its ending.
@@ -119,10 +119,10 @@ class Chart:
 
 
 def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str:
-    """Return a chart as one SVG element, in which every text is escaped.
+    """Return a chart as one SVG element with all texts escaped.
 
-    If ``narrow``, labels stand above the bars, for a phone. A file carries its ``style`` sheet along with a white
-    ground; the page has its own style sheet.
+    If ``narrow``, labels are above the bars, for a phone. A file includes a ``style`` sheet and a white background; the
+    page has its own style sheet.
     """
     width = NARROW_PX if narrow else WIDE_PX
     name = f"{chart.name}-{'narrow' if narrow else 'wide'}{'' if style is None else '-file'}"
@@ -145,14 +145,14 @@ def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str
 
 
 def file_style(figure_css: str, page_css: str) -> str:
-    """Return the style sheet of a chart's file: the page's light colors written out, for viewers without variables."""
+    """Return the style sheet of a chart's file: the page's light colors without CSS variables."""
     light = dict(re.findall(r"--([\w-]+): light-dark\(([^,]+),", page_css))
     plain = re.sub(r"var\(--([\w-]+)\)", lambda found: light.get(found[1], "#000"), figure_css)
     return plain + "text{font-family:Helvetica,Arial,sans-serif}.ground{fill:#fff}"
 
 
 def reading(figure: Figure) -> str:
-    """Return a number with its count and interval for the margin of a chart ("62 % · 149/240 · 56 to 68")."""
+    """Return a number with its count and interval, for the margin of a chart ("62 % · 149/240 · 56 to 68")."""
     if figure.missing:
         return figure.count() or "not measured"
     number = figure.number() if figure.difference else figure.with_unit()
@@ -161,7 +161,7 @@ def reading(figure: Figure) -> str:
 
 
 def fitted(text: str, width_px: float) -> str:
-    """Return a text that fits into a width, cut with an ellipsis if need be."""
+    """Return a text cut to a width, with an ellipsis if necessary."""
     most = max(1, int(width_px / _CHARACTER_PX))
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
@@ -171,7 +171,7 @@ def _tick(value: float) -> str:
 
 
 def _patterns(name: str) -> str:
-    """Return the pattern definitions; identifiers carry the drawing's name, since a page holds several drawings."""
+    """Return the pattern definitions; identifiers include the drawing's name, because a page has several drawings."""
     made = (
         f'<pattern id="{name}-{family}" width="6" height="6" patternUnits="userSpaceOnUse">{marks}</pattern>'
         for family, marks in PATTERNS.items()
@@ -181,7 +181,7 @@ def _patterns(name: str) -> str:
 
 
 def _margins(chart: Chart) -> tuple[float, float]:
-    """Return where the bars of a wide drawing begin and end, so that names and readings beside them fit."""
+    """Return the left and right end of the bars of a wide drawing, leaving room for names and readings."""
     rows = [row for group in chart.groups for row in group.rows]
     name = max((len(row.name) for row in rows), default=0) * _CHARACTER_PX + 10
     words = max((len(reading(row.figure)) for row in rows if isinstance(row, Bar)), default=0) * _CHARACTER_PX + 14
@@ -202,19 +202,19 @@ class _Pen:
         self.marks: list[str] = []
 
     def text(self, x: float, y: float, text: str, style: str = "", full: str = "") -> None:
-        """Write a text; ``full`` is shown on hovering where the text was cut."""
+        """Write a text; if it was cut, ``full`` is shown on hovering."""
         hint = f"<title>{markup_text(full)}</title>" if full and full != text else ""
         self.marks.append(f'<text x="{x:.1f}" y="{y:.1f}" class="{style}">{markup_text(text)}{hint}</text>')
 
     def box(self, x: float, width: float, height: float, style: str) -> None:
-        """Draw a bar at the present height, with its family's pattern over it."""
+        """Draw a bar at the current height, with its family's pattern over it."""
         at = f'x="{x:.1f}" y="{self.y:.1f}" width="{max(width, 0.0):.1f}" height="{height:.1f}"'
         self.marks.append(f'<rect {at} class="box {style}"/>')
         if PATTERNS.get(style):
             self.marks.append(f'<rect {at} fill="url(#{self.name}-{style})"/>')
 
     def key(self, entries: Sequence[tuple[str, str]]) -> None:
-        """Draw the legend, in as many lines as it needs."""
+        """Draw the legend, on as many lines as necessary."""
         if not entries:
             return
         x = self.left
@@ -250,7 +250,7 @@ class _Pen:
             self.y += 5
 
     def _tick(self, scale: Scale, value: float) -> None:
-        """Write a value of the scale; where the drawing ends with the scale, the words end there too."""
+        """Write a value of the scale, right-aligned at the end of the drawing."""
         x, text = self._x(scale, value), _tick(value)
         half = len(text) * _CHARACTER_PX / 2
         side = " begin" if x < half else " end" if x + half > self.width else ""

@@ -1,4 +1,4 @@
-"""Films: a few frames of a trial and of its training twin, rendered elsewhere and shown beside the evidence."""
+"""Films: a few frames of a trial and of its training twin, rendered elsewhere and shown next to the evidence."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from betterbench.errors import InvalidInputError
 from betterbench.tasks.labels import Kind
 
 LEAD_S = 1.0
-"""A frame this long before the evidence shows the reach, and one as long after a shorter one what came of it [s]; a
-reach over the table takes one to two seconds, and a grasp a fifth of one."""
+"""Time from the evidence to the frame before it, and to a frame after short evidence [s]. A reach over the table takes
+one to two seconds, a grasp a fifth of a second."""
 
 ACTS = ("attempt", "evidence", "same step")
-"""Captions of the frame that a film is about; "same step" is what a twin does where it is no grasp."""
+"""Captions of the main frame of a film; "same step" is for a twin's frame that is not a grasp."""
 
 _SIGNATURES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PNG\r\n\x1a\n": "image/png"}
 _KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2, Kind.UNFINISHED: 4}
@@ -30,7 +30,7 @@ def film_key(policy: str, trial: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of a film: simulated time [s], a JPEG or PNG file, and a few words or nothing."""
+    """One image of a film: simulated time [s], a JPEG or PNG file, and an optional caption."""
 
     time_s: float
     image: bytes
@@ -40,7 +40,7 @@ class Frame:
         if not any(self.image.startswith(signature) for signature in _SIGNATURES):
             raise InvalidInputError("image", "neither a JPEG nor a PNG file", "Encode the frame as JPEG or PNG")
         if not (math.isfinite(self.time_s) and self.time_s >= 0.0):
-            raise InvalidInputError("time_s", f"{self.time_s!r} is no time of an episode", "Give seconds from 0 on")
+            raise InvalidInputError("time_s", f"{self.time_s!r} is not a time of an episode", "Give a time ≥ 0 s")
 
     @property
     def media_type(self) -> str:
@@ -52,8 +52,8 @@ class Frame:
 class Film:
     """The frames of a trial ("fast_food/T1/3"), and those of its counterfactual twin.
 
-    ``evidence_s`` is the beginning and end of the span that shows the evidence [s]; frames inside it are marked.
-    ``clip`` is a film of both side by side (H.264 in MP4), for browsers that play it; the frames are for the others.
+    ``evidence_s`` is the beginning and end of the evidence [s]; frames inside this span are marked. ``clip`` is a film
+    of both episodes side by side (H.264 in MP4); browsers that cannot play it show the frames.
     """
 
     policy: str
@@ -74,7 +74,7 @@ class Film:
 class Showing:
     """A trial to be shown as a film, with the times to render [s], strictly increasing, and their captions.
 
-    ``twin`` is None if the run has no record of it; ``evidence_s`` is the span that shows the evidence [s].
+    ``twin`` is None if the run has no record of the twin; ``evidence_s`` is the span of the evidence [s].
     """
 
     policy: str
@@ -93,15 +93,15 @@ class Showing:
 
 
 def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool = False) -> list[Showing]:
-    """Return at most ``limit`` representative trials with the moments to render, the most telling first.
+    """Return at most ``limit`` representative trials with the times to render, the most informative first.
 
-    Every kind of failure of every variation is shown before any is shown twice. Each pair of variation and label gives
-    the trial whose evidence comes at the median time, preferably one whose twin succeeded; with ``repeats`` its other
-    trials follow after one of every pair. Reasoning failures come first, then execution failures, then solved trials;
-    within these the commonest pairs. Trials without a record cannot be shown.
+    Every kind of failure of every variation is shown before any is shown twice. Each pair of variation and label is
+    represented by the trial whose evidence is at the median time, preferably one whose twin succeeded. With
+    ``repeats``, the other trials of the pairs follow. Reasoning failures come first, then execution failures, then
+    solved trials; within each group, the most frequent pairs come first. Trials without a record are left out.
     """
     if limit < 0:
-        raise InvalidInputError("limit", f"{limit} is not a number of trials", "Give 0 or more")
+        raise InvalidInputError("limit", f"{limit} is not a valid number of trials", "Give 0 or more")
     by_key = {trial.key: trial for trial in diagnosis.trials if trial.record is not None}
     groups: dict[tuple[str, str, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in by_key.values():
@@ -115,12 +115,12 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
 
 
 def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
-    """Return every failed variation trial with a record, whose start image with the path is worth a look."""
+    """Return every failed variation trial with a record, for start images with the path."""
     return [t for t in diagnosis.trials if t.variation is not None and not t.success and t.record is not None]
 
 
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
-    """Return trials, those with the best twin first; of these, the one with the median time of evidence first."""
+    """Return trials ordered by representativeness: best twin first, then evidence closest to the median time."""
 
     def twin_rank(trial: TrialDiagnosis) -> int:
         twin = by_key.get(trial.twin_key or "")
@@ -133,7 +133,7 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the moments of a trial about its evidence, and of its twin about the same step."""
+    """Return the times to show of a trial around its evidence, and of its twin around the same step."""
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     grasps = trial.kind is not Kind.NONE and any(attempt.start_s == start for attempt in trial.attempts)
     moments = _moments(start, end, trial.duration_s, "attempt" if grasps else "evidence")
@@ -154,10 +154,10 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 
 
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
-    """Return the span of a twin that answers to the evidence of a trial, its duration, and the caption.
+    """Return the span of a twin that corresponds to the evidence of a trial, its duration, and the caption.
 
-    It shows the same object if the twin grasps the one that was rightly attempted; otherwise the grasp of the same
-    number, counted in attempted objects.
+    It is the twin's grasp of the object that the trial should have attempted, if there is one. Otherwise it is the
+    grasp with the same number, counted in attempted objects.
     """
     if not twin.attempts:
         return twin.evidence.start_s, max(twin.evidence.start_s, twin.evidence.end_s), twin.duration_s, "evidence"
@@ -187,7 +187,7 @@ def _first_grasps(attempts: Iterable[Attempt]) -> dict[str, Attempt]:
 
 
 def _moments(start_s: float, end_s: float, duration_s: float, what: str) -> dict[float, str]:
-    """Return up to five moments with their captions; moments that fall together give one frame."""
+    """Return up to five times with their captions; equal times share a frame."""
     wanted: Iterable[tuple[float, str]] = (
         (start_s, what),
         (0.0, "start"),

@@ -11,7 +11,7 @@ from betterbench.report.figures.film import Film
 
 @dataclass(frozen=True, slots=True)
 class Thumbnails:
-    """The scene of a variation at reset (JPEG), and that of its training twin or None where the run has none."""
+    """The scene of a variation at reset (JPEG), and that of its training twin, or None if the run has none."""
 
     test: bytes
     training: bytes | None = None
@@ -19,13 +19,13 @@ class Thumbnails:
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """Images and commands by name; missing ones are left out on the page.
+    """Images and commands by name; the page omits missing ones.
 
     Attributes:
         films: Films by :func:`~betterbench.report.figures.film.film_key`.
         paths: Start images with the path of the end effector (JPEG), by the same keys.
         thumbnails: Scenes by variation ("fast_food/T1").
-        folders: Folder of the run by policy, as it was given, for commands.
+        folders: Folder of the run by policy, as given by the caller, for commands.
         options: Further options of these commands (" --task-file mine.py").
     """
 
@@ -41,10 +41,10 @@ class Media:
         return f"{start}{record} --twin{self.options}" if start and record is not None else ""
 
     def replay_start(self, policy: str) -> str:
-        """Return the beginning of every command that replays a trial of a policy; empty where its folder is unknown."""
+        """Return the beginning of commands that replay trials of a policy; empty if its folder is unknown."""
         folder = self.folders.get(policy)
         return "" if folder is None else f"better replay {shell_word(folder.rstrip('/') + '/')}"
 
 
 NO_MEDIA = Media()
-"""A report without images."""
+"""Media of a report without images."""

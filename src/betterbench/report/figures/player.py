@@ -1,4 +1,4 @@
-"""The player: one trial on one page, with film, masks, boxes, subgoals and contacts on one time line."""
+"""The player: a page for one trial with film, masks, boxes, subgoals and contacts on one timeline."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from betterbench.report.html import asset, environment, write
 
 _HEAD_BYTES = 1 << 18
 _MARKS = (b'<main class="player">', b'<script type="application/json" id="data">')
-"""Marks by which a page of the player is recognized, near its beginning and after the style."""
+"""Marks that identify a page of the player, near its beginning and after the style."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlayedView:
     """View of a camera: per frame an image (JPEG), a mask (PNG, transparent outside objects) and boxes.
 
-    A box is the number of its object in :attr:`PlayedTrial.objects`, its left, top, right and bottom edge [pixel], and
-    the fraction of the object that is seen.
+    A box consists of the number of its object in :attr:`PlayedTrial.objects`, its left, top, right and bottom edge
+    [pixel], and the visible fraction of the object.
     """
 
     name: str
@@ -39,7 +39,7 @@ class PlayedView:
 
 @dataclass(frozen=True, slots=True)
 class PlayedLane:
-    """Row of a timeline: spans of frames, the last frame included, each with its text."""
+    """Row of a timeline: spans of frames, including the last one, each with a text."""
 
     kind: str
     name: str
@@ -48,7 +48,7 @@ class PlayedLane:
 
 @dataclass(frozen=True, slots=True)
 class PlayedTrial:
-    """A trial to play.
+    """Content of the player for one trial.
 
     Attributes:
         heading: Name of the trial ("fast_food/T1/3").
@@ -68,9 +68,10 @@ class PlayedTrial:
 
 
 def write_player(trial: PlayedTrial, path: Path) -> Path:
-    """Write the page of a trial, which needs no other file and no network, and return its path.
+    """Write the self-contained page of a trial, which works offline, and return its path.
 
-    Raises InvalidInputError if the views have other numbers of frames than there are times.
+    Raises:
+        InvalidInputError: If a view does not have one frame per time.
     """
     frames = len(trial.times_s)
     for view in trial.views:
@@ -92,14 +93,14 @@ def write_player(trial: PlayedTrial, path: Path) -> Path:
 
 
 def is_player(path: Path) -> bool:
-    """Tell whether a file is a page that :func:`write_player` wrote, by this version or another one."""
+    """Return whether a file is a page written by :func:`write_player` of any version."""
     with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"<!doctype html>") and all(mark in head for mark in _MARKS)
 
 
 def _data(trial: PlayedTrial) -> str:
-    """Return what the script shows as JSON that may stand in a script element."""
+    """Return the data of the script as JSON, escaped for a script element."""
     form = {
         "times": [round(time_s, 4) for time_s in trial.times_s],
         "objects": [{"name": name, "color": list(color)} for name, color in trial.objects],

@@ -1,4 +1,4 @@
-"""Page of a calibration: the confusion matrix as image and table, every mistake, and results of blind policies."""
+"""Page of a calibration: the confusion matrix as image and table, every mistake, and the results of blind policies."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def write_calibration_page(
 ) -> Path:
     """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path.
 
-    With a power matrix the page also shows which variations can be solved blind; ``strips`` are film strips (JPEG) of
-    trials with a wrong label, by policy and trial.
+    With a power matrix, the page also shows which variations can be solved without vision or instruction; ``strips``
+    are film strips (JPEG) of trials with a wrong label, by policy and trial.
     """
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")
@@ -58,7 +58,7 @@ def write_calibration_page(
 
 
 def confusion_figure(calibration: Calibration) -> Figure:
-    """Return the confusion matrix: a row per true label, shares of the row as shade, counts as numbers."""
+    """Return the confusion matrix: one row per true label, shading by share of the row, counts as numbers."""
     import matplotlib as mpl  # noqa: PLC0415 - takes 0.4 s, which a diagnosis in the terminal does not need
     from matplotlib.figure import Figure  # noqa: PLC0415
 
@@ -91,7 +91,7 @@ def confusion_figure(calibration: Calibration) -> Figure:
         axes.set_xlabel("label given by the diagnosis")
         axes.set_ylabel("true label")
         for before, after, at in zip(labels, labels[1:], range(n), strict=False):
-            if before.kind is not after.kind:  # a line between right, reasoning, execution and system
+            if before.kind is not after.kind:  # a line between the kinds
                 axes.axhline(at + 0.5, color="#777777", linewidth=0.8)
                 axes.axvline(at + 0.5, color="#777777", linewidth=0.8)
         axes.set_title(f"{calibration.overall.k} of {calibration.overall.n} trials get their true label", loc="left")
@@ -102,7 +102,7 @@ def confusion_figure(calibration: Calibration) -> Figure:
 
 
 def calibration_markdown(calibration: Calibration, family: str = "faulty") -> str:
-    """Return the tables of a calibration as Markdown; the policies of which family were run decides their rows."""
+    """Return the tables of a calibration as Markdown; the family of the policies decides the rows."""
     lines = [
         calibration_summary(calibration),
         "",
@@ -121,7 +121,7 @@ def calibration_markdown(calibration: Calibration, family: str = "faulty") -> st
 
 
 def rates_by_policy(calibration: Calibration, family: str) -> dict[str, Rate]:
-    """Return the right trials of each policy of the zoo, or of each habit of the independent family in any manner."""
+    """Return the correctly labeled trials per faulty policy, or per habit of the independent family."""
     rates: dict[str, Rate] = {}
     for policy, rate in calibration.policies.items():
         name = policy if family == "faulty" else policy.rpartition("-")[0]
@@ -138,8 +138,8 @@ def calibration_summary(calibration: Calibration) -> str:
         f"kind; of all trials {overall} got their true label."
     )
     crossed = (
-        f"Reasoning was called execution or the other way round in {rate_text(calibration.crossed_rate)} of those that "
-        "failed for either."
+        f"Reasoning and execution failures were confused in {rate_text(calibration.crossed_rate)} of the trials that "
+        f"failed for either reason."
     )
     sentences = [labels, crossed]
     if calibration.without_grasp.n:
@@ -147,9 +147,9 @@ def calibration_summary(calibration: Calibration) -> str:
         sentences.append(f"Where no grasp was attempted, {found} of the failed trials got their true label.")
     if calibration.accused.n:
         found = f"{calibration.accused.k} of {plural(calibration.accused.n, 'trial')}"
-        sentences.append(f"A policy without a fault was called a failure of reasoning in {found}.")
+        sentences.append(f"Trials of policies without a fault were labeled as reasoning failures in {found}.")
     if calibration.left_out:
-        sentences.append(f"{plural(calibration.left_out, 'trial')} said nothing about the habit and are left out.")
+        sentences.append(f"{plural(calibration.left_out, 'trial')} do not show the habit and are left out.")
     return " ".join(sentences)
 
 

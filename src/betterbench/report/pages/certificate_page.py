@@ -1,4 +1,4 @@
-"""The page of a certificate: one self-contained HTML file, by task and condition, with its worst margins."""
+"""Page of a certificate: one self-contained HTML file, by task and condition, with the smallest margins."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.report.html import environment, write
 
 @dataclass(frozen=True, slots=True)
 class TaskRows:
-    """The variations and the training conditions of one task as the page shows them."""
+    """The variations and training conditions of one task on the page."""
 
     task: str
     variations: tuple[Summary, ...]

@@ -1,4 +1,4 @@
-"""The trials as compact data for the page: strings once, numbers as they are, one array per trial."""
+"""The trials as compact data for the page: each string once, and one array per trial."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 
 
 class StringTable:
-    """Gives every distinct text a number, so that a page holds each text once; None is −1."""
+    """Numbering of texts, so that a page contains each text once; None is −1."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
         self._numbers: dict[str, int] = {}
 
     def __getitem__(self, text: str | None) -> int:
-        """Return the number of a text, a new one if need be."""
+        """Return the number of a text, assigning a new one if necessary."""
         if text is None:
             return -1
         text = printable(text, most=LONGEST_TEXT)
@@ -34,7 +34,7 @@ class StringTable:
 
 
 def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], media: Media = NO_MEDIA) -> dict[str, Any]:
-    """Return the data of the trial list; ``films`` numbers the films by key. page.js names the columns of a trial."""
+    """Return the data of the trial list; ``films`` maps keys to film numbers. page.js names the columns of a trial."""
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
     kinds = families_of(t for d in diagnoses for t in d.trials)
@@ -51,7 +51,7 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
 
 
 def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mapping[str, int]) -> list[Any]:
-    """Return the columns of a trial, in the order that page.js names."""
+    """Return the columns of a trial in the order of page.js."""
     evidence = trial.evidence
     attempts = [
         [_s(a.start_s), _s(a.end_s), strings[a.object], strings[a.slot], strings[a.result], int(a.secured)]
@@ -91,5 +91,5 @@ def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mappin
 
 
 def _s(value: float) -> float | None:
-    """Return a number to the millisecond, or None where it is not finite."""
+    """Return a number rounded to the millisecond, or None if it is not finite."""
     return round(value, 3) if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Abilities that passing a variation does not prove, because a policy without them passes it as well."""
+"""Abilities that passing a variation does not prove, because a policy without them also passes."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ _ABILITIES = {
     BLIND[1]: _LOOKS,
     BLIND[2]: _LOOKS,
     FLOOR[0]: "aims at anything",
-    FLOOR[1]: "would move where it should",
-    "zoo:lexical": "finds what a word names at another place than in training",
-    "zoo:layout": "chooses its first target by more than its place",
-    "zoo:color": "distinguishes what is asked for from objects of the same color",
-    "zoo:shape": "distinguishes what is asked for from objects of the same shape",
+    FLOOR[1]: "moves to the right place",
+    "zoo:lexical": "finds the object of a word at another place than in training",
+    "zoo:layout": "chooses its first target by more than its position",
+    "zoo:color": "distinguishes the requested object from objects of the same color",
+    "zoo:shape": "distinguishes the requested object from objects of the same shape",
 }
-"""Ability that each pretender lacks, and that its success therefore does not require."""
+"""Ability that each pretender lacks, so that its success does not require it."""
 _OF_LOOK_ALIKES = ("zoo:color", "zoo:shape")
-"""Pretenders that count where the objects were exchanged for others: elsewhere nothing looks alike."""
+"""Pretenders that count only if objects were exchanged for look-alikes."""
 _MOVING_BLIND = (*BLIND[1:], FLOOR[0])
 
 
 def passing_pretenders(matrix: PowerMatrix, key: Key) -> tuple[str, ...]:
-    """Return the pretenders that pass a variation: in more than half of its trials, or a quarter without looking."""
+    """Return the pretenders that pass a variation: in over half of its trials, or in a quarter if they move blindly."""
     perturbed = get_task(key[0]).variation(key[1]).axis is Axis.ADVERSARIAL_OBJECT_PERTURBATION
     found = []
     for name in _ABILITIES:
@@ -38,12 +38,12 @@ def passing_pretenders(matrix: PowerMatrix, key: Key) -> tuple[str, ...]:
 
 
 def not_shown(matrix: PowerMatrix, key: Key) -> str:
-    """Return one sentence that says what passing a variation does not show, from the trials that were measured."""
+    """Return a sentence on the abilities that passing a variation does not show, from the measured trials."""
     if all(matrix.cell(name, key) is None for name in _ABILITIES):
-        return "Nothing was measured that could say what a pass shows."
+        return "The power of this variation was not measured."
     passing = passing_pretenders(matrix, key)
     if not passing:
-        return "None of the policies that the variation is measured with passes it without what it tests."
+        return "No measured policy passes this variation without the tested ability."
     abilities = {_ABILITIES[name]: [n for n in passing if _ABILITIES[n] == _ABILITIES[name]] for name in passing}
     parts = [f"that a policy {ability} ({_counts(matrix, key, names)})" for ability, names in abilities.items()]
     return f"A pass does not show {' or '.join(parts)}."

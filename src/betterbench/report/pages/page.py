@@ -1,4 +1,4 @@
-"""The page: one self-contained HTML file that opens offline, with its tables beside it and inside it."""
+"""The report page: one self-contained HTML file that opens offline, with its tables inside it and next to it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from betterbench.tasks.labels import Kind
 from betterbench.vqa.knowing import Knowledge
 
 STRIP_FRAMES = 3
-"""Frames of the strip on the first screen: the reach, the moment of the evidence and its outcome, in turn."""
+"""Number of frames of the strip on the first screen: the reach, the evidence and its outcome, in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class ShownChart:
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """Remark on a run that is in progress or stopped: a sentence, and the number of missing trials per condition."""
+    """Note on a run that is in progress or stopped: a sentence, and the number of missing trials per condition."""
 
     text: str
     left: tuple[tuple[str, int], ...]
@@ -84,7 +84,7 @@ class Unfinished:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A film on the first screen: the frames around its evidence, those of its twin, and one of each with a name."""
+    """A film on the first screen: the frames around its evidence, those of the twin, and one labeled frame of each."""
 
     shown: ShownFilm
     frames: tuple[Frame, ...]
@@ -93,7 +93,7 @@ class Opening:
 
 
 def is_report(out: Path) -> bool:
-    """Tell whether a folder holds a report: a page with our title, and the tables beside it."""
+    """Return whether a folder contains a report: a page with the title of betterbench, and its tables."""
     try:
         with open_ordinary(out / "index.html") as file:
             head = file.read(_HEAD_BYTES)
@@ -115,20 +115,20 @@ def write_report(
 ) -> Path:
     """Write the report of one policy, or of several side by side, and return the path of ``index.html``.
 
-    The page needs no network and no other file. The same tables are written beside it as ``tables/NAME.csv`` and, if
-    wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
-    ``films`` are those of ``media`` if not given; ``machine`` and ``trust`` are texts by name
-    ("processor", "Calibration"). ``knowledge`` is what models know of what these policies do.
+    The page needs no network and no other file. The same tables are written next to it as ``tables/NAME.csv`` and
+    optionally ``tables/NAME.tex``, and the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
+    ``films`` defaults to the films of ``media``. ``machine`` and ``trust`` are texts by name ("processor",
+    "Calibration"). ``knowledge`` contains answers of models to questions on the same trials.
 
     Raises:
-        InvalidInputError: If there is no diagnosis, two have the same policy, or a film belongs to no trial.
+        InvalidInputError: If no diagnosis is given, two have the same policy, or a film does not belong to a trial.
     """
     names = [diagnosis.policy for diagnosis in diagnoses]
     if not diagnoses:
         raise InvalidInputError("diagnoses", "no run to report", "Give the diagnosis of at least one run")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        problem = f"policy {twice[0]!r} comes twice"
+        problem = f"policy {twice[0]!r} occurs twice"
         raise InvalidInputError("diagnoses", problem, "Give each run's diagnosis its own policy name")
     shown = _shown_films(diagnoses, media.films if films is None else films)
     tables = (coffee_table(diagnoses), composition_table(diagnoses))
@@ -160,7 +160,7 @@ def render_page(
     trust: Mapping[str, str] | None = None,
     knowledge: Sequence[Knowledge] = (),
 ) -> str:
-    """Return the page as HTML, with the tables to offer for download, in LaTeX too where ``latex`` is set."""
+    """Return the page as HTML, with tables to download, including LaTeX if ``latex`` is set."""
     pages = environment()
     pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural)
     pages.filters.update(group=_grouped, along=_along, unbroken=_unbroken)
@@ -211,13 +211,13 @@ def render_page(
 
 
 def _pretenders(diagnoses: Sequence[RunDiagnosis]) -> dict[str, object]:
-    """Return the pretenders of each policy of ours, and the tables of them all."""
+    """Return the comparison of each policy with the pretenders, and tables for all policies."""
     views = pretender_views([d for d in diagnoses if not is_abroad(d)])
     return {"pretenders": views, "pretender_tables": score_tables(views)}
 
 
 def _style_and_script() -> dict[str, str]:
-    """Return the page's own style and script, and the digest by which the page allows the script."""
+    """Return the page's style and script, and the script digest for the page's security policy."""
     script = asset("page.js")
     return {
         "style": Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
@@ -227,9 +227,9 @@ def _style_and_script() -> dict[str, str]:
 
 
 def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
-    """Return the diagnostic matrices that the runs fill, the short ones first, and a sentence about each other one.
+    """Return the diagnostic matrices that the runs fill, the short horizon first, and a sentence on each empty one.
 
-    They are about tasks of ours: runs in LIBERO alone have none.
+    Runs in LIBERO have no matrices, because the matrices are about betterbench's own tasks.
     """
     if all(map(is_abroad, diagnoses)):
         return [], []
@@ -242,7 +242,7 @@ def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str
     unfilled = []
     for title, policies in empty.items():
         whose = "" if len(policies) == len(diagnoses) else f" of {listed(policies)}"
-        unfilled.append(f"{title}: no trial{whose} fills a cell.")
+        unfilled.append(f"{title}: no trial{whose} belongs to a cell.")
     return [matrix for matrix in every if matrix.measured], unfilled
 
 
@@ -302,12 +302,12 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
 
 
 def _training_title(headlines: Sequence[Headline]) -> str:
-    """Return the name of the success rate on training conditions beside the gaps."""
+    """Return the name of the success rate on training conditions next to the gaps."""
     return "Success in all training trials" if any(h.twins_differ for h in headlines) else "Training success"
 
 
 def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headline]) -> str:
-    """Return why the trials of training are not as many everywhere, or an empty text where they are."""
+    """Return an explanation if the numbers of training trials differ within the report, else an empty text."""
     all_of, twins_of = [], []
     for diagnosis, headline in zip(diagnoses, headlines, strict=True):
         twins = twin_figure(diagnosis, "overall")
@@ -320,18 +320,18 @@ def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headli
         return ""
     return (
         f"It counts every training trial ({listed(all_of)}). Gaps, charts and tables of tasks count the training twins "
-        f"instead, one per pair ({listed(twins_of)}), which differ from the variations by nothing but the variation."
+        f"instead, one per pair ({listed(twins_of)}), which differ from the variations only by the variation itself."
     )
 
 
 def _along(figure: Figure, value: float) -> str:
-    """Return where a value lies on the strip under a number ("62.0%"): from 0 to 1, of a difference from -1 to 1."""
+    """Return the position of a value on the strip under a number ("62.0%"); a difference spans -1 to 1."""
     low = -1.0 if figure.difference else 0.0
     return f"{100 * (min(max(value, low), 1.0) - low) / (1.0 - low):.1f}%"
 
 
 def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:
-    """Return the frame nearest to a moment with those before and after it, in time."""
+    """Return the frame nearest to a time, with the frames before and after it, in time."""
     times = [abs(frame.time_s - time_s) for frame in frames]
     at = times.index(min(times)) if times else 0
     first = max(0, min(at - STRIP_FRAMES // 2, len(frames) - STRIP_FRAMES))
@@ -346,9 +346,9 @@ def _title(policies: Sequence[str]) -> str:
 
 
 def _extent(trials: Sequence[TrialDiagnosis], policies: int, *, pending: bool) -> str:
-    """Return a sentence about how much was run."""
+    """Return a sentence on the number of trials."""
     if not trials:
-        return "No trial is done yet." if pending else "The plan holds no trials."
+        return "No trial is done yet." if pending else "The plan contains no trials."
     variations = {(t.task, t.variation) for t in trials if t.variation is not None}
     tasks = {t.task for t in trials}
     text = f"{plural(len(trials), 'trial')} on {plural(len(tasks), 'task')} with {plural(len(variations), 'variation')}"
@@ -357,7 +357,7 @@ def _extent(trials: Sequence[TrialDiagnosis], policies: int, *, pending: bool) -
 
 
 def _unfinished(diagnosis: RunDiagnosis, *, single: bool) -> Unfinished:
-    """Return the sentence about a run in progress or stopped, and where the trials belong that have not ended."""
+    """Return the sentence on a run in progress or stopped, and the missing trials per condition."""
     stopped = [trial.key for trial in diagnosis.unfinished]
     left = Counter(key.rpartition("/")[0] for key in (*diagnosis.pending, *stopped))
     whose = "" if single else f" of {diagnosis.policy}"
@@ -365,13 +365,13 @@ def _unfinished(diagnosis: RunDiagnosis, *, single: bool) -> Unfinished:
         ended, planned = len(diagnosis.trials) - len(stopped), len(diagnosis.trials)
         text = (
             f"Unfinished: {_grouped(ended)} of {_grouped(planned)} trials{whose} have ended. The other "
-            f"{_grouped(len(stopped))} count in every rate, as no success and as no failure of any kind, and in no "
-            "pair. The same command runs them."
+            f"{_grouped(len(stopped))} count in the denominator of every rate, but not as a failure of any kind, and "
+            f"in no pair. Run the same command again to finish them."
         )
         return Unfinished(text, tuple(sorted(left.items())))
     text = (
         f"Unfinished: {_grouped(len(diagnosis.trials))} of {_grouped(diagnosis.planned)} trials{whose} were done when "
-        f"this page was written. The {_grouped(len(diagnosis.pending))} not yet run count nowhere."
+        f"this page was written. The {_grouped(len(diagnosis.pending))} not yet run are not counted."
     )
     return Unfinished(text, tuple(sorted(left.items())))
 
@@ -403,7 +403,7 @@ def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
 
 
 def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
-    """Return the reasons for which the runs are hard to compare, one sentence each."""
+    """Return reasons why the runs are hard to compare, one sentence each."""
     warnings = []
     for what, values in (
         ("versions", [d.versions for d in diagnoses]),
@@ -412,20 +412,22 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
         mixed = [setting.name for setting in _settings(values) if setting.mixed]
         if mixed:
             warnings.append(
-                f"The runs were made with different {what} ({listed(mixed[:6])}); differences between the policies "
-                "may come from there."
+                f"The runs were made with different {what} ({listed(mixed[:6])}); they may be the cause of "
+                f"differences between the policies."
             )
     plans = [{(t.task, t.variation or t.condition, t.seed) for t in d.even_trials} for d in diagnoses]
     if any(plan != plans[0] for plan in plans):
-        warnings.append("The policies did not run the same trials; compare them only where both have numbers.")
+        warnings.append(
+            "The policies did not run the same trials; compare them only on conditions with numbers for both."
+        )
     return warnings
 
 
 def _unbroken(text: str) -> str:
-    """Return a sentence in which no line ends between a number and its percent sign, or within a p-value."""
+    """Return a sentence with non-breaking spaces before percent signs and within p-values."""
     return text.replace(" %", f"{THIN}%").replace("p = ", "p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
 
 
 def _grouped(number: int) -> str:
-    """Return a count with a thin space between thousands, from five digits on or for round reading ("1 440")."""
+    """Return a count with a thin space between thousands, for five or more digits or on request ("1 440")."""
     return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")

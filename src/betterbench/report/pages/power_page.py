@@ -14,18 +14,17 @@ from betterbench.quoting import markdown_code, markdown_table, markdown_text
 from betterbench.report.html import environment, write
 from betterbench.report.pages.not_shown import not_shown
 from betterbench.statistics import percent
+from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Axis, get_task
 
 RAW, CORRECTED = "°", "*"
 """Marks of a cell above its chance: before and after the correction over all cells."""
-RAW_LEVEL = 0.05
-"""Level of the tests that are not corrected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of a page: its heading, its meaning, its columns and its rows."""
+    """A table of a page: heading, caption, columns and rows."""
 
     title: str
     caption: str
@@ -45,7 +44,7 @@ def write_power_page(matrix: PowerMatrix, out: Path) -> Path:
 
 
 def power_markdown(matrix: PowerMatrix) -> str:
-    """Return sentences and tables of a matrix as Markdown."""
+    """Return the sentences and tables of a matrix as Markdown."""
     lines = [f"- {_markdown(sentence)}" for sentence in power_sentences(matrix)]
     for table in power_tables(matrix):
         lines += ["", f"### {_markdown(table.title)}", "", _markdown(table.caption), ""]
@@ -55,27 +54,27 @@ def power_markdown(matrix: PowerMatrix) -> str:
 
 
 def _markdown(text: str) -> str:
-    """Return a text with its names, which stand between backticks, as code, and the rest as it is."""
+    """Return a text as HTML, with names between backticks as code."""
     parts = re.split("(`[^`]*`)", text)
     return "".join(markdown_code(part[1:-1]) if n % 2 else _escaped(part) for n, part in enumerate(parts))
 
 
 def _escaped(part: str) -> str:
-    """Return a part of a text, with the space at its ends kept."""
+    """Return a part of a text escaped, with its leading and trailing space."""
     inner = part.strip()
     return part.replace(inner, markdown_text(inner), 1) if inner else part
 
 
 def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
-    """Return the conclusions of a matrix about the suite, in sentences."""
+    """Return the conclusions of a matrix about the suite as sentences."""
     keys = matrix.variations
     control = [_name(key) for key in keys if matrix.control(key)]
     told = len(keys) - len(control)
     replayed = [key for key in keys if _solved(matrix.cell(BLIND[2], key))]
     all_of_them = plural(len(keys), "variation")
-    failed = f"{told} of {all_of_them} are failed by a rule that does not stop at everything new"
+    failed = f"{told} of {all_of_them} are failed by a rule, not counting the one that stops at new combinations"
     if control:
-        failed += f"; {plural(len(control), 'control cell')}, where the rules rightly succeed: {listed(control)}"
+        failed += f"; {plural(len(control), 'control cell')}, where the rules should succeed: {listed(control)}"
     blindly = (
         f"A demonstration replayed without looking solves more than {100 * REPLAY_LIMIT:.0f} % of the trials on "
         f"{len(replayed)} of {all_of_them}"
@@ -90,7 +89,7 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
 
 
 def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
-    """Return which variations can be solved blind: after the correction, and before it."""
+    """Return the variations that can be solved blind, before and after the correction."""
     said = []
     for mark, chosen in (
         (f"after Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
@@ -101,28 +100,30 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
         found = f"{plural(len(named), 'variation')} {are} solved" if named else "none is solved"
         each = listed([f"{c.task}/{c.variation} by {c.pretender} ({c.rate.k}/{c.rate.n})" for c in chosen])
         said.append(
-            f"Of the variations on which something has to be done, {found} more often than by chance by what cannot "
-            f"see, hear or aim, {mark}" + (f": {each}." if named else ".")
+            f"Of the variations on which something has to be done, {found} more often than by chance by a pretender "
+            f"without vision, instruction or aim, {mark}" + (f": {each}." if named else ".")
         )
     alone = redundant(cells)
     if alone:
-        said.append(f"Only one instruction makes sense in the scene of {listed(alone)}: it is redundant there.")
+        said.append(
+            f"Only one instruction makes sense in the scene of {listed(alone)}, so the instruction is redundant there."
+        )
     return tuple(said)
 
 
 def flagged(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells that are above their chance after the correction, the least likely first."""
+    """Return the cells above their chance level after the correction, in order of p-value."""
     return sorted((c for c in cells if c.flagged), key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
     """Return the cells that are above their chance before any correction, the least likely first."""
-    found = (c for c in cells if c.above and c.p_value < RAW_LEVEL)
+    found = (c for c in cells if c.above and c.p_value < DEFAULT_ALPHA)
     return sorted(found, key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def redundant(cells: Iterable[BlindCell]) -> list[str]:
-    """Return the variations in whose scene only one instruction makes sense."""
+    """Return the variations with a redundant instruction, because only one makes sense in the scene."""
     return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 
@@ -132,7 +133,7 @@ def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
 
 
 def blind_table(matrix: PowerMatrix) -> Table:
-    """Return the success of every blind pretender on every variation, marked if above chance (raw, corrected)."""
+    """Return the success of every blind pretender on every variation, marked if above chance."""
     names = [name for name in (*BLIND, *FLOOR) if name in matrix.cells]
     tested = {(c.pretender, (c.task, c.variation)): c for c in matrix.blind_cells()}
     rows = []
@@ -141,17 +142,20 @@ def blind_table(matrix: PowerMatrix) -> Table:
         for name in names:
             cell, test = matrix.cell(name, key), tested.get((name, key))
             mark = ""
-            if test is not None and test.above and test.p_value < RAW_LEVEL:
+            if test is not None and test.above and test.p_value < DEFAULT_ALPHA:
                 mark = CORRECTED if test.flagged else RAW
             marks.append(_count(cell) + mark)
         rows.append((_name(key), f"{100 * matrix.chances.get(key, 1.0):.0f} %", *marks))
     caption = (
-        f"Successes out of trials. {RAW} above chance at 5 % before the correction alone, {CORRECTED} also after "
-        "Holm's correction over all cells. Chance is guessing the instruction among those that make sense in the "
-        f"scene, for `{BLIND[0]}`, and {100 * REPLAY_LIMIT:.0f} % for what moves without looking."
+        f"Successes out of trials. {RAW} above chance at 5 % only before the correction, {CORRECTED} also after "
+        f"Holm's correction over all cells. For `{BLIND[0]}`, chance is guessing the instruction among those that "
+        f"make sense in the scene; for pretenders that move without looking, it is {100 * REPLAY_LIMIT:.0f} %."
     )
     return Table(
-        "What can be solved blind", caption, ("variation", "guessing", *(f"`{n}`" for n in names)), tuple(rows)
+        "Variations that can be solved blind",
+        caption,
+        ("variation", "guessing", *(f"`{n}`" for n in names)),
+        tuple(rows),
     )
 
 
@@ -166,10 +170,10 @@ def _overall(matrix: PowerMatrix) -> Table:
         trials, shared = sum(c.n for _, c in cells), sum(c.shared for _, c in cells)
         rows.append((f"`{name}`", *rates, first, str(trials), str(shared)))
     caption = (
-        "Mean success over the variations in percent, each counted once. A rule that decided like the expert in every "
-        "decision of a trial drove the same episode to the same bits: it takes the expert's outcome, and the trial is "
-        "counted as shared. Every other trial was simulated. First right: share of first grasp attempts at what was "
-        "asked for, which a policy that rightly attempts nothing has as well."
+        "Mean success over the variations in percent, each counted once. If a rule agrees with all decisions of the "
+        "expert in a trial, its episode would be identical. It then copies the expert's outcome, and the trial is "
+        "counted as shared. Every other trial was simulated. First right: share of trials with a correct first grasp "
+        "attempt, or correctly without one."
     )
     columns = ("pretender", "all", *(axis.letter for axis in Axis), "first right", "trials", "shared")
     return Table("The pretenders over the suite", caption, columns, tuple(rows))
@@ -191,10 +195,10 @@ def _ceilings(matrix: PowerMatrix) -> Table:
         rows.append((_name(key), best, remark))
     caption = (
         "The shortcut ceiling is the best success rate among the rules that a variation claims to expose, the blind "
-        "probes and the replays. A success rate proves what it has above that; where one instruction alone makes sense "
-        "in a scene, the probe without language reaches 100 % and nothing is proven about language."
+        "probes and the replays. A success rate proves an ability only above the ceiling. If only one instruction "
+        "makes sense in a scene, the probe without language reaches 100 %, and the variation does not test language."
     )
-    return Table("Shortcut ceilings", caption, ("variation", "ceiling", "labels that rules fail by"), tuple(rows))
+    return Table("Shortcut ceilings", caption, ("variation", "ceiling", "labels of failing rules"), tuple(rows))
 
 
 def _limits(matrix: PowerMatrix) -> Table:
@@ -203,7 +207,7 @@ def _limits(matrix: PowerMatrix) -> Table:
         f"A pass does not show an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
         f"trials, or more than {100 * REPLAY_LIMIT:.0f} % where the policy moves without looking."
     )
-    return Table("What a pass does not show", caption, ("variation", "limits"), tuple(rows))
+    return Table("Abilities that a pass does not show", caption, ("variation", "limits"), tuple(rows))
 
 
 def _solved(cell: PowerCell | None) -> bool:

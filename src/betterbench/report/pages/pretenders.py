@@ -1,4 +1,4 @@
-"""Section on pretenders: the score of each policy beside the scores of policies without the ability."""
+"""Section on pretenders: the scores of each policy next to those of policies without the tested abilities."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class ScoreRow:
 
     Attributes:
         name: A policy or a pretender.
-        cells: Success rate per column [%], "–" where there is none.
-        likeness: Agreement of its outcomes with the policy's, in words; empty for the policy itself.
-        mine: Whether it is the policy under test.
+        cells: Success rate per column [%], "–" if there is none.
+        likeness: Agreement of the outcomes with those of the policy, in words; empty for the policy itself.
+        mine: Whether this row is the policy under test.
     """
 
     name: str
@@ -35,12 +35,12 @@ class ScoreRow:
 
 @dataclass(frozen=True, slots=True)
 class ScoreTable:
-    """The policies above the pretenders, which stand once.
+    """The policies above the pretenders, which are listed once.
 
     Attributes:
         columns: Headings of the success rates.
-        policies: The policies, one column of likeness each.
-        rows: Policies and pretenders with success rates, and how far a pretender's outcomes agree with each policy's.
+        policies: The policies, each with a column of agreement.
+        rows: Policies and pretenders with their success rates, and the agreement of each pretender with each policy.
     """
 
     columns: tuple[str, ...]
@@ -72,12 +72,12 @@ class PretenderView:
 
 
 def pretender_views(diagnoses: Sequence[RunDiagnosis]) -> list[PretenderView]:
-    """Return the section for every policy; without a power matrix it holds the reason alone."""
+    """Return the section for every policy; without a power matrix it contains only the reason."""
     return [_view(d.policy, standing_of(d)) for d in diagnoses]
 
 
 def score_tables(views: Sequence[PretenderView]) -> list[ScoreTable]:
-    """Return one table for all policies on the same trials, whose pretenders score alike."""
+    """Return one table for all policies on the same trials, because their pretenders have the same scores."""
     tables: dict[tuple[object, ...], list[PretenderView]] = {}
     for view in views:
         lines = sorted((row.name, row.cells) for row in view.rows if not row.mine)
@@ -94,7 +94,7 @@ def _score_table(views: Sequence[PretenderView]) -> ScoreTable:
 
 
 def scope_columns(standings: Sequence[Standing]) -> tuple[str, ...]:
-    """Return the scopes that some of the policies have trials in, in the order of the suite."""
+    """Return the scopes in which any policy has trials, in the order of the suite."""
     return tuple(scope for scope in SCOPES if any(scope in s.scores for s in standings))
 
 
@@ -104,7 +104,7 @@ def scope_title(scope: str) -> str:
 
 
 def score_rows(policy: str, standing: Standing, columns: Sequence[str]) -> list[ScoreRow]:
-    """Return the policy's own row and one per reference line, the best overall first."""
+    """Return the policy's row and one row per reference line, the best overall first."""
     known = {x.pretender: x for x in standing.likenesses}
     if standing.expert is not None:
         known[EXPERT] = standing.expert

@@ -14,26 +14,20 @@ from betterbench.report.pages.power_page import flagged, redundant
 from betterbench.statistics import Rate
 from betterbench.statistics.wording import listed, points
 from betterbench.tasks import SUITE_VERSION
-
-_ABROAD = {
-    "Scenes": "They are LIBERO's own. Where a scene does not show what its sentence presupposes, the run stops or its "
-    "records say so; no trial is certified.",
-    "Calibration": "The labels of scripted policies with known faults in LIBERO are counted in docs/worlds.md; better "
-    "calibrate measures our own scenes alone.",
-}
-"""Statements about scenes and calibration for a run in LIBERO."""
+from betterbench.tasks.worlds.facts import facts_of_task
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
-    """Return statements about the benchmark itself for these runs, by name, a sentence or two each."""
+    """Return statements on the benchmark itself for these runs, by name, one or two sentences each."""
     if all(map(is_abroad, diagnoses)):
-        return dict(_ABROAD)
+        worlds = {name: facts_of_task(name) for d in diagnoses for name in dict.fromkeys(t.task for t in d.trials)}
+        return {name: text for facts in worlds.values() for name, text in facts.statements.items()}
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
     shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
     facts = {"Certificate": _certified(trials, shown)}
     held_out = packaged_calibration(CLAIMED)
     facts["Calibration"] = (
-        f"This build ships none; run better calibrate --family {CLAIMED}."
+        f"This build contains no calibration; run better calibrate --family {CLAIMED}."
         if held_out is None
         else "Measured on policies that the diagnosis was not developed on, with habits and a controller of their own. "
         f"{calibration_summary(held_out)} {_interval(held_out)} Command: better calibrate --family {CLAIMED}."
@@ -44,14 +38,14 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
 
 def _interval(held_out: Calibration) -> str:
     low, high = map(points, held_out.failed.interval)
-    return f"The 95 % interval of the first of these rates is {low} to {high} %, if each trial counts by itself."
+    return f"The 95 % interval of the first of these rates is {low} to {high} %, if trials are independent."
 
 
 def _blind(ran: set[str]) -> dict[str, str]:
-    """Return the variations of the run that can be solved blind, in words."""
+    """Return a statement on the variations of the run that can be solved blind."""
     matrix = packaged_power_matrix()
     if matrix is None:
-        return {"Blind probes": f"This build ships no power matrix; {CURE}."}
+        return {"Blind probes": f"This build contains no power matrix; {CURE}."}
     cells = matrix.without(matrix.stale_tasks()).blind_cells()
     blind: dict[str, list[str]] = {}
     for cell in flagged(cells):
@@ -60,13 +54,13 @@ def _blind(ran: set[str]) -> dict[str, str]:
             blind.setdefault(cell.pretender.rpartition(":")[2], []).append(name)
     facts = {
         "Blind probes": "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
-        + " more often than by chance: a success there proves less."
+        + " more often than by chance, so a success there proves less."
         if blind
         else "No variation of this run is solved without images, instruction or aim more often than by chance."
     }
     alone = [name for name in redundant(cells) if name in ran]
     if alone:
-        facts["Instructions"] = f"Only one makes sense in the scene of {listed(alone)}: it is redundant there."
+        facts["Instructions"] = f"Only one makes sense in the scene of {listed(alone)}, so it is redundant there."
     return facts
 
 

@@ -1,1 +1,1 @@
-"""Tables of a report, as HTML, CSV and LaTeX, and those of the paper in the same form."""
+"""Tables of a report as HTML, CSV and LaTeX, and the tables of the paper in the same forms."""

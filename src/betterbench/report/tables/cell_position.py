@@ -1,4 +1,4 @@
-"""Cell of a condition in the diagnostic matrices, from the states of its objects at the start."""
+"""Cell of a condition in the diagnostic matrices, derived from the initial states of its objects."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Horizon(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CellPosition:
-    """A cell's matrix, and the states of the first target and of the distractor (long horizon: the second target)."""
+    """A cell: its matrix, and the states of first target and distractor (long horizon: second target)."""
 
     horizon: Horizon
     row: State
@@ -36,9 +36,9 @@ class CellPosition:
 
 
 def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
-    """Return the cell that a condition belongs to, or None if it belongs to neither matrix.
+    """Return the cell of a condition, or None if the condition belongs to neither matrix.
 
-    One object to be picked belongs to the short horizon, two to the long one.
+    Conditions with one object to be picked belong to the short horizon, those with two to the long one.
     """
     goals = [goal for goal in condition.instruction.subgoals if _is_pick(condition, goal)]
     if len(goals) == 1:
@@ -65,12 +65,12 @@ def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
 
 
 def _is_pick(condition: Condition, goal: Subgoal) -> bool:
-    """Return whether a subgoal asks for an object to be brought somewhere; a drawer is only closed."""
+    """Return whether a subgoal requires moving an object to a target, unlike closing a drawer."""
     return all(condition.object(name).role != "drawer" for name in condition.resolve(goal.reference))
 
 
 def _target_state(condition: Condition, goal: Subgoal) -> State:
-    """Return where a subgoal's object is at the start; the second of two equal ones means the second object."""
+    """Return the initial state of a subgoal's object; the second of two equal subgoals has the second object."""
     names = condition.resolve(goal.reference)
     if len(names) < goal.count:
         return State.ABSENT
@@ -78,7 +78,7 @@ def _target_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _distractor_state(condition: Condition, goal: Subgoal) -> State:
-    """Return where the other objects are at the start: on the table if one of them is."""
+    """Return the initial state of the other objects: on the table if any of them is."""
     supports = {goal.target, *(placed.target for placed in condition.preplaced.values())}
     targets = condition.resolve(goal.reference)
     others = [
@@ -92,6 +92,6 @@ def _distractor_state(condition: Condition, goal: Subgoal) -> State:
 
 
 def _is_at(condition: Condition, name: str, target: str) -> bool:
-    """Return whether an object already rests at a target."""
+    """Return whether an object rests at a target at the start."""
     placed = condition.preplaced.get(name)
     return placed is not None and placed.target == target

@@ -1,4 +1,4 @@
-"""The tables that go beside the page, and into it: CSV for machines, LaTeX for papers."""
+"""The tables inside and next to the page: CSV for programs, LaTeX for papers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.report.task_views import task_views
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A table in its file forms, with its number of rows; ``name`` is the file name without its ending."""
+    """A table in its file forms, with its number of rows; ``name`` is the file name without its extension."""
 
     name: str
     title: str
@@ -46,10 +46,10 @@ def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTa
 
 
 def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per task and policy: success of the twins and of variations, the gap and the leading failure.
+    """Return one row per task and policy: success of twins and variations, the gap and the leading failure.
 
-    The columns ``training_`` count the training twins, one per pair, and all training trials where there are no pairs.
-    The gap is ``training_success_rate`` less ``paired_success_rate``.
+    The columns ``training_`` count the training twins, one per pair, or all training trials if there are no pairs. The
+    gap is ``training_success_rate`` minus ``paired_success_rate``.
     """
     rows = []
     for view in task_views(diagnoses):
@@ -110,7 +110,7 @@ def metric_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
 
 
 def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per policy and planned trial, with everything the diagnosis found."""
+    """Return one row per policy and planned trial with all results of the diagnosis."""
     columns = (
         "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
         "kind", "intended", "intended_kind", "intended_any", "first_attempt", "first_attempt_kind", "first_slot",

@@ -1,4 +1,4 @@
-"""LaTeX forms: booktabs tables without vertical lines; every text is escaped."""
+"""LaTeX forms: booktabs tables without vertical lines, with all texts escaped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.report.wording import Figure
 from betterbench.statistics import round_half_up
 
 _LONG_TABLE = 40
-"""Rows from which on a table is set as a longtable, which breaks over pages."""
+"""Number of rows from which a table becomes a longtable, which breaks over pages."""
 
 
 def table_to_latex(table: Table) -> str:
@@ -45,7 +45,7 @@ def table_to_latex(table: Table) -> str:
 
 
 def paper_table_to_latex(table: PaperTable) -> str:
-    """Return one of the paper's tables in the paper's shape, with counts and 95 % intervals."""
+    """Return one of the paper's tables in the paper's layout, with counts and 95 % intervals."""
     groups, rules, at = [], [], 2
     for group in table.groups:
         end = at + group.span - 1
@@ -74,8 +74,8 @@ def paper_table_to_latex(table: PaperTable) -> str:
 def _row(cells: Sequence[str]) -> str:
     """Return a line of a tabular from its LaTeX cells.
 
-    A bracket or an asterisk that follows the end of a line or a rule would be read as its argument, also on a line of
-    its own, so something empty goes before it.
+    LaTeX reads a bracket or an asterisk after the end of a row or a rule as an argument, even on a new line, so an
+    empty group is put before it.
     """
     line = " & ".join(cells) + r" \\"
     return f"{{}}{line}" if line.lstrip(" ~").startswith(("[", "*")) else line
@@ -104,7 +104,7 @@ def _figure(figure: Figure) -> str:
 
 
 def _numeric(table: Table, column: int) -> bool:
-    """Return whether a column holds numbers only."""
+    """Return whether a column contains only numbers."""
     values = [row[column] for row in table.rows if row[column] is not None]
     return bool(values) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
 

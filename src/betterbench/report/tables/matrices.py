@@ -1,4 +1,4 @@
-"""The paper's two diagnostic matrices: outcomes by state of a target and its neighbor (there, done or absent)."""
+"""The paper's two diagnostic matrices: outcomes by state of a target and its neighbor (present, done or absent)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.tables.cell_position import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.tables.table import Scalar, Table
@@ -14,6 +13,7 @@ from betterbench.statistics import Rate
 from betterbench.tasks import Condition, Expected
 from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.labels import Label, all_labels
+from betterbench.tasks.worlds.facts import facts_of_task
 
 PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
     Horizon.SHORT: (
@@ -27,20 +27,21 @@ PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
         ("success: packs the second", "correct freeze: sees that it is done", "ambiguous: air grasp"),
     ),
 }
-"""Outcomes of the paper on the real robot, per row and column in the order of :class:`State`. It gives no counts."""
+"""Outcomes of the paper on the real robot, per row and column in the order of :class:`State`. The paper gives no
+counts."""
 
 SHOWN = 4
-"""Conditions that the note of an empty cell names."""
+"""Number of conditions that the note of an empty cell names."""
 
 _HEADINGS = {
     Horizon.SHORT: (
         "Short horizon: one target and a distractor",
-        "One object is asked for. Rows: where it is at the start; columns: where another one is.",
+        "One object is requested. Rows: its initial state; columns: the initial state of another object.",
         ("target", "distractor"),
     ),
     Horizon.LONG: (
         "Long horizon: two targets",
-        "Two objects are asked for. Rows: where the first one is at the start; columns: where the second one is.",
+        "Two objects are requested. Rows: initial state of the first one; columns: initial state of the second one.",
         ("first target", "second target"),
     ),
 }
@@ -67,11 +68,11 @@ class Cell:
     """One cell of a matrix: the state of the first target, and of the distractor or second target.
 
     Attributes:
-        sources: The conditions behind it; none if the run has none.
-        success: Success rate over all their trials; no trials if there are none.
+        sources: The conditions of the cell in the run.
+        success: Success rate over all their trials; without trials if there are none.
         labels: Labels of the trials with their counts, the most frequent first.
         needless: Number of the successes that took a needless step, such as an air grasp at an emptied slot.
-        note: Reason for an empty cell; an empty text if it is not empty.
+        note: Reason for an empty cell; otherwise an empty text.
         paper: Outcome in the paper, for reference.
     """
 
@@ -96,7 +97,7 @@ class Matrix:
 
     Attributes:
         caption: Meaning of rows and columns.
-        axes: Objects whose states the rows and the columns stand for.
+        axes: Objects whose states define the rows and the columns.
         cells: Three rows of three cells, in the order of :class:`State`.
     """
 
@@ -109,7 +110,7 @@ class Matrix:
 
     @property
     def measured(self) -> bool:
-        """Whether a run fills at least one cell."""
+        """Whether the run fills at least one cell."""
         return any(not cell.empty for row in self.cells for cell in row)
 
     def cell(self, row: State, column: State) -> Cell:
@@ -123,14 +124,14 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
 
     Conditions are found by their objects and not by their names. The cell in which everything stands on the table
     belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
-    so. Trials in LIBERO are in no cell.
+    so. Trials in other worlds are in no cell.
 
     Raises:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
     """
     trials: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.even_trials:
-        if not is_of_libero(trial.task):
+        if facts_of_task(trial.task).measured:
             trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():
@@ -184,7 +185,7 @@ def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -
 
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
-    """Return labels by frequency, equal ones in the order of the labels."""
+    """Return labels by frequency, ties in the order of the labels."""
     order = all_labels()
     return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
 
@@ -215,6 +216,6 @@ def _why_empty(position: CellPosition) -> str:
     """Return why a run has no trial in a cell."""
     known = known_conditions().get(position, ())
     if not known:
-        return "No condition of the registered tasks begins so."
+        return "No condition of the registered tasks has these initial states."
     more = f" and {len(known) - SHOWN} more" if len(known) > SHOWN else ""
     return f"Not in this run: {', '.join(known[:SHOWN])}{more}."

@@ -1,4 +1,4 @@
-"""The paper's two tables in the paper's shape: our rows with counts and intervals, the paper's rows for reference."""
+"""The paper's two tables in its layout: rows of runs with counts and intervals, and rows of the paper for reference."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from betterbench.report.wording import Figure
 from betterbench.statistics import Rate, delta_success_rate
 
 GUESS = 0.5
-"""Chance of the right first grasp with two mugs on the table (paper, table on the coffee task)."""
+"""Chance level of the first grasp with two mugs on the table (paper, table on the coffee task)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PaperGroup:
-    """A heading over several columns: its title and how many columns it spans."""
+    """A heading over several columns: its title and the number of columns."""
 
     title: str
     span: int
@@ -45,7 +45,7 @@ class PaperRow:
 
 @dataclass(frozen=True, slots=True)
 class PaperTable:
-    """One of the paper's tables; ``groups`` are headings over the columns, ``name`` a file name without its ending."""
+    """One of the paper's tables. ``groups`` are headings over columns, ``name`` is a file name without extension."""
 
     name: str
     title: str
@@ -56,13 +56,13 @@ class PaperTable:
 
     @property
     def measured(self) -> bool:
-        """Whether a run fills at least one cell."""
+        """Whether the run fills at least one cell."""
         return any(not figure.missing for row in self.rows if row.source == "run" for figure in row.figures)
 
 
 @cache
 def paper_facts() -> dict[str, Any]:
-    """Return the numbers that the paper prints, with their source."""
+    """Return the numbers printed in the paper, with their source."""
     text = resources.files("betterbench.report").joinpath("paper.json").read_text(encoding="utf-8")
     facts: dict[str, Any] = json.loads(text)
     return facts
@@ -85,7 +85,7 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
         "coffee",
         "Preparing morning coffee: which mug is grasped first",
         "Intention accuracy: share of trials whose first grasp attempt is at the instructed mug, with 95 % intervals. "
-        "In training, place words were only heard in layout 2 and color words only in layout 1.",
+        "In training, place words occurred only in layout 2 and color words only in layout 1.",
         (PaperGroup("Spatial instruction (layout 1)", 2), PaperGroup("Semantic instruction (layout 2)", 2)),
         tuple(PaperColumn(n, t) for n, t in zip(names, ("“top”", "“bottom”", "“red”", "“blue”"), strict=True)),
         tuple(rows),
@@ -111,7 +111,7 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
     return PaperTable(
         "composition",
         "Packing a fast food order: can seen steps be recombined?",
-        "Success rates with 95 % intervals. A is the burger, B the fries, C the drink; in training a burger always "
+        "Success rates with 95 % intervals. A is the burger, B the fries, C the drink; in training, a burger always "
         "came first. ΔSR is the novel composition minus the mean of the seen ones, in percentage points.",
         (PaperGroup("Seen compositions", 2), PaperGroup("Novel composition", 1), PaperGroup("Difference", 1)),
         (
@@ -125,7 +125,7 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def plain_paper_table(table: PaperTable) -> Table:
-    """Return a paper table as a plain one: value, ends of the interval and counts in columns of their own."""
+    """Return a paper table as a plain one: value, ends of the interval and counts in separate columns."""
     columns = ["model", "source"]
     for column in table.columns:
         columns += [f"{column.name}{suffix}" for suffix in ("", "_low", "_high", "_k", "_n")]

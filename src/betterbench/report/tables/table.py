@@ -14,7 +14,7 @@ Scalar = str | int | float | bool | None
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A plain table, each row as long as the columns; ``name`` is a file name without its ending."""
+    """A plain table with rows as long as its columns; ``name`` is a file name without extension."""
 
     name: str
     caption: str
@@ -25,8 +25,7 @@ class Table:
 def to_csv(table: Table) -> str:
     """Return a table as CSV (RFC 4180): one header line, CRLF line ends, UTF-8.
 
-    Texts that a spreadsheet would run as a formula get an apostrophe in front. Numbers are written as numbers; the full
-    precision of a fraction is kept.
+    Texts that a spreadsheet would evaluate as a formula get a leading apostrophe. Numbers keep their full precision.
     """
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\r\n")

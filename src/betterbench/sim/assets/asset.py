@@ -16,7 +16,7 @@ CollisionShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "h
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
-    """A picture painted on a visual part.
+    """An image painted on a visual part.
 
     Attributes:
         pixels: (height, width, 3) uint8 RGB, at most 1024 pixels a side.
@@ -40,7 +40,7 @@ class VisualPart:
         rgba: Color, each in [0, 1]; multiplied with the texture if there is one.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
-        smooth: True to share normals across faces (round things), False for crisp edges.
+        smooth: Whether normals are shared across faces (for round objects); False for crisp edges.
     """
 
     name: str
@@ -77,16 +77,16 @@ class CollisionPart:
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """A way for a parallel jaw to take the object.
+    """A grasp of the object by a parallel jaw.
 
     Attributes:
-        name: Part that is grasped ("handle", "body", "rim").
+        name: Grasped part ("handle", "body", "rim").
         pose: Pose ``T_object_tcp`` of the tool center point when the jaw closes; its z axis is the approach direction,
             its y axis the direction in which the fingers open.
-        width_m: Thickness of what is between the pads [m].
-        clearance_m: Free distance that the open jaw needs on each side [m].
-        symmetric_yaw: True if the grasp may be turned freely about the object's vertical axis.
-        preference: Lower is tried first.
+        width_m: Thickness of the object between the pads [m].
+        clearance_m: Free distance for the open jaw on each side [m].
+        symmetric_yaw: Whether the grasp may be rotated freely about the object's vertical axis.
+        preference: Rank; lower values are tried first.
     """
 
     name: str
@@ -112,8 +112,8 @@ class Asset:
         inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
         visual: Colored meshes; at most 600 faces in all.
         collision: Convex geometries; at most about 12.
-        regions: Named places on it (opening, ring, handle, top).
-        parameters: The numbers that the generator chose, for the record.
+        regions: Named regions of it (opening, ring, handle, top).
+        parameters: Parameters drawn by the generator, for the record.
     """
 
     category: str
@@ -136,7 +136,7 @@ class Asset:
 
     @property
     def identity(self) -> str:
-        """Name that two equal assets share ("mug-red#3")."""
+        """Name shared by equal assets ("mug-red#3")."""
         return f"{self.category}-{self.color}#{self.look}"
 
     @property
@@ -161,7 +161,7 @@ class Asset:
         return find_named(f"region of {self.category}", name, self.regions)
 
     def content_hash(self) -> str:
-        """Return a hash of everything that physics or a camera can notice (hex, 16 characters)."""
+        """Return a hash of all data that affect physics or images (hex, 16 characters)."""
         digest = hashlib.sha256()
         numbers = (self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)
         digest.update(repr(numbers).encode() + repr(self.regions).encode())

@@ -1,8 +1,8 @@
-"""What the processes of this machine draw with: the OpenGL back end, its devices, and the variables that choose them.
+"""Rendering set-up of this machine's processes: the OpenGL back end, its devices, and their environment variables.
 
 ``back_ends`` chooses the back end, ``devices`` finds the EGL devices and spreads processes over them, ``probe`` is the
 program that looks at each device, and ``checks`` names what is wrong in the environment. No simulator is imported here,
-so that the process of a foreign world and a worker of ours get the same answer.
+so that the process of another simulator and a worker of ours get the same answer.
 """
 
 from betterbench.sim.graphics.back_ends import INSTALL_HINT, gl_backend

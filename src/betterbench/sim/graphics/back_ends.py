@@ -1,4 +1,4 @@
-"""The OpenGL back ends: the one that images are made with, and the presence of its libraries.
+"""The OpenGL back ends: the choice of one for images, and the check for its libraries.
 
 Source: MuJoCo 3.17 ``rendering/classic/gl_context.py`` for the values of ``MUJOCO_GL``.
 """
@@ -11,10 +11,10 @@ import functools
 import os
 
 INSTALL_HINT = "apt-get install -y --no-install-recommends libegl1 libgl1"
-"""The line that brings an OpenGL back end to a Debian or Ubuntu machine, with or without a graphics card."""
+"""Command that installs an OpenGL back end on a Debian or Ubuntu machine, with or without a graphics card."""
 
 OSMESA_HINT = "apt-get install -y --no-install-recommends libosmesa6"
-"""The line that brings OSMesa, which draws in software alone."""
+"""Command that installs OSMesa, which renders in software only."""
 
 OFF = ("disable", "disabled", "off", "false", "0")
 BACK_ENDS = ("egl", "osmesa", "glfw")
@@ -24,11 +24,11 @@ PLATFORMS = ("egl", "osmesa")
 
 
 def gl_backend() -> str | None:
-    """Return the off-screen OpenGL back end that images are made with ("egl", "osmesa", "glfw"), None without one.
+    """Return the off-screen OpenGL back end for images ("egl", "osmesa", "glfw"), None without one.
 
     The environment variable ``MUJOCO_GL`` decides if it names one of the three; "glfw" needs a display. Otherwise EGL
-    is preferred, which also finds graphics cards. Only the presence of libraries is looked at;
-    :func:`betterbench.sim.scenes.renderer_fingerprint` tries them.
+    is preferred, which also finds graphics cards. Only the presence of the libraries is checked;
+    :func:`betterbench.sim.scenes.renderer_fingerprint` tests them.
     """
     asked = asked_back_end()
     if asked in BACK_ENDS:
@@ -46,7 +46,7 @@ def asked_back_end() -> str:
 def has_library(backend: str) -> bool:
     """Return whether the libraries of a back end can be loaded."""
     if backend == "egl":
-        # PyOpenGL takes the functions of OpenGL from one of these beside EGL's own library.
+        # PyOpenGL loads the functions of OpenGL from one of these, besides EGL's own library.
         return _loads("libEGL.so.1") and any(
             _loads(name) for name in ("libOpenGL.so.0", "libGL.so.1", "libGLESv2.so.2")
         )

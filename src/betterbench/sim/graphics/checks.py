@@ -23,39 +23,39 @@ from betterbench.sim.graphics.devices import require_device
 
 
 def require_engine() -> None:
-    """Check the variables that MuJoCo reads when it is imported; its own error would not name a remedy.
+    """Check the variables that MuJoCo reads at its import; its own error would not name a remedy.
 
     Raises:
-        GraphicsError: If a variable has a value that it cannot have.
-        MissingDependencyError: If the back end that ``MUJOCO_GL`` names is not installed.
+        GraphicsError: If a variable has an invalid value.
+        MissingDependencyError: If the back end in ``MUJOCO_GL`` is not installed.
     """
     asked = asked_back_end()
     if asked not in KNOWN:
         raise _wrong(
             "MUJOCO_GL",
-            f"{one_line(asked, most=40)!r} is no OpenGL back end (known: {', '.join(BACK_ENDS)})",
+            f"{one_line(asked, most=40)!r} is not an OpenGL back end (known: {', '.join(BACK_ENDS)})",
             f"Unset it, or set it to {_working()}",
         )
     if asked not in PLATFORMS:
         return
     if not has_library(asked):
         raise MissingDependencyError(
-            f"MUJOCO_GL is {asked!r}, and that library cannot be loaded. {_cure_of_missing(asked)}"
+            f"MUJOCO_GL is {asked!r}, but its library cannot be loaded. {_cure_of_missing(asked)}"
         )
     _require_platform(asked)
 
 
 def require_drawing() -> str:
-    """Return the back end that images are made with, once its variables are known to be right.
+    """Return the back end for images after checking its variables.
 
     Raises:
-        GraphicsError: If a variable has a value that it cannot have.
+        GraphicsError: If a variable has an invalid value.
         MissingDependencyError: If there is no back end.
     """
     require_engine()
     backend = gl_backend()
     if backend is None and asked_back_end() in OFF:
-        raise _wrong("MUJOCO_GL", f"{asked_back_end()!r} turns drawing off", f"Unset it, or set it to {_working()}")
+        raise _wrong("MUJOCO_GL", f"{asked_back_end()!r} disables rendering", f"Unset it, or set it to {_working()}")
     if backend is None:
         raise MissingDependencyError(
             f"No off-screen OpenGL: neither EGL nor OSMesa can be loaded on this machine. Run: {INSTALL_HINT}"
@@ -63,7 +63,7 @@ def require_drawing() -> str:
     if backend == "glfw" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise _wrong(
             "MUJOCO_GL",
-            "'glfw' draws in a window, and no display is named by DISPLAY",
+            "'glfw' needs a window, but DISPLAY names no display",
             f"Unset it, or set it to {_working()}",
         )
     if backend in PLATFORMS:
@@ -74,9 +74,9 @@ def require_drawing() -> str:
 
 
 def no_window() -> GraphicsError:
-    """Return the error of a display on which no window can be opened."""
+    """Return the error for a display on which no window can be opened."""
     display = one_line(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or "", most=60)
-    problem = f"'glfw' draws in a window, and none can be opened on the display {display!r}"
+    problem = f"'glfw' needs a window, but none can be opened on the display {display!r}"
     return _wrong("MUJOCO_GL", problem, f"Unset it, or set it to {_working()}")
 
 
@@ -88,16 +88,16 @@ def _require_platform(backend: str) -> None:
     """Check that ``PYOPENGL_PLATFORM`` does not name another platform for PyOpenGL's functions."""
     platform = os.environ.get("PYOPENGL_PLATFORM", "")
     if platform and platform.lower() != backend:
-        chosen = "as MUJOCO_GL says" if asked_back_end() == backend else "the back end found here"
+        chosen = "from MUJOCO_GL" if asked_back_end() == backend else "the back end found here"
         raise _wrong(
             "PYOPENGL_PLATFORM",
-            f"it is {one_line(platform, most=40)!r}, and images are drawn with {backend!r}, {chosen}",
+            f"it is {one_line(platform, most=40)!r}, but images are rendered with {backend!r}, {chosen}",
             f"Unset it, or set it to {backend}",
         )
 
 
 def _working() -> str:
-    """Return the back ends that can be loaded here, to be advised; those that could be installed if there is none."""
+    """Return the back ends that can be loaded here, for advice; those that could be installed if there is none."""
     found = [name for name in PLATFORMS if has_library(name)]
     return " or ".join(found or PLATFORMS)
 
@@ -105,4 +105,4 @@ def _working() -> str:
 def _cure_of_missing(backend: str) -> str:
     other = [name for name in PLATFORMS if name != backend and has_library(name)]
     run = f"run: {INSTALL_HINT if backend == 'egl' else OSMESA_HINT}"
-    return f"Unset it, which takes {other[0]!r}, or {run}" if other else run[0].upper() + run[1:]
+    return f"Unset it, to use {other[0]!r}, or {run}" if other else run[0].upper() + run[1:]

@@ -1,8 +1,8 @@
-"""The EGL devices of this machine, and how processes are spread over them.
+"""The EGL devices of this machine, and the distribution of processes over them.
 
-Processes are spread over devices that draw alike: those with the same OpenGL vendor, renderer and version as the first
-one that works, so that no image depends on the process that drew it. A process passes the list on to those that it
-starts, in an order of their own that begins with the device of each.
+Processes are distributed over devices that render alike: those with the same OpenGL vendor, renderer and version as the
+first working one, so that no image depends on the process that rendered it. A process passes the list on to its child
+processes, in an order that begins with the device of each.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from betterbench.sim.graphics import probe
 from betterbench.sim.graphics.back_ends import gl_backend
 
 DEVICE_VARIABLE = "MUJOCO_EGL_DEVICE_ID"
-"""The number of the EGL device by which MuJoCo and robosuite draw."""
+"""Environment variable with the number of the EGL device for MuJoCo and robosuite."""
 
 HANDED_DOWN = "BETTERBENCH_EGL_DEVICES"
-"""Numbers of the devices that a process spreads its own over, the first for itself; set by the process before it."""
+"""Device numbers for a process and its children, its own device first; set by the parent process."""
 
 _BULLET_VARIABLE = "EGL_VISIBLE_DEVICES"
-"""The same number for PyBullet, by which CALVIN draws."""
+"""The same variable for PyBullet, which CALVIN uses."""
 
 _PROBE_LIMIT_S = 60.0
 
@@ -41,10 +41,10 @@ class EglDevice:
     """One EGL device on which an OpenGL context can be made.
 
     Attributes:
-        number: Its place in EGL's list.
+        number: Its index in EGL's list.
         draws: OpenGL's vendor, renderer and version.
-        cuda: The number that CUDA gives to the graphics card, in the driver's own order; None if that is not known.
-        uuid: The UUID of the graphics card; empty if that is not known.
+        cuda: CUDA's number of the graphics card, in the driver's own order; None if unknown.
+        uuid: UUID of the graphics card; empty if unknown.
     """
 
     number: int
@@ -61,10 +61,10 @@ def device_count() -> int:
 
 @functools.cache
 def egl_devices() -> tuple[EglDevice, ...]:
-    """Return the devices that work, in EGL's order; a machine with one device is not asked what it draws with."""
+    """Return the working devices in EGL's order; on a machine with one device, its renderer is not examined."""
     if device_count() <= 1:
         return tuple(EglDevice(number, ("", "", "")) for number in range(device_count()))
-    # Without CUDA's own choice, its numbers are those of the driver.
+    # Without the CUDA environment variables, CUDA's numbers are those of the driver.
     hidden = ("CUDA_VISIBLE_DEVICES", DEVICE_VARIABLE)
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
     try:
@@ -86,12 +86,12 @@ def egl_devices() -> tuple[EglDevice, ...]:
 
 
 def drawing_devices() -> tuple[int, ...]:
-    """Return the numbers of the devices that processes started here are spread over; empty if EGL is not used.
+    """Return the device numbers for processes started here; empty if EGL is not used.
 
-    A device that ``MUJOCO_EGL_DEVICE_ID`` names is the only one.
+    A device named in ``MUJOCO_EGL_DEVICE_ID`` is the only one.
 
     Raises:
-        GraphicsError: If that variable names none.
+        GraphicsError: If that variable does not name a device.
     """
     if gl_backend() != "egl":
         return ()
@@ -103,7 +103,7 @@ def drawing_devices() -> tuple[int, ...]:
 
 
 def require_device() -> int | None:
-    """Return the device that ``MUJOCO_EGL_DEVICE_ID`` names, None if it is not set; GraphicsError if there is none."""
+    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, None if it is not set; GraphicsError if it is invalid."""
     chosen = os.environ.get(DEVICE_VARIABLE)
     if chosen is None:
         return None
@@ -114,10 +114,10 @@ def require_device() -> int | None:
 
 
 def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple[int, ...]:
-    """Return the numbers of the devices that draw as the first one does.
+    """Return the numbers of the devices that render like the first one.
 
-    Where ``CUDA_VISIBLE_DEVICES`` names graphics cards that are among them, by number or by UUID, only those count: the
-    others belong to somebody else's job.
+    If ``CUDA_VISIBLE_DEVICES`` names some of their graphics cards, by number or by UUID, only those count: the others
+    belong to other jobs.
     """
     if not devices:
         return ()
@@ -127,21 +127,21 @@ def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple
 
 
 def next_device_variables() -> dict[str, str]:
-    """Return the variables that give the next process started here its device, each in turn; none without devices."""
+    """Return the variables that assign a device to the next process started here; empty without devices."""
     return device_variables(next(_started))
 
 
 def take_device(turn: int) -> None:
-    """Give this process the device of its turn, before anything is drawn.
+    """Assign this process the device of its turn, before anything is rendered.
 
-    A variable that names no device is left to the first image, whose error names it: a run may draw none.
+    An invalid variable is reported only with the first image: a run may render none.
     """
     with contextlib.suppress(GraphicsError):
         os.environ.update(device_variables(turn))
 
 
 def device_variables(turn: int) -> dict[str, str]:
-    """Return the variables that give a process its device, by its number among those started here."""
+    """Return the variables that assign a device to a process, by its index among those started here."""
     devices = drawing_devices()
     if not devices:
         return {}
@@ -160,7 +160,7 @@ def device_problem(chosen: str, count: int) -> GraphicsError | None:
     try:
         number = int(chosen)
     except ValueError:
-        said = f"{one_line(chosen, most=60)!r} is no number of an EGL device" if chosen.strip() else "it is empty"
+        said = f"{one_line(chosen, most=60)!r} is not the number of an EGL device" if chosen.strip() else "it is empty"
         return GraphicsError(f"{DEVICE_VARIABLE}: {said}; {there}. {cure}.")
     if not 0 <= number <= last:
         return GraphicsError(f"{DEVICE_VARIABLE}: it is {number}, and {there}. {cure}.")
@@ -168,7 +168,7 @@ def device_problem(chosen: str, count: int) -> GraphicsError | None:
 
 
 def _is_card(device: EglDevice, name: str) -> bool:
-    """Return whether a part of ``CUDA_VISIBLE_DEVICES`` names a device: a number, or the beginning of a UUID."""
+    """Return whether an entry of ``CUDA_VISIBLE_DEVICES`` names a device: a number, or the beginning of a UUID."""
     if name.isdecimal():
         return device.cuda == int(name)
     start = name.lower().removeprefix("gpu-")

@@ -1,7 +1,7 @@
-"""Probe of every EGL device, run in a process of its own, which prints the capabilities as one JSON list.
+"""Probe of every EGL device, run in a separate process, which prints the capabilities as one JSON list.
 
-A driver that crashes costs this process alone, and no display of a device that is not used stays open. It is run as a
-file and imports the standard library alone.
+A driver that crashes then only ends this process, and no display of an unused device stays open. The file is run as a
+script and imports only the standard library.
 
 Sources: the Khronos registry for EGL_EXT_device_enumeration, EGL_EXT_platform_device, EGL_NV_device_cuda and
 EGL_EXT_device_persistent_id, and for the numbers below.
@@ -17,7 +17,7 @@ import uuid
 from typing import Any
 
 MOST_DEVICES = 10
-"""Devices that MuJoCo looks at (``mujoco/egl/egl_ext.py``)."""
+"""Maximum number of devices that MuJoCo considers (``mujoco/egl/egl_ext.py``)."""
 
 _PLATFORM_DEVICE, _CUDA_DEVICE, _DEVICE_UUID, _OPENGL_API, _VERSION = 0x313F, 0x323A, 0x335C, 0x30A2, 0x3054
 _CONFIG = (0x3033, 0x0001, 0x3040, 0x0008, 0x3025, 24, 0x3038)  # a pixel buffer, OpenGL, depth
@@ -25,7 +25,7 @@ _GL_VENDOR, _GL_RENDERER, _GL_VERSION = 0x1F00, 0x1F01, 0x1F02
 
 
 class _Egl:
-    """EGL's functions, by name."""
+    """EGL's functions by name."""
 
     def __init__(self) -> None:
         self._library = ctypes.CDLL("libEGL.so.1")
@@ -33,7 +33,7 @@ class _Egl:
         self._library.eglGetProcAddress.argtypes = (ctypes.c_char_p,)
 
     def __call__(self, name: str, result: Any, *arguments: Any) -> Any:  # noqa: ANN401 - types of ctypes
-        """Return a function; AttributeError if there is none."""
+        """Return a function; AttributeError if it does not exist."""
         place = self._library.eglGetProcAddress(name.encode())
         if not place:
             raise AttributeError(name)
@@ -41,7 +41,7 @@ class _Egl:
 
 
 def devices() -> list[int]:
-    """Return the handles of the EGL devices, in the order that gives them their numbers; empty without EGL."""
+    """Return the handles of the EGL devices, in the order of their numbers; empty without EGL."""
     try:
         query = _Egl()("eglQueryDevicesEXT", ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
     except (OSError, AttributeError):
@@ -55,7 +55,7 @@ def devices() -> list[int]:
 def draws_with(handle: int) -> dict[str, Any]:
     """Return the OpenGL of a device: its "vendor", "renderer" and "version", and its CUDA number and UUID.
 
-    Empty if no OpenGL context can be made on it, as where the job may not use the graphics card.
+    Empty if no OpenGL context can be made on it, for example if the job may not use the graphics card.
     """
     egl, pointer, integer = _Egl(), ctypes.c_void_p, ctypes.c_int
     display = egl("eglGetPlatformDisplayEXT", pointer, ctypes.c_uint, pointer, pointer)(_PLATFORM_DEVICE, handle, None)
@@ -81,7 +81,7 @@ def draws_with(handle: int) -> dict[str, Any]:
 
 
 def _card(egl: _Egl, handle: int) -> dict[str, Any]:
-    """Return the number and the UUID that CUDA gives to a device, as far as its driver tells them."""
+    """Return CUDA's number and UUID of a device, if its driver reports them."""
     found: dict[str, Any] = {}
     with contextlib.suppress(AttributeError):
         number = ctypes.c_ssize_t()

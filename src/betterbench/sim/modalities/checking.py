@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from betterbench.errors import RecordError, one_line
+from betterbench.jobs import OnCount
 from betterbench.records import JournalEntry, RunFolder
 from betterbench.records.modalities.file import ModalityFile, fault_text
 from betterbench.records.modalities.header import ViewHeader
@@ -23,9 +24,9 @@ class FileProblem:
     """Problem of one file in a modality folder.
 
     Attributes:
-        path: The file, or where it should be.
+        path: The file, or its expected path.
         text: Description of the problem, as the rest of a sentence about the file.
-        kind: "missing", "damaged", "other" (it is not what belongs at its place), or "extra" (nothing does).
+        kind: "missing", "damaged", "other" (it does not belong at its place), or "extra" (no file belongs there).
     """
 
     path: Path
@@ -39,10 +40,10 @@ class FolderCheck:
 
     Attributes:
         wanted: Settings of the folder.
-        files: Files that were looked at.
-        rows: Rows of those that are intact.
-        of_run: Files that were drawn of records of the run, whatever else is wrong with them.
-        strangers: Trials that the other readable files are of, each with its policy.
+        files: Number of files that were checked.
+        rows: Number of rows of the intact ones.
+        of_run: Number of files from records of the run, whatever other faults they have.
+        strangers: Trials of the other readable files, each with its policy.
     """
 
     wanted: Wanted
@@ -54,7 +55,7 @@ class FolderCheck:
 
     @property
     def is_of_another_run(self) -> bool:
-        """Whether files can be read, and none of them is of a record of the run."""
+        """Whether files can be read, but none of them is from a record of the run."""
         return bool(self.strangers) and not self.of_run
 
 
@@ -63,13 +64,13 @@ def check_folder(
     place: Path,
     *,
     trials: Sequence[TrialId] = (),
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> FolderCheck:
-    """Read all files of a folder of modalities, and compare them with what its run has recorded; nothing is written.
+    """Read all files of a folder of modalities, and compare them with the records of its run; nothing is written.
 
-    Expected is one file for each view in the settings of the folder and each recorded trial, of all or of ``trials``.
-    Each must say that it is that file, and its checksums must fit. With ``trials``, files of other trials are not
-    looked at. ``on_progress`` gets the numbers of files done and known.
+    One file is expected for each view in the settings of the folder and each recorded trial, of all or of ``trials``.
+    Each header must match, and the checksums must be right. With ``trials``, files of other trials are ignored.
+    ``on_progress`` gets the numbers of checked and known files.
 
     Raises RecordError if the folder has no settings, or one of ``trials`` is not recorded.
     """
@@ -98,7 +99,7 @@ def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[E
     """Yield the expected file of each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
-        with contextlib.suppress(RecordError):  # its files can be whole even if the record is not any more
+        with contextlib.suppress(RecordError):  # its files can be intact even if the record is not
             quality = seen_quality(run, run.read_record(entry.task, entry.condition, entry.seed))
     digest = run.record_digest(entry)
     for view in wanted.views:
@@ -117,7 +118,7 @@ def _check_file(path: Path, expected: ExpectedFile | None, digests: set[str], fo
             else:
                 found.strangers.append(_origin(file.header))
             if expected is None:
-                text = f"is of {_origin(file.header)}, which is no recorded trial or no view of this folder"
+                text = f"is of {_origin(file.header)}, which is not a recorded trial or not a view of this folder"
                 return FileProblem(path, text, "extra")
             difference = expected.difference(file.header)
             if difference is not None:

@@ -11,17 +11,17 @@ from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 from betterbench.tasks import TrialId
 
 _MOST = 120
-"""Most characters of a header's value in a message: files may come from a stranger."""
+"""Maximum characters of a header's value in a message: files may be untrusted."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedFile:
-    """Values that the header of a modality file must have, for one view of one trial.
+    """Required values in the header of a modality file, for one view of one trial.
 
     Attributes:
         record_sha256: SHA-256 of the file of the trial's record.
-        quality: Render preset of the colors, or None where it is not known.
-        renderer: Fingerprint of the OpenGL that drew the folder, or None as long as none did.
+        quality: Render preset of the colors, or None if unknown.
+        renderer: Fingerprint of the OpenGL that rendered the folder, or None before the first image.
     """
 
     trial: TrialId
@@ -38,13 +38,13 @@ class ExpectedFile:
         if (header.task, header.condition, header.seed) != (self.trial.task, self.trial.condition, self.trial.seed):
             return f"is of {trial}"
         if header.record_sha256 != self.record_sha256:
-            return f"was drawn of another record of the trial (by {one_line(header.policy, most=_MOST)})"
+            return f"was rendered from another record of the trial (by {one_line(header.policy, most=_MOST)})"
         if header.view != self.view:
             return f"shows another view ({header.view.text})"
         if header.modalities != wanted:
-            return f"holds {', '.join(header.modalities)} instead of {', '.join(wanted)}"
+            return f"contains {', '.join(header.modalities)} instead of {', '.join(wanted)}"
         if self.quality not in {None, header.quality}:
-            return f"was drawn by the preset {one_line(header.quality, most=_MOST)} instead of {self.quality}"
+            return f"was rendered with the preset {one_line(header.quality, most=_MOST)} instead of {self.quality}"
         if self.renderer is not None and dict(header.renderer) != dict(self.renderer):
-            return "was drawn by another OpenGL"
+            return "was rendered with another OpenGL"
         return None

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.jobs import write_durably
+from betterbench.jobs.conflict import first_difference, require_free, require_same
 from betterbench.jobs.durable import PART_SUFFIX
 from betterbench.json_form import (
     NO_TRUTH,
@@ -23,7 +24,7 @@ from betterbench.json_form import (
     sealed_form,
     strict_form,
 )
-from betterbench.records import RunFolder, first_difference
+from betterbench.records import RunFolder
 from betterbench.records.modalities.labels import semantic_ids
 from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec, require_views
 from betterbench.sim.assets import categories
@@ -42,8 +43,8 @@ class Wanted:
     """Settings of a modality folder, the same for all its trials: views, modalities and renderer.
 
     Attributes:
-        quality: Render preset of the colors, or None for the one that each record's policy saw.
-        renderer: Fingerprint of OpenGL; None until the first image is drawn. Pixels of two renderers differ.
+        quality: Render preset of the colors, or None for that of each record's policy.
+        renderer: Fingerprint of OpenGL; None until the first image is rendered. Pixels of two renderers differ.
     """
 
     views: tuple[ViewSpec, ...]
@@ -53,7 +54,7 @@ class Wanted:
     format_version: Annotated[Literal[1, 2], NO_TRUTH] = SETTINGS_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
+        """Refuse settings that cannot be rendered."""
         require_views(self.views)
         require_cameras(v.camera for v in self.views if v.placed is None)
         if self.quality is not None:
@@ -64,10 +65,10 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A modality folder. The same settings resume it; other settings are refused once it holds a file.
+    """A modality folder. The same settings resume it; other settings are refused if it contains a file.
 
     Raises:
-        RunConflictError: If it holds other modalities, or other files.
+        RunConflictError: If it contains other modalities, or other files.
         RecordError: If its settings are damaged.
     """
 
@@ -79,7 +80,7 @@ class ModalityFolder:
             if _is_begun(self.path):
                 require_same_settings(self.path, stored, wanted)
                 self.wanted = stored
-            elif stored != wanted:  # settings alone bind nothing: a command may have ended before it drew anything
+            elif stored != wanted:  # settings without files may change: a command may have ended before its first image
                 write_durably(settings, _text(wanted))
         else:
             require_free_place(self.path)
@@ -94,7 +95,7 @@ class ModalityFolder:
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
-        """Store the fingerprint of the OpenGL that draws; RunConflictError if another one drew earlier images."""
+        """Store the fingerprint of the current OpenGL; RunConflictError if another one rendered earlier images."""
         if self.wanted.renderer is None:
             self.wanted = replace(self.wanted, renderer=dict(renderer))
             write_durably(self.path / SETTINGS_FILE, _text(self.wanted))
@@ -102,24 +103,18 @@ class ModalityFolder:
         if difference is not None:
             where, there, here = difference
             raise RunConflictError(
-                f"{self.path}: was drawn by another OpenGL: {where} is {there} there and {here} here, so pixels may "
+                f"{self.path}: was drawn with another OpenGL: {where} is {there} there and {here} here, so pixels may "
                 "differ. Continue on the same kind of machine, or choose another --out."
             )
-
-    def remove_parts(self) -> None:
-        """Delete what killed processes left unfinished; the caller holds the lock of the folder."""
-        for part in self.path.rglob(f".*{PART_SUFFIX}"):
-            part.unlink(missing_ok=True)
 
 
 def require_free_place(path: Path) -> None:
     """Raise RunConflictError if a folder holds other files and no modalities."""
-    if not (path / SETTINGS_FILE).exists() and path.is_dir() and any(not _is_ours(entry) for entry in path.iterdir()):
-        raise RunConflictError(f"{path}: holds other files and no modalities. Choose another --out.")
+    require_free(path, "set of modalities", file=SETTINGS_FILE, besides=(SEMANTICS_FILE,))
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return the folder of a trial's files in one of modalities; InvalidInputError if a name could leave that."""
+    """Return the folder of a trial's files in a modality folder; InvalidInputError if a name could leave it."""
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 
@@ -130,24 +125,18 @@ def files_in(path: Path) -> list[Path]:
 
 
 def _is_begun(path: Path) -> bool:
-    """Tell whether a folder of modalities holds a file, or one that is still being written."""
+    """Tell whether a modality folder contains a file, finished or not."""
     return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
 
 
 def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
     """Raise RunConflictError if a folder holds something else than is wanted."""
-    difference = first_difference(_form(replace(stored, renderer=None)), _form(wanted), "materialize")
-    if difference is not None:
-        where, there, asked = difference
-        raise RunConflictError(
-            f"{path}: holds other modalities: {where} is {there} there and {asked} here. Give the same "
-            "options to resume, or choose another --out."
-        )
+    require_same(path, _form(replace(stored, renderer=None)), _form(wanted), "set of modalities", where="materialize")
 
 
 def read_settings(path: Path) -> Wanted:
     """Return the settings of a modality folder; RecordError if it has none, or they are damaged."""
-    cure = "Name a folder that better materialize wrote"
+    cure = "Name a folder written by better materialize"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)
     form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("format_version", 2))
@@ -161,7 +150,3 @@ def _form(wanted: Wanted) -> dict[str, object]:
 
 def _text(wanted: Wanted) -> bytes:
     return json.dumps(sealed_form(json.loads(dump_json(_form(wanted)))), indent=2).encode() + b"\n"
-
-
-def _is_ours(path: Path) -> bool:
-    return path.name in (SEMANTICS_FILE, ".lock") or path.name.endswith(PART_SUFFIX)

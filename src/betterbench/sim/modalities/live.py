@@ -1,4 +1,4 @@
-"""Materializing while an episode is recorded: the same files as ``better materialize`` writes later, byte for byte."""
+"""Materialization while an episode is recorded: the same bytes as later by ``better materialize``."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from betterbench.tasks import TrialId
 
 
 class LiveMaterializer:
-    """Draws the views of a scene row by row while it is recorded; a context manager.
+    """Renderer of the views of a scene row by row during recording; a context manager.
 
-    Call :meth:`add` after the reset and after every step, where the rows of the record are appended, and :meth:`finish`
-    with the record. Without that nothing is left behind. ``out`` is a folder as better materialize makes it; in
+    Call :meth:`add` after the reset and after every step, when the rows of the record are appended, and :meth:`finish`
+    with the record. Without :meth:`finish` no files are left. ``out`` is a folder as made by better materialize; in
     ``RUN/modalities`` the command finds the files and keeps them.
 
     Raises:
-        RunConflictError: If the folder holds something else, or was drawn by another OpenGL.
+        RunConflictError: If the folder contains other files, or was rendered with another OpenGL.
         StorageError: If the disk is full.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
@@ -51,10 +51,10 @@ class LiveMaterializer:
         self._sights.close()
 
     def add(self) -> None:
-        """Draw the present state as the next row."""
+        """Render the current state as the next row."""
         self._files.add(list(self._sights.draw(self._scene.data)), self._scene.state().time_s)
 
     def finish(self, record: Record, record_sha256: str) -> list[Path]:
-        """Put the files of a record at their places and return these; the digest is that of the record's file."""
+        """Move the files of a record to their places and return them; the digest is that of the record's file."""
         origin = TrialOrigin(record.metadata, record_sha256, self._scene.quality.name, self._fingerprint)
         return self._files.finish(origin)

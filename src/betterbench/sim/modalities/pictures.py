@@ -15,7 +15,7 @@ _GOLDEN = 0.6180339887498949
 """The golden ratio's fraction: multiples of it, modulo 1, are spread evenly over the circle of hues."""
 
 LEAST_SEEN = 0.02
-"""Least visible fraction with which the box of an object is drawn."""
+"""Minimum visible fraction of an object whose box is drawn."""
 
 
 def object_colors(count: int) -> list[tuple[int, int, int]]:
@@ -25,9 +25,9 @@ def object_colors(count: int) -> list[tuple[int, int, int]]:
 
 
 def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple[int, int, int]]:
-    """Return a color for each object that is near its own: a red mug is shown in red.
+    """Return a color for each object that is close to its own: a red mug is shown in red.
 
-    Objects that look alike differ in brightness. Those that the image does not show have the colors of
+    Similar objects differ in brightness. Objects that are not in the image have the colors of
     :func:`object_colors`.
 
     Args:
@@ -52,13 +52,13 @@ def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple
 
 
 _GRAY = 0.2
-"""Saturation below which an object has no hue that a person would name."""
+"""Saturation below which an object has no clear hue."""
 _APART = 24
-"""Least difference of two colors in one of red, green and blue."""
+"""Minimum difference of two colors in one of red, green and blue."""
 
 
 def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, alpha: int = 96) -> bytes:
-    """Return a mask (height, width) as PNG: objects in their colors, see-through elsewhere."""
+    """Return a mask (height, width) as PNG: objects in their colors, other pixels transparent."""
     numbers = np.where(instances >= FIRST_OBJECT, instances - FIRST_OBJECT + 1, 0)
     image = Image.fromarray(np.minimum(numbers, 255).astype(np.uint8), "P")
     image.putpalette([0, 0, 0, *(part for color in colors[:255] for part in color)])
@@ -76,7 +76,7 @@ def mask_image(instances: np.ndarray, colors: Sequence[tuple[int, int, int]]) ->
 
 
 def depth_image(depth: np.ndarray) -> np.ndarray:
-    """Return depths (height, width) [m] in shades of gray, near ones bright, (height, width, 3) uint8."""
+    """Return depths (height, width) [m] in shades of gray, near pixels bright, (height, width, 3) uint8."""
     finite = np.isfinite(depth)
     near, far = (float(depth[finite].min()), float(depth[finite].max())) if finite.any() else (0.0, 1.0)
     shade = np.where(finite, 1.0 - (np.where(finite, depth, far) - near) / max(far - near, 1e-6), 0.0)

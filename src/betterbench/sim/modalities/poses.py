@@ -41,7 +41,7 @@ def in_frame(poses: np.ndarray, frame: np.ndarray) -> np.ndarray:
 
 
 def points_of(poses: np.ndarray, local: np.ndarray) -> np.ndarray:
-    """Return (n, 3) world positions of one point of each frame, (n, 3), given in it."""
+    """Return (n, 3) world positions of one local point of each frame, (n, 3)."""
     return np.asarray(np.einsum("nij,nj->ni", rotations(poses[:, 3:]), local) + poses[:, :3])
 
 

@@ -1,11 +1,11 @@
-"""A recorded trial as a file of Rerun: film, masks, boxes, depth, contacts and subgoals on one time line."""
+"""A recorded trial as a Rerun file: film, masks, boxes, depth, contacts and subgoals on one timeline."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from betterbench.installation import missing_extra
+from betterbench.jobs import OnCount
 from betterbench.jobs.durable import DurableFile
 from betterbench.json_form import open_ordinary
 from betterbench.quoting import markdown_text
@@ -27,7 +28,7 @@ _TIME, _ROW = "time", "row"
 _JPEG_QUALITY = 90
 _PNG_LEVEL = 4
 _DEPTH_PER_M = 1000.0
-"""Units of stored depth per meter. As 32-bit numbers, depth was nine tenths of a file."""
+"""Units of stored depth per meter. With 32-bit numbers, depth was nine tenths of a file."""
 
 _APPLICATION = "betterbench"
 _HEAD_BYTES = 4096
@@ -40,7 +41,7 @@ def write_rerun(
     path: Path,
     *,
     quality: str,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Path:
     """Write a trial to an ``.rrd`` file and return its path; ``on_progress`` gets the rows done and planned.
 
@@ -54,7 +55,7 @@ def write_rerun(
     stream = rerun.RecordingStream(_APPLICATION, recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}")
     lanes = lanes_of(record)
     with DurableFile(path) as durable, _disconnected(stream):
-        # Rerun's own file would be cut short on a full disk, and nobody told.
+        # Rerun's own file would be truncated silently on a full disk.
         kept = stream.memory_recording()
         stream.send_blueprint(_layout(blueprint, views), make_active=False, make_default=True)
         for shown in shown_rows(run, record, views, quality=quality):
@@ -80,7 +81,7 @@ def write_rerun(
 
 @contextlib.contextmanager
 def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
-    """End a stream in any case, with what it keeps in memory."""
+    """Close a stream in any case, including its buffer."""
     try:
         yield
     finally:
@@ -88,14 +89,14 @@ def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
 
 
 def is_rerun_file(path: Path) -> bool:
-    """Tell whether a file is one that :func:`write_rerun` wrote: of Rerun, with our name at its beginning."""
+    """Tell whether a file was written by :func:`write_rerun`: a Rerun file with our name at its beginning."""
     with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"RRF") and _APPLICATION.encode() in head
 
 
 def _rerun() -> tuple[Any, Any]:
-    """Return Rerun and its blueprints; it is imported here, for it is an extra."""
+    """Return Rerun and its blueprints; imported here, because it is an extra."""
     try:
         modules: tuple[ModuleType, ...] = tuple(map(importlib.import_module, ("rerun", "rerun.blueprint")))
     except ImportError as error:
@@ -173,7 +174,7 @@ def _log_row(rerun: Any, stream: Any, record: Record, views: tuple[ViewSpec, ...
 
 
 def _depth_png(depth: np.ndarray) -> bytes:
-    """Return (height, width) depths [m] as a PNG of 16 bits [mm]; 0 where nothing is seen or it is too far."""
+    """Return (height, width) depths [m] as a PNG of 16 bits [mm]; 0 without a hit or beyond the range."""
     millimeters = np.nan_to_num(depth * _DEPTH_PER_M, nan=0.0, posinf=0.0, neginf=0.0)
     whole = np.where(millimeters <= np.iinfo(np.uint16).max, np.rint(millimeters), 0.0).astype(np.uint16)
     packed = io.BytesIO()
@@ -194,7 +195,7 @@ def _boxes(rerun: Any, record: Record, shown: ShownRow, classes: list[int]) -> A
 
 
 def _log_lanes(rerun: Any, stream: Any, lanes: list[Lane], row: int) -> None:  # noqa: ANN401
-    """Log where a lane begins to hold something, or ceases to."""
+    """Log the start or the end of a span in a lane."""
     for lane in lanes:
         said = next((text for first, last, text in lane.spans if first <= row <= last), "")
         before = next((text for first, last, text in lane.spans if first <= row - 1 <= last), "")

@@ -1,11 +1,11 @@
-"""Materializing a run: the records of its trials become files of modalities, from a folder that can be resumed."""
+"""Materialization of a run: the records of its trials become modality files, in a folder that can be resumed."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -13,10 +13,8 @@ from typing import Self
 
 from betterbench.errors import RecordError
 from betterbench.interface import observation_spec
-from betterbench.jobs import RunLock
+from betterbench.jobs import OnCount, counts, in_threads, job_folder, run_items
 from betterbench.jobs.ahead import ahead
-from betterbench.jobs.item_threads import in_threads
-from betterbench.jobs.lock import LOCK_NAME
 from betterbench.json_form import file_digest
 from betterbench.records import Record, RunFolder
 from betterbench.records.modalities.file import ModalityFile, fault_text
@@ -39,11 +37,11 @@ class Materialized:
 
     Attributes:
         trials: Trials whose files are complete now.
-        files: Files written by this command.
-        kept: Files that were there and intact before.
-        rows: Rows of the files written.
-        bytes: Their size.
-        seconds: Time that it took [s].
+        files: Number of files written by this command.
+        kept: Number of files that were already intact.
+        rows: Number of rows written.
+        bytes: Their size [byte].
+        seconds: Duration [s].
     """
 
     trials: int
@@ -65,7 +63,7 @@ class _Tally:
 
 
 def default_views(run: RunFolder) -> tuple[ViewSpec, ...]:
-    """Return the views that the policy of a run was shown; those of the default preset if it saw no image."""
+    """Return the views of a run's policy; those of the default preset if it uses no image."""
     told = run.plan.get("observation")
     name = told.get("name") if isinstance(told, dict) else told
     preset = observation_spec(name if isinstance(name, str) else "default")
@@ -81,45 +79,39 @@ def materialize_run(
     trials: Sequence[TrialId] = (),
     workers: int = 1,
     follow: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: OnCount | None = None,
 ) -> Materialized:
-    """Write the files of the recorded trials of a run that are missing or damaged; intact ones are kept.
+    """Write the missing or damaged files of a run's recorded trials; intact files are kept.
 
-    The bytes depend neither on the number of workers nor on interruptions. With ``follow``, trials that are recorded
-    meanwhile are waited for until the run ends. ``on_progress`` is called with the number of trials done and known.
+    The bytes depend neither on the number of workers nor on interruptions. With ``follow``, it waits for further
+    recorded trials until the run ends. ``on_progress`` is called with the number of finished and known trials.
 
     Raises:
-        RunConflictError: If the folder holds something else, was drawn by another OpenGL, or is being written to.
-        RecordError: If records or scenes are missing or damaged; the other trials are done before.
+        RunConflictError: If the folder contains other files, was rendered with another OpenGL, or is in use.
+        RecordError: If records or scenes are missing or damaged; the other trials are finished first.
         StorageError: If the disk is full, or the folder was removed or moved meanwhile.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
     began, tally = time.monotonic(), _Tally()
-    known: set[TrialId] = set()
-    done = 0
+    finished: set[TrialId] = set()
     list(recorded_trials(run, trials))  # a trial that is not there is refused before a folder is made
     require_free_place(out)
-    with RunLock(out.absolute() / LOCK_NAME) as lock:
-        folder = ModalityFolder(out, wanted)
-        folder.remove_parts()
-        writer = _Writer(run, folder, tally)
+    with job_folder(out.absolute()):
+        writer = _Writer(run, ModalityFolder(out, wanted), tally)
 
-        def told(_: TrialId) -> None:
-            nonlocal done
-            done += 1
-            if on_progress is not None:
-                on_progress(done, len(known))
+        def work(fresh: Iterable[TrialId]) -> Iterator[TrialId]:
+            return in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run))
 
         while True:
             running = follow and run.is_running  # asked before the journal is read, so that no trial is missed
-            fresh = [trial for trial in recorded_trials(run, trials) if trial not in known]
-            known.update(fresh)
-            in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run), on_done=told)
+            known = list(recorded_trials(run, trials))
+            fresh = run_items(
+                known, is_done=finished.__contains__, work=work, keep=finished.add, on_progress=counts(on_progress)
+            )
             if not running:
                 break
             if not fresh:
                 time.sleep(_POLL_S)
-        lock.require_in_place()
     if tally.problems:
         more = len(tally.problems) - 1
         raise RecordError(tally.problems[0] + (f" {more} more trials could not be read either." if more else ""))
@@ -128,9 +120,9 @@ def materialize_run(
 
 
 def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
-    """Yield the trials that are recorded, in the order of the journal.
+    """Yield the recorded trials, in the order of the journal.
 
-    Raises RecordError if one that is asked for is not.
+    Raises RecordError if a requested trial is not recorded.
     """
     done = [entry.key for entry in run.entries() if entry.status == "done"]
     missing = [trial for trial in trials if trial not in done]
@@ -156,7 +148,7 @@ class _Views:
             view.close()
 
     def stop(self) -> None:
-        """End the processes from another thread: the one that draws gets a RecordError."""
+        """End the processes from another thread; a rendering thread then gets a RecordError."""
         for view in list(self._views.values()):
             view.stop()
 
@@ -175,13 +167,14 @@ class _Writer:
     def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally) -> None:
         self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()
 
-    def write(self, views: _Views, trial: TrialId) -> None:
-        """Write the missing files of a trial; a record that cannot be read is noted."""
+    def write(self, views: _Views, trial: TrialId) -> TrialId:
+        """Write the missing files of a trial, and return the trial; a record that cannot be read is noted."""
         try:
             self._write(views, trial)
         except RecordError as problem:
             with self._lock:
                 self._tally.problems.append(str(problem))
+        return trial
 
     def _write(self, views: _Views, trial: TrialId) -> None:
         record = self._run.read_record(trial.task, trial.condition, trial.seed)
@@ -199,9 +192,9 @@ class _Writer:
             self._tally.bytes += sum(path.stat().st_size for path in paths)
 
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
-        """Tell whether the file of a view of a trial is there already, drawn of this record, and intact.
+        """Tell whether the file of a trial's view exists, belongs to this record, and is intact.
 
-        All of it is read, since a header says nothing about what follows; that takes some 2 % of drawing it.
+        The whole file is read, because its header does not cover the rest; this takes about 2 % of rendering it.
         """
         path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted
         if not path.exists():
@@ -215,13 +208,13 @@ class _Writer:
                     return True
         except RecordError as problem:
             fault = fault_text(path, problem)
-        logger.warning("%s %s. It is drawn again.", path, fault)
+        logger.warning("%s %s. It is rendered again.", path, fault)
         return False
 
     def _draw(
         self, limited: LimitedView, record: Record, told: tuple[str, str], place: Path, views: Sequence[ViewSpec]
     ) -> list[Path]:
-        """Draw views of a record with a digest, by a render preset, and return the files."""
+        """Render views of a record with a digest, with a render preset, and return the files."""
         meta, modalities = record.metadata, self._folder.wanted.modalities
         facts, renderer = limited.prepare(views, modalities)
         with self._lock:
@@ -235,13 +228,13 @@ class _Writer:
                     for sights, time_s in zip(taken, times, strict=True):
                         files.add(sights, time_s)
             except BaseException:
-                limited.close()  # it is in the middle of an answer
+                limited.close()  # it is still sending an answer
                 raise
             return files.finish(origin)
 
 
 def seen_quality(run: RunFolder, record: Record) -> str:
-    """Return the render preset that a record's policy saw, or the run's if it saw no image."""
+    """Return the render preset of a record's policy, or that of the run if it uses no image."""
     planned = run.plan.get("quality")
     name = planned.get("name") if isinstance(planned, dict) else None
     return record.metadata.render_quality or (name if isinstance(name, str) else "standard")

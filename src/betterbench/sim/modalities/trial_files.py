@@ -1,4 +1,4 @@
-"""The files of one trial while they are written: sights, in the order of the rows, become columns."""
+"""The files of one trial during writing: sights, in the order of the rows, become columns."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.sim.scenes.sights import ModelFacts
 
 @dataclass(frozen=True, slots=True)
 class TrialOrigin:
-    """Origin of the files of a trial: its record with the digest, the render preset, and OpenGL's fingerprint."""
+    """Origin of a trial's files: its record with the digest, the render preset, and OpenGL's fingerprint."""
 
     metadata: RecordMetadata
     record_sha256: str
@@ -36,7 +36,7 @@ class TrialOrigin:
 
 
 class TrialFiles:
-    """The files of some views of one trial; a context manager, which removes unfinished files.
+    """The files of some views of one trial; a context manager that removes unfinished files.
 
     Raises StorageError if the disk is full, RecordError if the scene has other objects than the record.
     """
@@ -75,13 +75,13 @@ class TrialFiles:
         self._stack.close()
 
     def add(self, sights: Sequence[np.ndarray], time_s: float) -> None:
-        """Take the sights of all views of the next row of the record, whose time is given [s]."""
+        """Add the sights of all views for the next row of the record, with its time [s]."""
         last, self._last = self._last, (sights, time_s)
         if last is not None:
             self._append(last, sights)
 
     def finish(self, origin: TrialOrigin) -> list[Path]:
-        """Write the last row and the headers of the files, and return their places."""
+        """Write the last row and the headers of the files, and return their paths."""
         last, self._last = self._last, None
         if last is not None:
             self._append(last, None)

@@ -16,7 +16,7 @@ _STANDING = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class ViewValues:
-    """Turns the sights of one view into the values of its columns."""
+    """Converter from the sights of one view to the values of its columns."""
 
     def __init__(
         self, facts: ModelFacts, modalities: Sequence[str], categories: Sequence[str], focal_px: float
@@ -29,7 +29,7 @@ class ViewValues:
         self._semantics = semantics[self._instances]
 
     def of(self, sight: np.ndarray, time_s: float, following: np.ndarray | None) -> dict[str, np.ndarray]:
-        """Return the values of one row by column, but for its number."""
+        """Return the values of one row by column, except its number."""
         camera, wanted = sight["camera"], self._modalities
         values: dict[str, np.ndarray] = {
             "time": np.array(time_s),

@@ -15,14 +15,14 @@ from betterbench.sim.modalities.values import ViewValues
 from betterbench.sim.scenes.limited import LimitedView
 
 MOST_CONTACTS = 24
-"""Most pairs of touching bodies that are shown: those that come and go first."""
+"""Maximum number of body pairs that are shown; pairs whose contact changes come first."""
 
 _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """One line of a timeline: spans of rows, from the first to the last of each, and the text shown there.
+    """One line of a timeline: spans of rows, each with its first and last row and its text.
 
     ``kind`` is "subgoal", "held" or "contact".
     """
@@ -33,9 +33,9 @@ class Lane:
 
 
 def lanes_of(record: Record) -> list[Lane]:
-    """Return the lanes of a record: each subgoal, what is held, and contacts that come or go.
+    """Return the lanes of a record: each subgoal, the held object, and changing contacts.
 
-    Pairs that touch from the first row to the last, as what stands on the table, are left out.
+    Pairs in contact from the first row to the last, such as objects on the table, are left out.
     """
     lanes = [
         Lane("subgoal", name, tuple((a, b, "met") for a, b in _spans(record.subgoals[:, i])))
@@ -63,11 +63,11 @@ def _spans(there: np.ndarray) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class ShownRow:
-    """One row of a record to look at.
+    """One row of a record for a viewer.
 
     Attributes:
         time_s: Its time [s].
-        views: Per view the values of the columns of a file.
+        views: Values of the columns of a file, by view.
         focal_px: Focal length of each view [pixel].
         half_sizes_m: (objects, 3) half extents of the 3-D boxes [m].
     """

@@ -1,17 +1,24 @@
 """Robots: their description, their inverse kinematics and the controller that turns actions into motion.
 
+Each robot is a folder beside this file, whose ``__init__`` registers it; a new folder is found by itself.
 The controller and the inverse kinematics are imported when they are first used: who only draws needs neither.
 """
 
+import importlib
+import pkgutil
 from typing import TYPE_CHECKING
 
 from betterbench.lazy_names import lazy_names
 from betterbench.sim.graphics import require_engine
 
-require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
+require_engine()  # MuJoCo reads these variables at its import, and its error would not name a remedy
 
 from betterbench.sim.robots.panda import PANDA  # noqa: E402
-from betterbench.sim.robots.spec import Progress, RobotSpec, build_robot_spec, robot, robot_names  # noqa: E402
+from betterbench.sim.robots.spec import Progress, RobotSpec, build_robot_spec, register_robot, robot, robot_names  # noqa: E402
+
+for _found in pkgutil.iter_modules(__path__):
+    if _found.ispkg:
+        importlib.import_module(f"{__name__}.{_found.name}")
 
 if TYPE_CHECKING:
     from betterbench.sim.robots.control import ArmController, ControllerState
@@ -26,6 +33,7 @@ __all__ = [
     "Progress",
     "RobotSpec",
     "build_robot_spec",
+    "register_robot",
     "robot",
     "robot_names",
 ]

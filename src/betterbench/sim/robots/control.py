@@ -1,11 +1,11 @@
 """The arm controller: one action in, the references of all servos out.
 
 Every action space ends in a joint reference that the position servos integrate evenly over the control step, see
-:mod:`betterbench.sim.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. It stays
-where it is when the action is zero, and it may lead the measured pose by at most :data:`POSITION_LEAD_M` and
-:data:`ROTATION_LEAD_RAD`, so a blocked arm winds nothing up.
+:mod:`betterbench.sim.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. It is
+constant if the action is zero, and it may lead the measured pose by at most :data:`POSITION_LEAD_M` and
+:data:`ROTATION_LEAD_RAD`, so there is no windup at a blocked arm.
 
-What a controller remembers between actions is small and can be taken and put back (:meth:`ArmController.state`), so an
+The controller's memory between actions is small and can be saved and restored (:meth:`ArmController.state`), so an
 episode can be continued from any recorded state.
 """
 
@@ -56,14 +56,14 @@ ROTATION_LEAD_RAD = 0.5
 """Largest angle between the commanded and the measured rotation [rad]: one action unit, like the position."""
 
 POSE_STEP_M = 0.025
-"""Largest step toward an absolute pose [m]: 0.5 m/s, which the joints follow on a straight way over the workspace."""
+"""Largest step toward an absolute pose [m]: 0.5 m/s, which the joints can follow on straight paths in the workspace."""
 
 POSE_STEP_RAD = 0.1
-"""Largest turn toward an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
+"""Largest rotation toward an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
 
 JOINT_LEAD_RAD = 0.3
-"""Largest distance of a joint reference from the measured angle [rad]: what 5 cm and 0.5 rad at the tool ask of a
-joint at most, so it binds only where the arm is blocked or far from its reference.
+"""Largest distance of a joint reference from the measured angle [rad]: the largest joint motion for 5 cm and 0.5 rad at
+the tool, so it is active only if the arm is blocked or far from its reference.
 """
 
 
@@ -73,7 +73,7 @@ Joints = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Memory of a controller between actions: the commanded ``T_base_tcp``, joints [rad] and pad distance [m]."""
+    """Memory of a controller between actions: the commanded ``T_base_tcp``, joints [rad] and opening width [m]."""
 
     pose: Pose
     joints: tuple[float, ...]
@@ -81,12 +81,12 @@ class ControllerState:
 
 
 class ArmController:
-    """Turns actions of one action space into servo references, once per control step.
+    """Converter from actions of one action space to servo references, once per control step.
 
-    The robot's base is at the world origin; ``prefix`` is the one that the scene gave to the robot's names.
+    The robot's base is at the world origin; ``prefix`` is the prefix of the robot's names in the scene.
 
-    Raises InvalidInputError if it does not drive the action space, the model lacks a part of the robot or the time step
-    does not divide the control period.
+    Raises InvalidInputError if it does not support the action space, the model lacks a part of the robot or the time
+    step does not divide the control period.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class ArmController:
         if driven is None or advance is None or action_space.dim != driven.dim:
             raise InvalidInputError(
                 "action space",
-                f"{action_space.name!r} is not one that the arm controller drives",
+                f"{action_space.name!r} is not supported by the arm controller",
                 f"Choose one of {', '.join(_DRIVEN)}",
             )
         self._advance = advance
@@ -140,12 +140,12 @@ class ArmController:
 
     @property
     def commanded_pose(self) -> Pose:
-        """Pose ``T_base_tcp`` that the arm is on its way to."""
+        """Pose ``T_base_tcp`` that is the current goal of the arm."""
         return self._pose
 
     @property
     def commanded_width_m(self) -> float:
-        """Distance of the finger pads that the gripper is on its way to [m]; it may lead the measured one both ways."""
+        """Commanded opening width [m]; it may lead the measured one in both directions."""
         return self._width
 
     def measured_pose(self, data: mujoco.MjData) -> Pose:
@@ -160,9 +160,9 @@ class ArmController:
         return width
 
     def home(self, data: mujoco.MjData) -> None:
-        """Put the arm at rest into its home posture with open fingers, and the controller with it.
+        """Set the arm at rest to its home posture with open fingers, and reset the controller.
 
-        Call ``mj_forward`` before reading anything derived from the state.
+        Call ``mj_forward`` before reading any derived state.
         """
         data.qpos[self._qpos] = self.ik.home
         data.qvel[self._qvel] = 0.0
@@ -170,7 +170,7 @@ class ArmController:
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
-        """Adopt the present joint angles and finger distance as the command; the arm holds still there."""
+        """Adopt the current joint angles and opening width as the command, so that the arm stands still."""
         joints = data.qpos[self._qpos]
         self._joints = joints.tolist()
         self._pose = self.ik.forward(joints)
@@ -180,13 +180,13 @@ class ArmController:
         data.ctrl[self._gripper] = self._width
 
     def apply(self, data: mujoco.MjData, action: object, *, measured: Pose | None = None) -> np.ndarray:
-        """Set the controls of the next control step in ``data`` and return the action as applied.
+        """Set the controls of the next control step in ``data`` and return the applied action.
 
-        ``measured`` is ``T_base_tcp`` at the present joint angles, if the caller knows it. The action returned is
-        float64 and inside the bounds, shape (dim,); applying it instead of the one given gives the same bits.
+        ``measured`` is ``T_base_tcp`` at the current joint angles, if the caller knows it. The returned action is
+        float64 and within the bounds, shape (dim,); applying it again gives the same bits.
 
         Raises:
-            InvalidActionError: If the action has the wrong shape or type, or a number that is not finite.
+            InvalidActionError: If the action has the wrong shape or type, or a non-finite number.
         """
         applied = self.action_space.clip(action)
         numbers = applied.tolist()
@@ -202,7 +202,7 @@ class ArmController:
         return applied
 
     def _attend(self, data: mujoco.MjData) -> None:
-        """Prepare to read and write these data, which the engine keeps in place."""
+        """Prepare the access to these data, which the engine keeps at a fixed address."""
         if data is self._data:
             return
         self._data, self._ctrl = data, numbers_of(data.ctrl)
@@ -214,7 +214,7 @@ class ArmController:
         return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:
-        """Put back what :meth:`state` returned; raise InvalidInputError if it belongs to another robot."""
+        """Restore the result of :meth:`state`; raise InvalidInputError if it belongs to another robot."""
         if len(state.joints) != self.ik.home.size:
             raise InvalidInputError(
                 "controller state", f"it has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
@@ -237,7 +237,7 @@ class ArmController:
         return self._toward(self._pose, measured, reference)
 
     def _ee_pose(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
-        """Step toward an absolute pose along the straight way at moderate speed."""
+        """Step toward an absolute pose along a straight line at moderate speed."""
         x, y, z, qw, qx, qy, qz = action[:7]
         if qw * qw + qx * qx + qy * qy + qz * qz < 1e-6:
             raise InvalidActionError("ee_pose action: the quaternion is zero. Send a unit quaternion (w, x, y, z).")
@@ -258,7 +258,7 @@ class ArmController:
         return self._joint_step(asked, measured, reference)
 
     def _joint_step(self, goal: Joints, measured: Joints, reference: Joints) -> list[float]:
-        """Return the next joint reference on the way to a joint goal, within limits of position, speed and lead."""
+        """Return the next joint reference toward a joint goal, within limits of position, speed and lead."""
         low, high = self.ik.window(reference, reference)
         near = [min(max(g, m - JOINT_LEAD_RAD), m + JOINT_LEAD_RAD) for g, m in zip(goal, measured, strict=True)]
         step = [min(max(g, least), most) for g, least, most in zip(near, low, high, strict=True)]
@@ -266,11 +266,11 @@ class ArmController:
         return step
 
     def _toward(self, target: Pose, measured: Joints, reference: Joints) -> list[float]:
-        """Return the next joint reference on the way to a pose."""
+        """Return the next joint reference toward a pose."""
         return self.ik.step(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
-        """Move the commanded distance of the pads at finite speed and return it [m]."""
+        """Move the commanded opening width at finite speed and return it [m]."""
         if command != 0.0:
             spec = self.spec
             step = spec.gripper_speed_m_s * self._period
@@ -280,7 +280,7 @@ class ArmController:
         return self._width
 
     def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
-        """Check that the robot stands where its kinematics assume it: at the world origin, not turned."""
+        """Check that the robot is at the pose assumed by its kinematics: at the world origin, not rotated."""
         body = model.body(prefix + self.spec.arm_bodies[0]).id
         base = Pose()
         while body:
@@ -293,13 +293,13 @@ class ArmController:
         ):
             raise InvalidInputError(
                 f"base of the robot {self.spec.name!r}",
-                f"it stands at {list(base.position)}, or is turned",
+                f"it is at {list(base.position)}, or rotated",
                 "Attach the robot at the world origin; all poses are given in the base frame",
             )
 
 
-# Functions of the class and not methods of an instance: a controller that referred to itself, with the models of its
-# inverse kinematics, would stay in memory until a garbage collection.
+# Functions of the class instead of methods of an instance: a reference cycle through the controller, with the models of
+# its inverse kinematics, would stay in memory until a garbage collection.
 _Advance = Callable[[ArmController, list[float], Joints, Joints], list[float]]
 _DRIVEN: dict[str, tuple[ActionSpace, _Advance]] = {
     EE_DELTA.name: (EE_DELTA, ArmController._ee_delta),
@@ -329,7 +329,7 @@ def _moved(pose: Pose, action: list[float]) -> Pose:
 def _bounded(
     pose: Pose, center: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
 ) -> Pose:
-    """Return the pose, drawn toward ``center`` where it is farther away than the bounds."""
+    """Return the pose, moved toward ``center`` if it is farther away than the bounds."""
     position, quaternion = pose.position, pose.quaternion
     cx, cy, cz = center.position
     dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz

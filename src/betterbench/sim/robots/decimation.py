@@ -1,10 +1,9 @@
-"""Fewer triangles for a mesh that stays closed where it was closed, and shading normals that follow its edges.
+"""Mesh decimation that keeps closed meshes closed, and shading normals that follow edges.
 
 Edges are collapsed by the quadric error metric (M. Garland, P. S. Heckbert, "Surface Simplification Using Quadric Error
-Metrics", SIGGRAPH 1997), the cheapest first. A collapse that would turn a triangle over, make a sliver, or join sheets
-that did not touch is not made, so that no flap and no hole appears; open borders are held by planes of their own that
-stand on the border triangles. The order depends on nothing but the arrays, so every machine with the same input makes
-the same mesh.
+Metrics", SIGGRAPH 1997), the cheapest first. A collapse that would flip a triangle, make a sliver, or connect separate
+sheets is not made, so that neither flaps nor holes appear. Open borders are held by additional planes perpendicular to
+the border triangles. The order depends only on the arrays, so every machine with the same input makes the same mesh.
 """
 
 from __future__ import annotations
@@ -19,17 +18,17 @@ Point = tuple[float, float, float]
 Quadric = list[float]
 
 _BORDER_WEIGHT = 30.0
-"""Weight of a border's planes against the faces': a border moves along itself rather than across."""
+"""Weight of a border's planes relative to the faces': a border moves along itself rather than across."""
 
 _LEAST_COSINE = 0.35
-"""Cosine of the largest angle by which one collapse may turn a triangle, about 70 degrees."""
+"""Cosine of the largest rotation of a triangle by one collapse, about 70 degrees."""
 
 _LEAST_SHAPE = 0.02
-"""Least shape of a triangle: its area over that of an equilateral one with its longest side."""
+"""Minimum shape of a triangle: its area over that of an equilateral one with its longest side."""
 
 
 def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Merge vertices that share a cell of a grid of this size, and drop triangles that lose a side or are double.
+    """Merge vertices that share a cell of a grid of this size, and drop degenerate and duplicate triangles.
 
     Returns:
         (n, 3) float64 vertices [m], all of them used, and (m, 3) int64 faces.
@@ -48,7 +47,7 @@ def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple
 def creased(vertices: np.ndarray, faces: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
     """Split vertices where faces meet at a larger angle than ``degrees``.
 
-    A renderer that averages the normals of the faces around a vertex then draws edges sharp and round things round.
+    A renderer that averages the normals of the faces around a vertex then draws edges sharp and round surfaces smooth.
     """
     a, b, c = vertices[faces].swapaxes(0, 1)
     normals = np.cross(b - a, c - a)
@@ -80,9 +79,9 @@ def creased(vertices: np.ndarray, faces: np.ndarray, degrees: float) -> tuple[np
 def decimated(
     pieces: Sequence[tuple[np.ndarray, np.ndarray]], weights: Sequence[float], target: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return meshes with ``target`` triangles in all, or more where no further collapse is allowed.
+    """Return meshes with ``target`` triangles in total, or more if no further collapse is allowed.
 
-    The triangles go where they are needed: all edges of all pieces wait in one queue.
+    The triangles go where they are needed: all edges of all pieces share one queue.
 
     Args:
         pieces: For each its (n, 3) positions [m], welded, and (m, 3) vertex numbers.
@@ -106,7 +105,7 @@ def decimated(
 
 
 class _Collapsing:
-    """A mesh while its edges are collapsed."""
+    """A mesh during edge collapses."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> None:
         # In millimeters, so that squares of lengths do not vanish.
@@ -134,12 +133,12 @@ class _Collapsing:
                 self._collapse(a, b, place)
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return all vertices [m], also those without use, and the faces that are left."""
+        """Return all vertices [m], including unused ones, and the remaining faces."""
         faces = np.array([f for f in self._faces if f is not None], dtype=np.int64).reshape(-1, 3)
         return 1e-3 * np.array(self._points), faces
 
     def _push(self, a: int, b: int) -> None:
-        """Queue an edge with the place to which it collapses best."""
+        """Queue an edge with the best position for its collapse."""
         q = [s + t for s, t in zip(self._quadrics[a], self._quadrics[b], strict=True)]
         pa, pb = self._points[a], self._points[b]
         middle = (0.5 * (pa[0] + pb[0]), 0.5 * (pa[1] + pb[1]), 0.5 * (pa[2] + pb[2]))
@@ -148,7 +147,7 @@ class _Collapsing:
         if best is not None and math.dist(best, middle) <= math.dist(pa, pb):
             places.append(best)
         costs = [_error(q, place) for place in places]
-        # Between edges that cost nothing, as on flat faces, the shorter goes first.
+        # Between zero-cost edges, as on flat faces, the shorter one goes first.
         cost = min(costs)
         entry = (max(cost, 0.0) + 1e-6 * math.dist(pa, pb) ** 2, a, b, self._stamp[a], self._stamp[b])
         heapq.heappush(self._heap, (*entry, places[costs.index(cost)]))
@@ -162,11 +161,11 @@ class _Collapsing:
         return found
 
     def _allowed(self, a: int, b: int, place: Point) -> bool:
-        """Tell whether a collapse keeps the surface a surface, and its triangles on their side."""
+        """Tell whether a collapse keeps the surface a manifold and does not flip its triangles."""
         shared = self._around[a] & self._around[b]
         if not 1 <= len(shared) <= 2:
             return False
-        # The link condition: the ends have no common neighbors but those of the triangles that go.
+        # The link condition: the ends have no common neighbors except those of the removed triangles.
         if len(self._neighbors(a) & self._neighbors(b)) != len(shared):
             return False
         if len(shared) == 2 and self._on_border(a) and self._on_border(b):
@@ -209,7 +208,7 @@ class _Collapsing:
 
 
 def _quadrics(points: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> list[Quadric]:
-    """Return per vertex the ten numbers of its quadric: the planes of its faces, weighted by area, and of its borders.
+    """Return the ten numbers of each vertex's quadric: the planes of its faces, weighted by area, and of its borders.
 
     All of them are multiplied by the ``weights`` (n,) of the vertices.
     """
@@ -254,7 +253,7 @@ def _error(q: Quadric, p: Point) -> float:
 
 
 def _minimum(q: Quadric) -> Point | None:
-    """Return the point of the least error, or None where it is not determined well (flat or straight surroundings)."""
+    """Return the point of the least error, or None if it is poorly determined (flat or straight surroundings)."""
     a, b, c, d, e, f, g, h, i, _ = q
     m0, m1, m2 = e * h - f * f, c * f - b * h, b * f - c * e
     determinant = a * m0 + b * m1 + c * m2
@@ -269,12 +268,12 @@ def _minimum(q: Quadric) -> Point | None:
 
 
 def _keeps(before: list[Point], after: list[Point]) -> bool:
-    """Tell whether a moved triangle still looks to the same side and is no sliver."""
+    """Tell whether a moved triangle keeps its orientation and is not a sliver."""
     n, m = _normal(before), _normal(after)
     size_n, size_m = math.hypot(*n), math.hypot(*m)
     longest = max(math.dist(after[0], after[1]), math.dist(after[1], after[2]), math.dist(after[2], after[0]))
     if size_m < _LEAST_SHAPE * longest * longest:
-        # A sliver may stay one, or become less of one.
+        # A sliver may stay a sliver, or improve.
         was = max(math.dist(before[0], before[1]), math.dist(before[1], before[2]), math.dist(before[2], before[0]))
         if size_n * longest * longest > size_m * was * was:
             return False

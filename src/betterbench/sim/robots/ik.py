@@ -1,18 +1,18 @@
-"""Inverse kinematics: one control step toward a pose, and the joint angles that reach a pose.
+"""Inverse kinematics: one control step toward a pose, and joint angles for a pose.
 
 Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink
 (:class:`mink.FrameTask`, :class:`mink.Configuration`) on a model of the arm alone. The control step
-(:meth:`ArmIK.solve`) runs 20 times per simulated second between cold caches; it takes the same Jacobian from MuJoCo
-directly, in the base frame, and a test holds the two against each other. The quadratic program is assembled here and
-handed to DAQP with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which
-takes about three times as long.
+(:meth:`ArmIK.solve`) runs 20 times per simulated second with cold caches; it takes the same Jacobian from MuJoCo
+directly, in the base frame, and a test compares the two. The quadratic program is assembled here and passed to DAQP
+with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which takes about three
+times as long.
 
 Each iteration minimizes over the joint step ``d``
 
     |W (J d - e)|^2  +  posture^2 |q + d - home|^2  +  damping |d|^2
 
-inside the position and velocity limits. The posture term is a million times weaker than the pose, so it moves the
-elbow and displaces the tool by micrometers. Results depend on the arguments only: nothing is kept between calls.
+inside the position and velocity limits. The posture term is a million times weaker than the pose, so it moves the elbow
+and displaces the tool by micrometers. Results depend on the arguments only: there is no state between calls.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ POSITION_COST = 1.0
 """Weight of a position error [1/m]."""
 
 ORIENTATION_COST = 0.3
-"""Weight of a rotation error [1/rad]: reach of the gripper [m], so that both errors weigh alike at the wrist."""
+"""Weight of a rotation error [1/rad]: length of the gripper [m], so that both errors are equal at the wrist."""
 
 POSTURE_COST = 1e-3
 """Weight of the distance to the home posture [1/rad]; displaces the tool by about its square, 1 micrometer per rad."""
@@ -44,8 +44,8 @@ POSTURE_COST = 1e-3
 _POSTURE_WEIGHT = POSTURE_COST * POSTURE_COST
 
 STEP_DAMPING = 2e-5
-"""Damping of a control step [1/rad2]: the elbow returns to its posture by 5 % per step, and singular directions stay
-calm.
+"""Damping of a control step [1/rad2]: the elbow returns to its posture by 5 % per step, and singular directions are
+damped.
 """
 
 _STEP_WEIGHT = _POSTURE_WEIGHT + STEP_DAMPING
@@ -54,22 +54,22 @@ REACH_DAMPING = 1e-6
 """Damping of the iterations of :meth:`ArmIK.reach` [1/rad2]."""
 
 FOLLOW_ITERATIONS = 6
-"""Newton steps after which :meth:`ArmIK.follow` leaves it to :meth:`ArmIK.reach`; it takes one or two."""
+"""Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`; it usually takes one or two."""
 
 LIMIT_MARGIN_RAD = 0.06
-"""Distance that references keep from the joint limits [rad]; the moving arm overshoots its reference by less."""
+"""Distance of references from the joint limits [rad]; the moving arm overshoots its reference by less."""
 
 APPROACH = 0.5
-"""Share of the way to a position limit that a joint may take in one control step."""
+"""Largest share of the distance to a position limit that a joint may take in one control step."""
 
 _FAR = 1.01 / APPROACH
-"""Distance from a position limit beyond which the limit does not bind, in steps at full speed, with a margin."""
+"""Distance from a position limit beyond which the limit is inactive, in steps at full speed, with a margin."""
 
 SECOND_ITERATION_RAD = 0.03
 """Joint step above which a control step takes a second iteration, with the new error and the first Jacobian [rad].
 
-Below it (about 2 cm at the tool) the first iteration leaves less than 0.4 mm, which the next control step takes up;
-after 3 cm the second brings what is left to 0.1 mm.
+Below it (about 2 cm at the tool) the first iteration leaves less than 0.4 mm, which the next control step corrects;
+after 3 cm the second one reduces the error to 0.1 mm.
 """
 
 _REACH_STEP_RAD = 0.3
@@ -84,18 +84,18 @@ _RESTARTS = (
     (0.0, 0.5, 0.5, -0.3, 0.5, 0.6, 0.0),
     (0.0, 0.5, -0.5, -0.3, -0.5, 0.6, 0.0),
 )
-"""Offsets from home from which an unreached pose is tried again [rad]."""
+"""Offsets from home for further attempts at an unreached pose [rad]."""
 
 
 _Window = tuple[Sequence[float], Sequence[float], float]
-"""Joint angles at the begin of a control step, and the angles around which the step stays with its lead [rad]."""
+"""Joint angles at the beginning of a control step, and the center and size of the allowed range of its lead [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class IKResult:
-    """Joint angles found for a pose: read-only, shape (n,) [rad], with the errors that remain.
+    """Joint angles found for a pose: read-only, shape (n,) [rad], with the remaining errors.
 
-    ``converged`` tells whether both errors are within the tolerances asked for; ``iterations`` counts over all
+    ``converged`` tells whether both errors are within the requested tolerances; ``iterations`` counts over all
     restarts.
     """
 
@@ -142,7 +142,7 @@ class ArmIK:
 
     @functools.cached_property
     def _frame(self) -> _FrameProblem:
-        """Pose error and Jacobian by mink, for planning only; following a policy's actions does not use it."""
+        """Pose error and Jacobian by mink, for planning only; control steps do not use it."""
         return _FrameProblem(self._model, self.spec.tcp_site)
 
     def forward(self, q: Sequence[float] | np.ndarray) -> Pose:
@@ -153,10 +153,10 @@ class ArmIK:
     def solve(
         self, q: np.ndarray, target: Pose, *, around: np.ndarray | None = None, lead_rad: float = 0.0
     ) -> np.ndarray:
-        """Return the joint angles, shape (n,) [rad], one control step later on the way from ``q`` to ``T_base_tcp``.
+        """Return the joint angles, shape (n,) [rad], after one control step from ``q`` toward ``T_base_tcp``.
 
         The result stays within ``lead_rad`` of ``around``, if given, and within position and velocity limits (or, from
-        outside the limits, as near to them as one step allows).
+        outside the limits, as close to them as one step allows).
         """
         centers = None if around is None else around.tolist()
         return np.array(self.step(q.tolist(), target, around=centers, lead_rad=lead_rad))
@@ -164,10 +164,11 @@ class ArmIK:
     def step(
         self, q: Sequence[float], target: Pose, *, around: Sequence[float] | None = None, lead_rad: float = 0.0
     ) -> list[float]:
-        """Return the joint angles of :meth:`solve`, in plain numbers.
+        """Return the joint angles of :meth:`solve` as plain numbers.
 
-        Plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are cold; an
-        array operation then costs three times what it does in a benchmark of its own, `all` and `map` twice a loop.
+        It uses plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are
+        cold; an array operation then takes three times as long as in an isolated benchmark, `all` and `map` twice as
+        long as a loop.
         """
         centers = q if around is None else around
         lead = math.inf if around is None else lead_rad
@@ -184,9 +185,9 @@ class ArmIK:
     ) -> tuple[list[float], list[float]]:
         """Return the lowest and the highest joint reference one control step after ``q``, all of length n [rad].
 
-        A joint keeps to its velocity limit, and takes at most :data:`APPROACH` of its way to a position limit, so that
-        it slows down before the limit. From outside the limits it returns at full speed. Within that it stays within
-        ``lead_rad`` of ``centers``.
+        A joint obeys its velocity limit, and takes at most :data:`APPROACH` of its distance to a position limit, so
+        that it slows down before the limit. From outside the limits it returns at full speed. Within these bounds it
+        stays within ``lead_rad`` of ``centers``.
         """
         lowest: list[float] = []
         highest: list[float] = []
@@ -201,10 +202,10 @@ class ArmIK:
         return lowest, highest
 
     def _reach_in_window(self, moved: Sequence[float], window: _Window) -> float | None:
-        """Return the largest step of a joint [rad] to angles inside what :meth:`window` returns; None for others."""
+        """Return the largest step of a joint [rad] to angles inside the range of :meth:`window`; None for others."""
         q, centers, lead = window
         farthest = 0.0
-        # Far from its position limits a joint is bound by its speed and its lead alone.
+        # Far from its position limits a joint is limited only by its speed and its lead.
         for x, now, center, (low, high, speed) in zip(moved, q, centers, self._roomy, strict=True):
             step = abs(x - now)
             if not (low <= now <= high and step <= speed and abs(x - center) <= lead):
@@ -230,14 +231,15 @@ class ArmIK:
     ) -> IKResult:
         """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best of all.
 
-        The search starts at ``q``, shape (n,) [rad], and with ``restarts`` goes on from fixed postures around home; it
-        takes at most ``iterations`` per start. Raises InvalidInputError if ``q`` has the wrong shape or is not finite.
+        The search starts at ``q``, shape (n,) [rad], and with ``restarts`` continues from fixed postures around home;
+        it takes at most ``iterations`` per start. Raises InvalidInputError if ``q`` has the wrong shape or is not
+        finite.
         """
         start = np.asarray(q, dtype=np.float64)
         if start.shape != self.home.shape or not np.isfinite(start).all():
             raise InvalidInputError(
                 "start of the inverse kinematics",
-                f"{start!r} is no joint vector",
+                f"{start!r} is not a joint vector",
                 f"Give {self.home.size} finite angles",
             )
         starts = [start]
@@ -261,11 +263,11 @@ class ArmIK:
     def follow(
         self, q: Sequence[float], target: Pose, *, position_tolerance_m: float, rotation_tolerance_rad: float
     ) -> list[float] | None:
-        """Return n joint angles near ``q`` [rad] that bring the tool to ``T_base_tcp``, or None; in plain numbers.
+        """Return n joint angles near ``q`` [rad] that bring the tool to ``T_base_tcp``, or None; as plain numbers.
 
-        It is for many targets one after the other along a way: Newton steps from near by, which take a tenth of the
-        time of :meth:`reach` and end as soon as both tolerances are kept; where they leave the limits or do not
-        converge, :meth:`reach` searches from ``q``. A ``q`` outside the limits counts as the nearest angles inside.
+        It is for many consecutive targets along a path: Newton steps from a close start, which take a tenth of the time
+        of :meth:`reach` and end when both tolerances are met. If they leave the limits or do not converge,
+        :meth:`reach` searches from ``q``. A ``q`` outside the limits is replaced by the nearest angles inside.
         """
         now = [min(max(angle, low), high) for angle, (low, high, _) in zip(q, self._bounds, strict=True)]
         for _ in range(FOLLOW_ITERATIONS):
@@ -306,7 +308,7 @@ class ArmIK:
         )
 
     def _place(self, q: Sequence[float] | np.ndarray) -> None:
-        """Set the joint angles, shape (n,) [rad], and the poses that follow, but not what Jacobians need."""
+        """Set the joint angles, shape (n,) [rad], and update the poses, but not the data for Jacobians."""
         self._set_joints(*q)
         mujoco.mj_kinematics(self._model, self._data)
 
@@ -318,13 +320,13 @@ class ArmIK:
         return (x - px, y - py, z - pz, *rotation)
 
     def _world_jacobian(self) -> np.ndarray:
-        """Return the Jacobian (6, n) of the tool in the base frame at the joint angles set last."""
+        """Return the Jacobian (6, n) of the tool in the base frame at the current joint angles."""
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_jacSite(self._model, self._data, self._translation, self._rotation, self._site)
         return self._jacobian
 
     def _factorize(self, weight: float) -> None:
-        """Prepare Newton steps at the joint angles set last; ``weight`` is what a joint's motion costs."""
+        """Prepare Newton steps at the current joint angles; ``weight`` is the cost of joint motion."""
         factor = self._factor
         mujoco.mju_sqrMatTD(factor, self._world_jacobian(), self._weights)
         numbers = self._factor_numbers
@@ -333,11 +335,11 @@ class ArmIK:
         mujoco.mju_cholFactor(factor, 0.0)
 
     def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> tuple[list[float], float]:
-        """Return the joint angles after one iteration from ``q`` with the Jacobian prepared before.
+        """Return the joint angles after one iteration from ``q`` with the prepared Jacobian.
 
-        Beside them stands the largest distance of a joint from where the window begins; both [rad].
+        The second value is the largest distance of a joint from the beginning of the window; both [rad].
         """
-        # Where no bound is active the minimum is one Newton step, a third of the time of the quadratic program.
+        # If no bound is active, the minimum is one Newton step, a third of the time of the quadratic program.
         moved = self._newton_step(q, self._world_error(target))
         reach = self._reach_in_window(moved, window)
         if reach is not None:
@@ -381,17 +383,18 @@ class ArmIK:
         """Return the joint angles that minimize a quadratic function of the step inside the bounds."""
         step, _, flag, _ = daqp.solve(hessian, gradient, self._none, high - q, low - q, self._sense)
         if flag < 1:
-            # Bounds never cross and the Hessian is positive definite, so this is a numerical accident: stay once.
+            # Bounds never cross and the Hessian is positive definite, so this is a numerical failure: do not move in
+            # this step.
             step = np.zeros_like(q)
         moved: np.ndarray = np.minimum(np.maximum(q + step, low), high)
         return moved
 
     def _tcp(self) -> Pose:
-        """Return the tool pose of the configuration last set."""
+        """Return the tool pose of the current configuration."""
         return Pose(self._get_position(), self._site_quaternion())
 
     def _site_quaternion(self) -> Quaternion:
-        """Return the rotation of the tool at the joint angles set last."""
+        """Return the rotation of the tool at the current joint angles."""
         mujoco.mju_mat2Quat(self._quaternion, self._site_matrix)
         w, x, y, z = self._get_quaternion()
         return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
@@ -400,11 +403,11 @@ class ArmIK:
 class _FrameProblem:
     """The pose error of the tool and its Jacobian, by mink.
 
-    It computes on data of its own, so that nothing that planning does is left in those of the control step.
+    It uses separate data, so that planning does not affect the data of the control step.
     """
 
     def __init__(self, model: mujoco.MjModel, site: str) -> None:
-        # Imported here: it takes a quarter of a worker's start, and only those who plan need it.
+        # Imported here: it takes a quarter of a worker's start, and only planning needs it.
         import mink  # noqa: PLC0415
 
         self._configuration = mink.Configuration(model)
@@ -415,7 +418,7 @@ class _FrameProblem:
         self._target: np.ndarray = target.wxyz_xyz
 
     def aim(self, target: Pose) -> None:
-        """Set the pose to be reached, ``T_base_tcp``."""
+        """Set the target pose, ``T_base_tcp``."""
         self._target[:] = (*target.quaternion, *target.position)
 
     def residual(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -431,7 +434,7 @@ def largest_step(moved: Sequence[float], q: Sequence[float]) -> float:
 
 
 def _cost(result: IKResult) -> float:
-    """Return the weighted error of a result, by which unconverged starts are compared."""
+    """Return the weighted error of a result, for the comparison of unconverged starts."""
     return POSITION_COST * result.position_error_m + ORIENTATION_COST * result.rotation_error_rad
 
 

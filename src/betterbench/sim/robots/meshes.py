@@ -1,12 +1,12 @@
-"""The arm's visual meshes: found in an installed wheel, decimated once, kept in the user's cache.
+"""The arm's visual meshes: read from an installed wheel, decimated once, cached for the user.
 
-The STL files come with the ``gymnasium-robotics`` wheel and hold 134,000 triangles; software rendering is bound by
-triangles, so each file is split into its connected parts, the parts are sorted into paints, and all together are
+The STL files come with the ``gymnasium-robotics`` wheel and contain 134,000 triangles, which dominate the time of
+software rendering. Each file is split into its connected parts, the parts are sorted by paint, and all together are
 decimated to a fixed budget, which goes where it is needed (:mod:`~betterbench.sim.robots.decimation`).
 
-The cache file is named after the bytes of the sources, the budget and the recipe; it is written beside and renamed, so
-two processes that prepare it at once both succeed and end with the same file. Its first line is the SHA-256 of that
-name and of the rest: a file that was changed, or that cannot be read, is made again.
+The cache file is named after the bytes of the sources, the budget and the recipe. It is written under another name and
+renamed, so two simultaneous processes both succeed with the same file. Its first line is the SHA-256 of that name and
+of the rest: a changed or unreadable file is made again.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from betterbench.sim.robots.spec import Progress
 _log = logging.getLogger(__name__)
 
 RECIPE_VERSION = 2
-"""Raise this number when the preparation changes, so that old cache files are not used."""
+"""Version of the preparation; increment it when the preparation changes, so that old cache files are not used."""
 
 _WELD_M = 1e-4
-"""Cells in which vertices are one [m]: the files leave seams open by some hundredths of a millimeter."""
+"""Grid size for merging vertices [m]: the files have open seams of some hundredths of a millimeter."""
 
 _CREASE_DEGREES = 38.0
 """Angle above which an edge of the arm is drawn sharp: its housings are round, with edges at flanges and covers."""
@@ -68,7 +68,7 @@ class MeshPart:
 
 
 PaintRule = Callable[[str, int], str]
-"""Maps (link, rank of a connected part by area, largest first) to the name of a paint."""
+"""Function from (link, rank of a connected part by area, largest first) to the name of a paint."""
 
 
 def mesh_folder() -> Path:
@@ -91,11 +91,11 @@ def visual_parts(
     cache_folder: Path | None = None,
     progress: Progress | None = None,
 ) -> tuple[MeshPart, ...]:
-    """Return the decimated visual meshes, ordered by link and paint, from the cache where possible.
+    """Return the decimated visual meshes, ordered by link and paint, from the cache if possible.
 
-    ``shares`` gives by file stem how much an error of its shape counts, ``faces`` the largest number
-    of triangles of all parts together; ``paint`` sorts the connected parts of each file. ``progress`` is called for
-    each link unless the cache is used. Raises MissingDependencyError if a source file is missing.
+    ``shares`` gives the weight of shape errors by file stem, ``faces`` the maximum number of triangles of all parts
+    together; ``paint`` sorts the connected parts of each file. ``progress`` is called for each link unless the cache is
+    used. Raises MissingDependencyError if a source file is missing.
     """
     folder = mesh_folder()
     sources: dict[str, bytes] = {}
@@ -122,7 +122,7 @@ def visual_parts(
 def _prepare(
     sources: dict[str, bytes], shares: dict[str, float], paint: PaintRule, budget: int, progress: Progress | None
 ) -> tuple[MeshPart, ...]:
-    """Split, sort and decimate all sources so that all parts together keep within the budget."""
+    """Split, sort and decimate all sources so that all parts together stay within the budget."""
     import trimesh  # noqa: PLC0415 - takes 0.6 s, which only the first process of a machine needs
 
     painted: dict[tuple[str, str], tuple[np.ndarray, np.ndarray]] = {}
@@ -155,7 +155,7 @@ def _prepare(
 
 
 def _connected(count: int, faces: np.ndarray) -> np.ndarray:
-    """Return per vertex the number of its connected part, shape (count,), of triangles of shape (F, 3)."""
+    """Return the index of each vertex's connected part, shape (count,), for triangles of shape (F, 3)."""
     labels = np.arange(count)
     while True:
         before = labels.copy()
@@ -192,14 +192,14 @@ _LEFTOVER_S = 3600.0
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Delete what killed processes left half-written; one that is an hour old is not being written any more."""
+    """Delete unfinished files of killed processes; after an hour a file is no longer being written."""
     for part in folder.glob(f"tmp*{_CACHE_SUFFIX}.part"):
         if time.time() - part.stat().st_mtime > _LEFTOVER_S:
             part.unlink(missing_ok=True)
 
 
 def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
-    """Write the parts beside the target and rename; an unwritable cache is not an error, only slower next time."""
+    """Write the parts beside the target and rename; an unwritable cache only makes the next start slower."""
     arrays: dict[str, np.ndarray] = {"names": np.array([p.name for p in parts])}
     for part in parts:
         arrays[f"{part.name}.v"] = part.vertices

@@ -1,4 +1,4 @@
-"""Physics options and rates of the whole benchmark: every model of a scene, a robot or a single asset takes these."""
+"""Physics options and rates of the whole benchmark, for every model of a scene, a robot or a single asset."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ class Physics:
 
     Attributes:
         timestep_s: Duration of one physics step [s].
-        control_rate_hz: Rate of actions [Hz]; a control step is a whole number of physics steps.
-        impratio: Ratio of frictional to normal constraint impedance; more than 1 keeps held objects from creeping.
-        noslip_iterations: Iterations of the solver that removes the rest of that creep.
-        condim: Contact dimensions; 4 has torsional friction, which keeps a flat object from turning between two pads.
-        contact_time_constant_s: Time constant of critically damped contacts [s]. An object dropped 5 cm arrives at
-            1 m/s. MuJoCo's default of 20 ms lets it sink 7 mm, through the floor of a box; 5 ms keeps it below 2 mm and
-            is still 2.5 time steps.
-        sleep_tolerance_m_s: Speed below which a group of touching objects falls asleep when all of it has been slower
-            for ten time steps [m/s]. Turning counts with the size of the object. It is a twentieth of the speed up to
-            which a verdict takes an object to be at rest, so nothing is stopped that a verdict could see moving.
+        control_rate_hz: Rate of actions [Hz]; a control step is an integer number of physics steps.
+        impratio: Ratio of frictional to normal constraint impedance; more than 1 reduces the creep of held objects.
+        noslip_iterations: Iterations of the solver that removes the remaining creep.
+        condim: Contact dimensions; 4 has torsional friction, which keeps a flat object from rotating between two pads.
+        contact_time_constant_s: Time constant of critically damped contacts [s]. An object dropped from 5 cm arrives at
+            1 m/s. MuJoCo's default of 20 ms lets it sink by 7 mm, through the floor of a box; 5 ms limits it to 2 mm
+            and is still 2.5 time steps.
+        sleep_tolerance_m_s: Speed below which a group of touching objects falls asleep after ten time steps [m/s].
+            Rotation counts with the size of the object. It is a twentieth of the speed below which a verdict considers
+            an object at rest, so no motion that affects a verdict is stopped.
     """
 
     timestep_s: float = 0.002
@@ -34,7 +34,7 @@ class Physics:
     sleep_tolerance_m_s: float = 0.001
 
     def set_solver(self, spec: mujoco.MjSpec) -> None:
-        """Write the compiler and solver options into a model description."""
+        """Write the compiler and solver options to a model description."""
         spec.compiler.degree = False
         spec.compiler.autolimits = True
         spec.option.timestep = self.timestep_s
@@ -44,7 +44,7 @@ class Physics:
         spec.option.noslip_iterations = self.noslip_iterations
 
     def set_scene(self, spec: mujoco.MjSpec) -> None:
-        """Write the options, sleeping and the default contact of geometries into the description of a scene."""
+        """Write the options, sleeping and the default contact of geoms to the description of a scene."""
         self.set_solver(spec)
         spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         spec.option.sleep_tolerance = self.sleep_tolerance_m_s

@@ -1,7 +1,7 @@
-"""Readers and writers: numbers that the physics engine keeps in one place, as plain floats, at every control step.
+"""Readers and writers of the physics engine's arrays as plain floats, for use at every control step.
 
-Between two physics steps the processor's caches are cold, and an array operation costs several times what it does in a
-benchmark of its own. Unpacking the memory itself takes a quarter of the time of indexing an array and listing it.
+Between two physics steps the processor's caches are cold, and an array operation takes several times as long as in an
+isolated benchmark. Unpacking the memory directly takes a quarter of the time of indexing an array and converting it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Reader = Callable[[], tuple[Any, ...]]
-"""Function that returns the present values: numbers, or rows of numbers."""
+"""Function that returns the current values: numbers, or rows of numbers."""
 
 Speeds = tuple[tuple[float, ...], tuple[float, ...]]
 """Linear [m/s] and angular [rad/s] speed of each object."""
@@ -26,11 +26,11 @@ _Made = TypeVar("_Made")
 
 
 def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
-    """Return a function that reads some numbers of an array as they are when it is called.
+    """Return a function that reads the current values of some elements of an array.
 
     Args:
-        array: (n,) float64, contiguous; it has to stay where it is in memory.
-        indices: Indices of the numbers, at least one.
+        array: (n,) float64, contiguous; its memory address must not change.
+        indices: Indices of the elements, at least one.
     """
     low, high = min(indices), max(indices) + 1
     read = functools.partial(struct.Struct(f"{high - low}d").unpack_from, _memory(array), 8 * low)
@@ -39,12 +39,12 @@ def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
 
 
 def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
-    """Return a function that reads some rows of an array as they are when it is called.
+    """Return a function that reads the current values of some rows of an array.
 
-    Most of the time nothing moves but the arm: as long as nothing changes it returns the very tuple of the last call.
+    Most of the time only the arm moves: without a change, it returns the same tuple as the last call.
 
     Args:
-        array: (n, width) float64, contiguous; it has to stay where it is in memory.
+        array: (n, width) float64, contiguous; its memory address must not change.
         rows: Indices of the rows.
     """
     if not rows:
@@ -59,9 +59,9 @@ def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) 
     """Return a function that reads the current speeds of objects.
 
     Args:
-        array: (nv,) velocities of all degrees of freedom, float64, contiguous; it has to stay where it is in memory.
-        free: Per object the first of its six degrees of freedom, or -1 if it is not free.
-        slides: Per object its only degree of freedom, or -1 if it does not slide.
+        array: (nv,) velocities of all degrees of freedom, float64, contiguous; its memory address must not change.
+        free: Index of the first of each object's six degrees of freedom, or -1 if it is not free.
+        slides: Index of each object's only degree of freedom, or -1 if it does not slide.
     """
     ends = [(d, d + 6) for d in free if d >= 0] + [(d, d + 1) for d in slides if d >= 0]
     first, last = min((a for a, _ in ends), default=0), max((b for _, b in ends), default=0)
@@ -85,7 +85,7 @@ def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) 
 
 
 def numbers_of(array: np.ndarray) -> memoryview[float]:
-    """Return an array (n,) float64 as something whose numbers are read and set one by one in little time."""
+    """Return an array (n,) float64 in a form with fast access to single elements."""
     return _memory(array).cast("d")
 
 
@@ -95,7 +95,7 @@ def number_writer(array: np.ndarray) -> Callable[..., None]:
 
 
 def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _Made]:
-    """Return a function for a value made from some memory, which is made again only when a byte of it has changed."""
+    """Return a function for a value derived from memory, which is computed again only after a change of a byte."""
     last = memory.tobytes()
     made = make(last)
 
@@ -110,12 +110,12 @@ def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _M
 
 
 def _picker(indices: Sequence[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return a function that picks indices from the values between the least and the largest; None if it picks all."""
+    """Return a function that selects indices from the values between the smallest and the largest; None for all."""
     low, high = min(indices), max(indices) + 1
     return None if list(indices) == list(range(low, high)) else operator.itemgetter(*(i - low for i in indices))
 
 
 def _memory(array: np.ndarray) -> memoryview:
     if array.dtype != np.float64:
-        raise TypeError(f"an array of {array.dtype} where float64 is due")
+        raise TypeError(f"an array of {array.dtype} , expected float64")
     return array.data.cast("B")

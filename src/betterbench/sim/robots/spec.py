@@ -1,4 +1,4 @@
-"""Description of a robot for other packages: one frozen value per robot, and a register by name."""
+"""Description of a robot for other packages: one frozen value per robot, and a registry by name."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ import mujoco
 from betterbench.errors import InvalidInputError, UnknownNameError
 
 Progress = Callable[[str, int, int], None]
-"""Called with (what is being done, steps done, steps in all) during long work."""
+"""Called with (current work, steps done, total steps) during long work."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
     """Description of a robot, for controllers, scenes and experts.
 
-    Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix on. Arm joints
+    Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix. Arm joints are
     are listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits [rad/s].
 
     Attributes:
-        name: Name in the register ("panda").
+        name: Name in the registry ("panda").
         source: Source of kinematics, masses and meshes.
-        position_actuators: Per arm joint, the servo that pulls the joint to its integrated reference.
-        velocity_actuators: Per arm joint, the servo that damps the joint toward the reference velocity.
-        gripper_actuator: Position servo on the distance of the finger pads.
-        finger_joints: Slide joints of the fingers; their sum is the distance of the pads.
+        position_actuators: For each arm joint, the servo that pulls the joint to its integrated reference.
+        velocity_actuators: For each arm joint, the servo that damps the joint toward the reference velocity.
+        gripper_actuator: Position servo of the opening width.
+        finger_joints: Slide joints of the fingers; their sum is the opening width.
         finger_bodies: Bodies of the left (+y of the gripper) and the right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
         arm_bodies: Bodies of the arm without the gripper.
         tcp_site: Tool center point between the pads; z along the approach, y along the opening of the fingers.
-        joint_effort: Torque that the servos may use [N m].
-        gripper_opening_m: Largest distance of the pads [m].
+        joint_effort: Maximum torque of the servos [N m].
+        gripper_opening_m: Largest opening width [m].
         pad_size_m: Width and height of a pad's face [m].
-        tip_below_tcp_m: Distance by which the finger tips reach beyond the tool center point [m].
-        gripper_speed_m_s: Speed at which the commanded distance of the pads changes [m/s].
+        tip_below_tcp_m: Distance of the fingertips below the tool center point [m].
+        gripper_speed_m_s: Speed at which the commanded opening width changes [m/s].
         gripper_force_n: Largest force of each pad on an object [N].
-        gripper_lead_m: Largest lead of the commanded distance of the pads over the measured one [m].
+        gripper_lead_m: Largest lead of the commanded opening width over the measured one [m].
         control_rate_hz: Rate of actions [Hz].
         reach_m: Largest distance of the flange from the shoulder [m].
     """
@@ -112,17 +112,17 @@ class RobotSpec:
 
 
 class RobotBuilder(Protocol):
-    """Builds a robot's model description."""
+    """Builder of a robot's model description."""
 
     def __call__(self, *, visuals: bool, progress: Progress | None) -> mujoco.MjSpec:
-        """Return a fresh description, with visual meshes or without."""
+        """Return a new description, with or without visual meshes."""
 
 
 _ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
 
 
 def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
-    """Make a robot known by its name; a name that is taken raises an InvalidInputError."""
+    """Register a robot by name; a name that is taken raises an InvalidInputError."""
     if spec.name in _ROBOTS:
         raise InvalidInputError(f"robot {spec.name!r}", "the name is taken", "Register each robot once")
     _ROBOTS[spec.name] = (spec, builder)
@@ -142,10 +142,10 @@ def robot(name: str) -> RobotSpec:
 
 
 def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a fresh MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
+    """Return a new MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
 
     Physics is the same without visual meshes. Raises UnknownNameError for an unknown robot, MissingDependencyError if
-    the package that holds the meshes is not installed.
+    the package with the meshes is not installed.
     """
     robot(name)
     return _ROBOTS[name][1](visuals=visuals, progress=progress)

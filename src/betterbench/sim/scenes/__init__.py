@@ -2,11 +2,11 @@
 
 - ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: from a condition and a seed to a model.
 - ``scene``, ``contacts``, ``clearance``: state, reset and step; contacts, and collision checks for planners.
-- ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images and what they
-show.
+- ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images and their
+  contents.
 - ``stored``, ``limited``, ``glb``: compiled scenes on disk, opened in a limited process, or written for other viewers.
 
-Each public name is imported from its module when it is first used: a process that only draws builds no scene.
+Each public name is imported from its module at first use, so that a process that only renders builds no scene.
 """
 
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.stage import quality_preset
     from betterbench.sim.scenes.stored import StoredView, load_model
 
-require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
+require_engine()  # MuJoCo reads these variables at its import, and its error would not name a remedy
 
 __all__ = [
     "CONTROL_RATE_HZ",

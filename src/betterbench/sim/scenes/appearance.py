@@ -1,7 +1,7 @@
-"""Seeded variation besides the slots: looks, room, poses of the cameras, direction of the light, start of the arm.
+"""Seeded variation besides the slots: looks, room, camera poses, light direction, and start of the arm.
 
-A trial and its twin share all of it, because nothing here depends on the condition. Looks and room change the compiled
-model, so a trial draws one of a limited number of sets of them; the rest changes no model.
+A trial and its twin share all of it, because it does not depend on the condition. Looks and room change the compiled
+model, so a trial draws one of a limited number of sets of them; the rest does not change the model.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from betterbench.sim.scenes.stage import CAMERAS, WRIST_CAMERA
 from betterbench.tasks import Looks, ObjectSpec, stream
 
 LOOK_SETS = 16
-"""Number of sets of looks of a task. A trial draws one set, which gives every kind of object and the room a look of
-their own, so that runs compile and store a few scenes instead of one per trial."""
+"""Number of sets of looks of a task. A trial draws one set, with one look for each kind of object and for the room, so
+that runs compile and store a few scenes instead of one per trial."""
 
 UNSEEN_LOOK_SETS = 12
 """Number of sets of held-out looks of a task: a multiple of the four held-out looks and of the three rooms."""
@@ -44,10 +44,10 @@ START_TURN_RAD = math.radians(5.0)
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
-    """Return the look of an object in a trial; equal objects look alike in every scene.
+    """Return the look of an object in a trial; equal objects have the same look in every scene.
 
     Over the sets, every look of a kind of object occurs equally often, and independently of those of other kinds and of
-    the room. Categories of one family and color share their look, as a cabinet and its drawers do.
+    the room. Categories of one family and color share their look, for example a cabinet and its drawers.
     """
     numbers = looks(spec.category) if shown == "seen" else unseen_looks(spec.category)
     return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{spec.color}", len(numbers), shown)]
@@ -60,12 +60,12 @@ def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:
 
 
 def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
-    """Return the number of the set of looks that a trial draws, from 0."""
+    """Return the index of the set of looks that a trial draws."""
     return int(stream(task, seed, f"looks:{shown}").integers(LOOK_SETS if shown == "seen" else UNSEEN_LOOK_SETS))
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return the number of a trial's look, of ``count``: each set takes the next one of a shuffled order of its own."""
+    """Return the index of a trial's look, of ``count``: each set uses the next one of a separate shuffled order."""
     chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)
     return int(_order(task, round_, f"order of {shown} {what}", count)[place])
@@ -89,9 +89,9 @@ def view_jitter_of(task: str, seed: int) -> ViewJitter:
 
 @functools.lru_cache(maxsize=1024)
 def start_joints_of(task: str, seed: int, robot: RobotSpec) -> tuple[float, ...]:
-    """Return the joint angles that a trial starts from [rad]: near home, within the limits.
+    """Return the joint angles at the start of a trial [rad]: near home, within the limits.
 
-    The end effector is off its home by up to 2 cm along each axis of the world and up to 5 degrees about the tool.
+    The end effector is off its home by up to 2 cm along each world axis and up to 5 degrees about the tool axis.
 
     Raises:
         InvalidInputError: If the arm cannot reach that pose from home.

@@ -31,9 +31,9 @@ from betterbench.tasks.relations.layer import LAYERS
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """One object of a scene: its description, the asset chosen for it, and its pose ``T_world_object`` at reset.
+    """One object of a scene: its description, its asset, and its pose ``T_world_object`` at reset.
 
-    ``shut`` is the pose of a drawer while it is shut.
+    ``shut`` is the pose of a closed drawer.
     """
 
     spec: ObjectSpec
@@ -43,21 +43,21 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Pose that the model holds for good: of a fixed object, or of a drawer while it is shut."""
+        """Constant pose in the model: of a fixed object, or of a drawer while it is closed."""
         return self.pose if self.spec.fixed else self.shut
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledScene:
-    """A compiled model and the meaning of its parts. It is shared by every scene with the same assets.
+    """A compiled model and the meaning of its parts, shared by all scenes with the same assets.
 
     Attributes:
-        content_hash: Hash of everything that went into it (hex, 16 characters).
-        bodies: Body id per object, in scene order.
-        qpos_addresses: First index into qpos per object, -1 for fixed ones.
-        dof_addresses: First index into qvel per object, -1 for fixed ones.
-        slides: (n,) bool, true for drawers: they have one joint coordinate, their distance from being shut [m].
-        geom_labels: (ngeom,) index into the label table per geometry: objects first, then :data:`LABELS`; -1 for none.
+        content_hash: Hash of all its input (hex, 16 characters).
+        bodies: Body id of each object, in scene order.
+        qpos_addresses: First index into qpos of each object, -1 for fixed ones.
+        dof_addresses: First index into qvel of each object, -1 for fixed ones.
+        slides: (n,) bool, true for drawers: they have one joint coordinate, their opening [m].
+        geom_labels: (ngeom,) index into the label table for each geom: objects first, then :data:`LABELS`; -1 for none.
     """
 
     model: mujoco.MjModel
@@ -71,7 +71,7 @@ class CompiledScene:
 
 
 LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
-"""Names of bodies that are not objects, as contacts name them."""
+"""Names of bodies other than objects in contacts."""
 
 
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
@@ -86,7 +86,7 @@ def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
 
 
 def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks = "seen") -> tuple[Placement, ...]:
-    """Return all objects of a condition with their assets and poses, in an order that names do not influence."""
+    """Return all objects of a condition with their assets and poses, in an order that does not depend on names."""
     chosen = {
         o.name: build(o.category, look=look_of(task.id, seed, o, shown=shown), color=o.color) for o in condition.objects
     }
@@ -128,7 +128,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return the object below a pre-placed one: the layer below it where the stack has one, else the target itself."""
+    """Return the object below a pre-placed one: the next lower layer of a stack, else the target itself."""
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name
@@ -140,7 +140,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the middle of the surface on which objects rest at a target, in its frame [m]."""
+    """Return the center of the surface on which objects rest at a target, in its frame [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"nothing can rest {relation.name!r} its target from the start"
@@ -149,11 +149,12 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Return the pose of a pre-placed object at its target: that of a demonstration, drawn by the trial's stream.
+    """Return the pose of a pre-placed object at its target: that of a demonstration, drawn from the trial's stream.
 
-    In a container it is moved off the walls as far as it has to: not at all if a demonstration shows these assets.
+    In a container it is moved away from the walls if necessary; this is never necessary if a demonstration has the same
+    assets.
 
-    Raises InvalidInputError if no demonstration was measured, or none brings anything there.
+    Raises InvalidInputError if no demonstration was measured, or none brings an object there.
     """
     place, kind = condition.preplaced[name], condition.object(name).kind
     asset, on = chosen[name], chosen[place.target]
@@ -163,7 +164,7 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
     poses = known.final_poses_at(target, relation.name, place.region, kind=kind, assets=assets)
     if not poses:
         problem = f"no demonstration puts anything {relation.name} {target}{'.' if place.region else ''}{place.region}"
-        raise InvalidInputError(f"{task.id} preplace {name}", problem, "Pre-place things where training brings some")
+        raise InvalidInputError(f"{task.id} preplace {name}", problem, "Pre-place objects where training does")
     flat = final_pose(task, seed, kind=kind, region=place.region, poses=poses)
     if not relation.falls:
         return flat
@@ -178,10 +179,10 @@ _LOCK = threading.Lock()
 
 
 def compile_scene(placements: tuple[Placement, ...], quality: Quality, *, robot_name: str, room: Room) -> CompiledScene:
-    """Return the compiled model of a set of objects, from a cache where possible.
+    """Return the compiled model of a set of objects, from a cache if possible.
 
-    Only what a model holds decides: assets, fixed poses, robot, render quality and the room. Names,
-    slots and start poses of free objects do not, so trials that differ in layout or language share one model.
+    Only the content of a model matters: assets, fixed poses, robot, render quality and the room. Names, slots and start
+    poses of free objects do not, so trials that differ in layout or language share one model.
     """
     digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{room}".encode())
     for p in placements:
@@ -210,7 +211,7 @@ def _compile(
     for name, p in zip(names, placements, strict=True):
         add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else rail_of(p.asset))
     for drawer in [n for n, p in zip(names, placements, strict=True) if p.shut is not None]:
-        # The rails carry a drawer: it has clearance in the carcass and does not collide with it.
+        # The rails guide a drawer: it has clearance in the carcass and does not collide with it.
         for cabinet in [n for n, p in zip(names, placements, strict=True) if _takes_drawers(p.asset)]:
             spec.add_exclude(bodyname1=drawer, bodyname2=cabinet)
     model = spec.compile()

@@ -24,8 +24,8 @@ class CameraMatrices:
     """A pinhole camera in the conventions of OpenCV: its (3, 3) intrinsic matrix ``K`` [pixel], pose and size [pixel].
 
     The camera frame has x to the right of the image, y down and z forward along the optical axis. Pixel (u, v) counts
-    columns from the left and rows from the top, and whole numbers are the centers of pixels: the image spans u from
-    -0.5 to width - 0.5.
+    columns from the left and rows from the top, with integers at the centers of pixels: the image spans u from -0.5 to
+    width - 0.5.
     """
 
     K: np.ndarray
@@ -53,7 +53,7 @@ class CameraMatrices:
         return pixels, depth
 
     def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Return the points that a depth image [m] shows: (height, width, 3) float64 in the world frame [m].
+        """Return the points in a depth image [m]: (height, width, 3) float64 in the world frame [m].
 
         They are not finite where the depth is infinite. Raises InvalidInputError if the image has another size.
         """
@@ -68,14 +68,14 @@ class CameraMatrices:
 
 
 class ViewPlacement:
-    """Puts the cameras and the key light of a model where a trial has them, off their nominal places by its jitter."""
+    """Placement of a model's cameras and key light for a trial, offset from their nominal poses by its jitter."""
 
     def __init__(self, model: mujoco.MjModel, jitter: ViewJitter) -> None:
-        """Prepare; cameras that the model does not have are left out."""
+        """Prepare; cameras that are not in the model are ignored."""
         self._model = model
         self._bodies = model.cam_bodyid
-        # Poses in the frames of the bodies. The engine does not place the cameras of bodies that never move anew at
-        # every step, so the jitter is never added to what the data hold.
+        # Poses in the frames of the bodies. The engine does not update the cameras of static bodies at every step, so
+        # the jitter is never added to values in the data.
         self._positions = np.zeros((model.ncam, 3, 1))
         self._axes = np.zeros((model.ncam, 3, 3))
         for number in range(model.ncam):
@@ -89,9 +89,9 @@ class ViewPlacement:
             self._key_direction = turn @ model.light_dir[self._key]
 
     def apply(self, data: mujoco.MjData) -> None:
-        """Place cameras and lights for the poses of the bodies, which have to be up to date.
+        """Place cameras and lights for the current poses of the bodies, which must be up to date.
 
-        Live images and those of recorded states go through this one function, so that they agree bit for bit.
+        Live images and those of recorded states use this function, so that they agree bit for bit.
         """
         mujoco.mj_camlight(self._model, data)
         frames = data.xmat.take(self._bodies, 0).reshape(-1, 3, 3)
@@ -107,7 +107,7 @@ _STILL = CameraOffset((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def camera_matrices(
     model: mujoco.MjModel, data: mujoco.MjData, camera: str, *, width: int = 256, height: int = 256
 ) -> CameraMatrices:
-    """Return intrinsics and pose of a camera of the model in a state with positions up to date.
+    """Return intrinsics and pose of a camera of the model in a state with updated positions.
 
     Raises UnknownNameError if the model has no such camera, InvalidInputError if the size is out of range.
     """
@@ -124,7 +124,7 @@ def camera_matrices(
 
 
 def camera_number(model: mujoco.MjModel, camera: str) -> int:
-    """Return the number of a camera; raise UnknownNameError if the model has no such camera."""
+    """Return the index of a camera; raise UnknownNameError if the model has no such camera."""
     number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
     if number < 0:
         raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))

@@ -1,4 +1,4 @@
-"""Collision checks on a private copy of a scene, for planners: the bodies that would touch in a given configuration."""
+"""Collision checks on a private copy of a scene, for planners: the contacts in a given configuration."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ ROBOT_PARTS = frozenset({"left_finger", "right_finger", "hand", "arm"})
 
 
 class Clearance:
-    """Tells what the robot, and an object in its gripper, would touch. It never changes the scene it was made from."""
+    """Collision checker for the robot and an object in its gripper. It never changes the original scene."""
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
-        """Copy the scene's model; the robot has to keep ``margin_m`` from everything.
+        """Copy the scene's model; the robot must keep a distance of ``margin_m`` from all bodies.
 
-        ``penetration_m`` is the overlap of the held object with others that still counts as free; it has to be above
-        the depth of a resting contact.
+        ``penetration_m`` is the allowed overlap of the held object with others; it must exceed the depth of a resting
+        contact.
         """
         self._compiled = scene.compiled
         self._labels = scene.body_names
@@ -35,8 +35,8 @@ class Clearance:
         labels = self._compiled.geom_labels
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
-        # Contacts are looked for by the robot and by what it holds alone, and found at anything but the robot. What the
-        # other objects touch among themselves, and the robot's parts, takes a third of the time and is not asked for.
+        # Only the robot and the held object are checked, against everything except the robot. Contacts among the other
+        # objects, and among the robot's parts, would take a third of the time and are not needed.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0
@@ -49,7 +49,7 @@ class Clearance:
         self._numbers = numbers_of(self._data.qpos)
 
     def load(self, state: WorldState) -> None:
-        """Take over where everything is."""
+        """Load the poses of a state."""
         for i, name in enumerate(o.name for o in state.info.objects):
             self._place(i, state.pose(name))
 
@@ -62,7 +62,7 @@ class Clearance:
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 
     def _let_look(self, i: int, *, looks: bool) -> None:
-        """Have a body of the label table look for contacts with everything else, or only be found by others."""
+        """Let a body of the label table collide with everything else, or only with such bodies."""
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
         self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0
@@ -77,9 +77,9 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return the contacts that these joint angles [rad] would cause: one text "a-b" per pair, none if all is free.
+        """Return the contacts at these joint angles [rad]: one text "a-b" per pair, empty without contact.
 
-        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); the robot may touch ``ignore``.
+        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); contacts with ``ignore`` are allowed.
         """
         data = self._data
         for address, angle in zip(self._arm, joints, strict=True):
@@ -98,7 +98,7 @@ class Clearance:
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_collision(self._model, data)
         if not data.ncon:
-            return ()  # as nearly everywhere on a way
+            return ()  # the usual case on a path
         found: set[str] = set()
         pairs = self._compiled.geom_labels[data.contact.geom].tolist()
         for (a, b), depth in zip(pairs, data.contact.dist.tolist(), strict=True):

@@ -1,9 +1,9 @@
-"""Culling of geometry that a view does not show, before it is drawn.
+"""Culling of geometry outside a view, before it is rendered.
 
-MuJoCo hands every visible geom and the sky to OpenGL, which then throws away what lies outside the view or behind
-something. A software renderer has transformed the vertices and painted the pixels by then: a camera at the wrist, which
-has most of the robot behind it, spends a third of its time on geoms that it does not show. Neither a geom whose
-bounding sphere lies beyond one side of the view nor a sky behind a floor that fills the view changes any pixel.
+MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry outside the view or behind other
+geometry. A software renderer has already transformed the vertices and painted the pixels by then: a wrist camera, which
+has most of the robot behind it, spends a third of its time on geoms outside its view. Neither a geom whose bounding
+sphere is beyond one side of the view nor a sky behind a floor that fills the view changes any pixel.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 _GEOM = int(mujoco.mjtObj.mjOBJ_GEOM)
 _MARGIN_M = 0.002
 _WORTH_FACES = 160
-"""Faces from which on drawing a mesh for nothing costs more than finding out that it cannot be seen."""
+"""Number of faces above which rendering a mesh needlessly costs more than testing its visibility."""
 
 _Vector = tuple[float, float, float]
 
 
 class Culling:
-    """Tells which geometry a perspective camera of a model, with its optical axis in the image's middle, cannot see.
+    """Visibility test for a perspective camera with its optical axis in the center of the image.
 
-    The scene is the one that the images are drawn from; it is filled anew for each image.
+    The scene is the one used for rendering; it is filled again for each image.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:
-        """Find the meshes that are worth a look."""
+        """Find the meshes that are worth testing."""
         self._model, self._scene = model, scene
         self._geoms = list(scene.geoms)
         self._far_m = float(model.vis.map.zfar) * float(model.stat.extent)
@@ -42,7 +42,11 @@ class Culling:
         self._learn()
 
     def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
-        """Take geoms out of the scene that a camera does not see, and return whether it may see the sky.
+        """Remove geoms outside a camera's view from the scene, and return whether the sky may be visible.
+
+        Only meshes with many faces are tested, and only for cameras on a body: a static camera sees the whole table,
+        and nearly nothing could be removed. ``aspect`` is width by height of the image. ``geoms`` is False to remove
+        none, for images with shadows, which may fall into the view from outside.
 
         Only meshes with many faces are looked at, and only for cameras that ride on a body: one that stands in the
         world looks at all of the table, and nearly nothing could be left out. ``aspect`` is the image's width by its
@@ -55,8 +59,8 @@ class Culling:
         if angles is None:
             up = 0.5 * math.radians(fovy_deg)
             angles = self._angles[fovy_deg, aspect] = (math.atan(math.tan(up) * aspect), up)
-        # Plain numbers: between two images nothing of NumPy is in the processor's caches, and a product of two small
-        # arrays takes longer than all of this.
+        # Plain numbers: between two images NumPy is not in the processor's caches, and a product of two small arrays
+        # takes longer than all of this.
         axes = data.cam_xmat[camera].tolist()
         position = data.cam_xpos[camera].tolist()
         if geoms and self._riding[camera]:
@@ -77,14 +81,14 @@ class Culling:
                 or cos_y * abs(yx * x + yy * y + yz * z) + sin_y * behind > reach
             ):
                 if geom.objid != number:
-                    # Other geoms are drawn than last time, though as many: none of the rest can be trusted.
+                    # The geoms differ from the last image despite the same number, so the stored indices are invalid.
                     self._learn()
                     self._hide(data, axes, position, across, up)
                     return
                 geom.type = _NOTHING
 
     def _floor_fills(self, axes: list[float], position: list[float], across: float, up: float) -> bool:
-        """Tell whether the rays through the four corners of a view hit the floor: then all in between do as well."""
+        """Tell whether the rays through the four corners of a view hit the floor: then all rays between them do too."""
         if self._floor is None:
             return False
         geom, number, (fx, fy, fz), (half_x, half_y) = self._floor
@@ -97,7 +101,7 @@ class Culling:
         for a in (-right, right):
             for b in (-top, top):
                 fall = zz - a * xz - b * yz
-                # The distance along the optical axis at which the ray comes down, which the far plane limits.
+                # The distance along the optical axis at which the ray reaches the floor, limited by the far plane.
                 if fall <= 0.0 or height <= 0.0 or height >= self._far_m * fall:
                     return False
                 t = height / fall
@@ -106,7 +110,7 @@ class Culling:
         return float(geom.rgba[3]) == 1.0
 
     def _learn(self) -> None:
-        """Read where in the scene the geoms are that may be worth taking out, and where the floor is."""
+        """Read the indices of the geoms worth testing, and of the floor, in the scene."""
         self._filled = int(self._scene.ngeom)
         drawn = [g for g in self._geoms[: self._filled] if int(g.objtype) == _GEOM]
         self._candidates = [
@@ -118,7 +122,7 @@ class Culling:
         self._floor: tuple[mujoco.MjvGeom, int, _Vector, tuple[float, float]] | None = None
         for geom in drawn:
             number = int(geom.objid)
-            # A plane without a size is drawn as large as MuJoCo sees fit; one that rides on a body moves.
+            # A plane without a size is drawn in a size chosen by MuJoCo; a plane on a body moves.
             half_x, half_y, _ = self._model.geom_size[number].tolist()
             if (
                 int(self._model.geom_type[number]) == _PLANE

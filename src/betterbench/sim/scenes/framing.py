@@ -1,6 +1,6 @@
 """Framing of a task by the front camera: pixels of the gripper, size and visibility of named objects, and margins.
 
-The limits that every task keeps are constants of this file, and no verdict depends on them.
+The limits for every task are constants of this file; no verdict depends on them.
 """
 
 from __future__ import annotations
@@ -29,34 +29,34 @@ from betterbench.tasks import Condition
 from betterbench.tasks.relations.closed import MOUNTS
 
 GRIPPER_PX = 60.0
-"""Fewest pixels of hand and fingers in an image of 256 x 256."""
+"""Minimum pixels of hand and fingers in an image of 256 x 256."""
 
 MARGIN_M = 0.008
-"""Least distance of slots and target regions from the image's edge [m]."""
+"""Minimum distance of slots and target regions from the image's edge [m]."""
 
 SIDE_PX = 24.0
-"""Least longer side of an object that the instruction names, in an image of 256 x 256 [pixel]."""
+"""Minimum longer side of an object in the instruction, in an image of 256 x 256 [pixel]."""
 
 VISIBLE = 0.6
-"""Least visible share of an object that the instruction names: neither hidden nor cut off by the image's edge."""
+"""Minimum visible fraction of an object in the instruction: neither hidden nor cut off by the image's edge."""
 
 BACKGROUND = 0.2
-"""Largest share of the image without table, robot and object."""
+"""Largest fraction of the image without table, robot and object."""
 
 
 SIZE_PX = 256
 HOVER_M = 0.12
-"""Height of the end effector over a slot at which the gripper has to be visible [m]: grasps from above begin there."""
+"""Height of the end effector over a slot at which the gripper must be visible [m]: grasps from above begin there."""
 _REGIONS = ("inside", "ring", "top", "base")
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectFraming:
-    """Size and visibility of an object that the instruction names.
+    """Size and visibility of an object in the instruction.
 
     Attributes:
         side_px: Longer side of its visible part's bounding box [pixel].
-        visible: Share of it that is in the image and that nothing else hides.
+        visible: Fraction of it that is in the image and not occluded.
     """
 
     name: str
@@ -70,8 +70,8 @@ class Framing:
 
     Attributes:
         gripper_px: Pixels of hand and fingers.
-        background: Share of pixels that show neither table nor robot nor object.
-        asked: Objects that the instruction names, without fixtures.
+        background: Fraction of pixels without table, robot and object.
+        asked: Objects in the instruction, without fixtures.
     """
 
     gripper_px: int
@@ -80,7 +80,7 @@ class Framing:
 
 
 class FramingView:
-    """Measures images of one scene, without changing it."""
+    """Measurement of images of one scene, without changing it."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
         """Copy the scene's model, and make a renderer for it."""
@@ -99,7 +99,7 @@ class FramingView:
         self._renderer.close()
 
     def start(self, jitter: ViewJitter | None = None) -> Framing:
-        """Return the measures of the start of the trial, with the jitter of the trial or another one."""
+        """Return the measures at the start of the trial, with the jitter of the trial or another one."""
         masks = self._masks(self._scene.data.qpos, jitter)
         asked = tuple(self._object(name, masks) for name in asked_objects(self._scene.condition))
         background = float(np.isin(masks, self._background).mean())
@@ -140,9 +140,9 @@ class FramingView:
         return ObjectFraming(name, side, len(rows) / max(self._whole(body), 1))
 
     def _whole(self, body: int) -> int:
-        """Return the pixels of a body of which nothing is hidden, those outside the image included.
+        """Return the pixels of a body without occlusion, including those outside the image.
 
-        Everything else is left out of an image of twice the width and height around the same middle.
+        All other bodies are removed from an image of twice the width and height around the same center.
         """
         model, camera = self._model, self._model.camera(self._camera).id
         rgba, materials, angle = model.geom_rgba.copy(), model.geom_matid.copy(), float(model.cam_fovy[camera])
@@ -157,7 +157,7 @@ class FramingView:
 
 
 def asked_objects(condition: Condition) -> tuple[str, ...]:
-    """Return the scene names of the objects that the steps of an instruction name, in their order."""
+    """Return the scene names of the objects in the steps of an instruction, in order."""
     names: dict[str, None] = {}
     for step in condition.instruction.subgoals:
         found = [o.name for o in condition.objects if step.reference.kind in (None, o.kind)]
@@ -170,7 +170,7 @@ def asked_objects(condition: Condition) -> tuple[str, ...]:
 
 
 def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
-    """Yield the corners of the jitter of a camera: each of its shifts and turns at either end."""
+    """Yield the corners of a camera's jitter: each of its shifts and rotations at either end."""
     for signs in itertools.product((-1.0, 1.0), repeat=6):
         x, y, z, rx, ry, rz = signs
         shift, turn = CAMERA_SHIFT_M, CAMERA_TURN_RAD
@@ -179,10 +179,10 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 
 
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
-    """Return the least distance of slots and target regions from the image's edge at all jitters [m]; negative outside.
+    """Return the minimum distance of slots and target regions from the image edge at all jitters [m]; negative outside.
 
-    A slot counts with every place that its jitter allows; a target region with its corners, wherever the jitter of its
-    slot puts the target, and a drawer drawn out. Distances are those at the depth of the point.
+    A slot counts with its whole jitter; a target region with its corners, over the jitter of its slot, and with open
+    drawers. Distances are those at the depth of the point.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf
@@ -204,7 +204,7 @@ def _slot_corners(scene: Scene) -> Iterator[Vector]:
 def _target_corners(scene: Scene) -> Iterator[Vector]:
     placed = {p.spec.name: p for p in scene.placements}
     for step in scene.condition.instruction.subgoals:
-        if step.region in MOUNTS:  # to shut a drawer is asked of the drawer, whose own region is another step's target
+        if step.region in MOUNTS:  # closing concerns the drawer itself, whose region is the target of another step
             continue
         target = placed[step.target]
         pose = target.pose
@@ -226,7 +226,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
 
 
 def _slot_below(condition: Condition, name: str) -> str:
-    """Return the slot in which an object stands, or what it is mounted in or pre-placed on."""
+    """Return the slot of an object, or of the object in which it is mounted or on which it is pre-placed."""
     while name not in condition.layout:
         mount = condition.object(name).mount
         name = condition.preplaced[name].target if mount is None else mount.target

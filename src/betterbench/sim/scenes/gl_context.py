@@ -1,8 +1,7 @@
-"""The OpenGL context of this process: its back end, the thread that may use it, and the reading of pixels.
+"""The OpenGL context of this process: its back end, its thread, and the reading of pixels.
 
-A process holds one context, made on first use and shared by all renderers of that process. Rendering belongs to the
-thread that made the first renderer, and worker processes must be started with the ``spawn`` method: a forked copy of a
-context is refused.
+A process has one context, made at first use and shared by all its renderers. Rendering belongs to the thread of the
+first renderer, and worker processes must be started with the ``spawn`` method: a forked copy of a context is refused.
 """
 
 from __future__ import annotations
@@ -43,14 +42,14 @@ class _GLContext(Protocol):
 
 
 class Closable(Protocol):
-    """An object that holds buffers in the context until it is closed."""
+    """An object with buffers in the context until it is closed."""
 
     def close(self) -> None:
         """Free the buffers."""
 
 
 def renderer_fingerprint() -> dict[str, str]:
-    """Return the properties that pixels depend on besides the scene; images of two machines are equal if these are.
+    """Return the properties that determine pixels besides the scene; if they agree, images of two machines are equal.
 
     It has OpenGL's ``backend``, ``vendor``, ``renderer`` and ``version``, and ``mujoco``'s version. Raises
     MissingDependencyError if no off-screen OpenGL works here.
@@ -84,7 +83,7 @@ def make_current() -> None:
     """Make this process's OpenGL context current, creating it on first use."""
     known = CONTEXT.query
     if known is not None and CONTEXT.thread == threading.get_ident() and CONTEXT.pid == os.getpid():
-        # Asking EGL which context is current takes 1 us, making one current 50 us: 1 % of an image of the fast preset.
+        # Querying EGL for the current context takes 1 us, making one current 50 us: 1 % of an image of the fast preset.
         if known() != CONTEXT.handle and CONTEXT.gl is not None:
             CONTEXT.gl.make_current()
         return
@@ -97,7 +96,7 @@ def make_current() -> None:
         raise InvalidInputError("worker process", "it was forked from a process that had rendered", _SPAWN)
     if threading.get_ident() != CONTEXT.thread:
         raise InvalidInputError(
-            "renderer", "it is used by another thread than the first renderer of this process", "Render in one thread"
+            "renderer", "it is used in a thread other than that of the first renderer", "Render in one thread"
         )
     CONTEXT.gl.make_current()
     if gl_backend() == "egl":
@@ -107,7 +106,7 @@ def make_current() -> None:
 
 @functools.cache
 def _egl_current_context() -> Callable[[], int | None]:
-    """Return EGL's own function; PyOpenGL's wrapper of it is slower than what it saves."""
+    """Return EGL's own function; PyOpenGL's wrapper is slower than the time it would save."""
     function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
     function.restype = ctypes.c_void_p
     function.argtypes = ()
@@ -120,7 +119,7 @@ def _create_context() -> _GLContext:
     backend = require_drawing()
     # Threads of Mesa's software renderer gain nothing at these sizes and take cores from other workers.
     os.environ.setdefault("LP_NUM_THREADS", "0")
-    # A context's size is that of a window, which nothing is drawn into.
+    # The size of a context is that of a window, which is not used.
     try:
         context = cast("_GLContext", importlib.import_module(f"mujoco.{backend}").GLContext(16, 16))
         context.make_current()
@@ -136,9 +135,9 @@ _PACK_INVERT_MESA = 0x8758
 
 
 def read_from_top(*, wanted: bool) -> bool:
-    """Choose whether pixels are read with the top row first, which saves turning each image, and tell what is so.
+    """Choose whether pixels are read with the top row first, which avoids flipping each image; return the result.
 
-    Mesa can do that; with another OpenGL rows are always read from the bottom, and images are turned afterward.
+    Mesa supports this; with another OpenGL rows are always read from the bottom, and images are flipped afterward.
     """
     gl = importlib.import_module("OpenGL.GL")
     names = {gl.glGetStringi(gl.GL_EXTENSIONS, i) for i in range(int(gl.glGetIntegerv(gl.GL_NUM_EXTENSIONS)))}
@@ -149,12 +148,12 @@ def read_from_top(*, wanted: bool) -> bool:
 
 
 def as_upright(pixels: np.ndarray) -> np.ndarray:
-    """Return pixels as they were read, top row first."""
+    """Return the pixels with the top row first."""
     return pixels if CONTEXT.from_top else pixels[::-1]
 
 
 def _context_errors() -> tuple[type[Exception], ...]:
-    """Return the exceptions that the creation of a context raises if libraries or devices are missing."""
+    """Return the exceptions of a failed context creation if libraries or devices are missing."""
     known: tuple[type[Exception], ...] = (ImportError, AttributeError, RuntimeError, OSError)
     try:
         return (*known, importlib.import_module("OpenGL.error").Error)
@@ -163,7 +162,7 @@ def _context_errors() -> tuple[type[Exception], ...]:
 
 
 def _free_all() -> None:
-    """Free renderers and context before the interpreter takes OpenGL away from them."""
+    """Free renderers and context before the interpreter unloads OpenGL."""
     for renderer in list(RENDERERS):
         renderer.close()
     if CONTEXT.gl is not None and CONTEXT.pid == os.getpid():

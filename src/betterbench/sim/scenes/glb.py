@@ -1,7 +1,7 @@
-"""A compiled scene as binary glTF, one file per body, for viewers that are not MuJoCo.
+"""A compiled scene as binary glTF, one file per body, for viewers other than MuJoCo.
 
-The frame of a file is that of its body, in meters and with z up. A file holds one mesh per material: the visible shapes
-in their colors, with the textures of the model as PNG inside. The format is glTF 2.0 (Khronos), written by trimesh.
+The frame of a file is that of its body, in meters and with z up. A file contains one mesh per material: the visible
+shapes in their colors, with the textures of the model as PNG. The format is glTF 2.0 (Khronos), written by trimesh.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 FLOOR_HALF_M = 2.5
-"""Half the side of the square that stands for an endless floor [m]."""
+"""Half the side of the square that represents an infinite floor [m]."""
 ROUGHNESS = 0.75
 """Roughness of all surfaces (0 mirror, 1 chalk): the matt plastic and wood of the stage."""
 
@@ -32,7 +32,7 @@ class _Surface:
     faces: np.ndarray
 
     def moved(self, position: np.ndarray, rotation: np.ndarray) -> _Surface:
-        """Return it in the frame of the body: turned by (3, 3), then moved by (3,) [m]."""
+        """Return it in the frame of the body: rotated by (3, 3), then moved by (3,) [m]."""
         turned = self.positions @ rotation.T + position
         return _Surface(turned, self.normals @ rotation.T, self.coordinates, self.faces)
 
@@ -60,7 +60,7 @@ def _look(model: mujoco.MjModel, geom: int) -> tuple[tuple[float, ...], int]:
 
 
 def _surface(model: mujoco.MjModel, geom: int) -> _Surface:
-    """Return a shape in its own frame; what is neither mesh nor plane is drawn as its bounding box."""
+    """Return a shape in its own frame; shapes other than meshes and planes are drawn as their bounding box."""
     kind = int(model.geom_type[geom])
     if kind == int(mujoco.mjtGeom.mjGEOM_MESH):
         return _mesh(model, int(model.geom_dataid[geom]))

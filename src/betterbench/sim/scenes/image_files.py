@@ -1,4 +1,4 @@
-"""Drawn images as files."""
+"""Encoding of rendered images as files."""
 
 from __future__ import annotations
 

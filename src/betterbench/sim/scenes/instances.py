@@ -19,7 +19,7 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 
 
 def object_bodies(model: mujoco.MjModel) -> np.ndarray:
-    """Return the (n,) body numbers of a model's objects, in the order of the scene that it was compiled for."""
+    """Return the (n,) body ids of a model's objects, in the order of its scene."""
     found = {}
     for body in range(model.nbody):
         match = _OBJECT.match(model.body(body).name)
@@ -46,7 +46,7 @@ def instances_of_bodies(model: mujoco.MjModel, *, robot_name: str = "panda") -> 
 def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
     """Return (n, 2, 3) float64: center and half extents of the visible shape of some bodies, in their frames [m].
 
-    The boxes are tight for meshes and boxes; round shapes count with their own bounding boxes.
+    The boxes are tight for meshes and boxes; round shapes are represented by their own bounding boxes.
     """
     boxes = np.zeros((len(bodies), 2, 3))
     for i, body in enumerate(bodies):
@@ -62,7 +62,7 @@ def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
 
 
 def _points(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return (n, 3) points of a geom's body frame [m] whose bounding box holds the geom."""
+    """Return (n, 3) points in a geom's body frame [m] whose bounding box contains the geom."""
     if int(model.geom_type[geom]) == _MESH:
         mesh = int(model.geom_dataid[geom])
         start = int(model.mesh_vertadr[mesh])

@@ -1,10 +1,10 @@
-"""Stored scenes of strangers: MuJoCo's binary models are opened and drawn in a limited process of their own.
+"""Untrusted stored scenes: MuJoCo's binary models are opened and rendered in a separate process with limits.
 
-The reader of such files trusts them: a forged one can crash it, hang it or fill the memory. The process has limits for
-memory and time. What comes back from it is pixels or a text, and never an object.
+The reader of such files trusts them: a forged file can crash it, hang it or fill the memory. The process has limits for
+memory and time. Its output is only pixels or a text, never an object.
 
-A process can also end for other reasons: a renderer crashes, or the system is short of memory. So what a process was
-asked as it ended is asked of a new one once more; only what ends that one too is refused.
+A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
+a process ended is therefore repeated once in a new process; it is refused only if that one ends too.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ from betterbench.sim.scenes.stored import StoredView, load_model
 from betterbench.tasks import TrialId
 
 MAX_MEMORY_BYTES = 16 * 1024**3
-"""Address space of the process; the software renderer maps 4 GB of it."""
+"""Address space of the process [byte]; the software renderer maps 4 GB of it."""
 REQUEST_CPU_S = 60.0
-"""Most processor time for a scene to be opened, or an image to be drawn [s]."""
+"""Maximum processor time to open a scene or render an image [s]."""
 REQUEST_S = 900.0
-"""Longest time for the same [s], with the start for the first: much more, because a busy machine is slow."""
+"""Maximum wall-clock time of the same [s], including the start of the process: much more, for busy machines."""
 
 _PIXELS, _BROKEN, _MISSING = range(3)
 _QUESTION = struct.Struct("!QQ")
@@ -58,10 +58,10 @@ _LONGEST_REASON = 2000
 _SLICE_S = 10.0
 """Longest slice of a wait [s]."""
 _ENDS_WITHIN_S = 5.0
-"""Time that a process has to end after it has closed its pipe [s]."""
+"""Time for a process to end after it has closed its pipe [s]."""
 _BLOCK = 1 << 16
 _PIPE_BYTES = 1 << 20
-"""Size of the pipe through which images come, the largest that Linux gives everybody."""
+"""Size of the pipe for images, the largest that Linux allows without privileges [byte]."""
 _MOST_FACTS_BYTES = 1 << 22
 
 _AnswerT = TypeVar("_AnswerT")
@@ -90,7 +90,10 @@ class _EndedError(RecordError):
 
 @dataclass(slots=True)
 class _Patience:
-    """The time that is left to wait for a process [s].
+    """Remaining time to wait for a process [s].
+
+    It waits in slices, and a slice counts no more than its nominal duration: Ctrl-Z stops both processes for any time
+    while the clock continues.
 
     It is waited for in slices, and a slice counts no more than it should have taken: with Ctrl-Z both processes stop,
     for as long as somebody likes, and the clock goes on.
@@ -99,7 +102,7 @@ class _Patience:
     left_s: float
 
     def lasts_until_ready(self, pipe: BinaryIO, *, to_write: bool) -> bool:
-        """Wait until a pipe takes or holds something; False once no time is left."""
+        """Wait until a pipe can be written or read; False if no time is left."""
         pipes: list[BinaryIO] = [pipe]
         while True:
             slice_s, began = min(_SLICE_S, max(0.0, self.left_s)), time.monotonic()
@@ -112,7 +115,7 @@ class _Patience:
 
 
 class LimitedView:
-    """Draws recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
+    """Renderer of recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
         """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel].
@@ -134,14 +137,14 @@ class LimitedView:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            cwd=tempfile.gettempdir(),  # where MuJoCo may write its log
+            cwd=tempfile.gettempdir(),  # a folder where MuJoCo may write its log
             env={**os.environ, "PYTHONPATH": paths, **next_device_variables()},
         )
         os.set_blocking(_opened(self._process.stdin).fileno(), False)
-        with contextlib.suppress(OSError):  # more than this user may have
+        with contextlib.suppress(OSError):  # the size may exceed the user's limit
             fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         self._is_closed = False
-        if self._told_to_end:  # meanwhile, by another thread
+        if self._told_to_end:  # another thread has called stop() meanwhile
             self._process.kill()
 
     def __enter__(self) -> Self:
@@ -158,10 +161,10 @@ class LimitedView:
         return self._size
 
     def open(self, files: Mapping[str, bytes]) -> None:
-        """Open a stored scene, from what :func:`betterbench.sim.scenes.stored.scene_files` returned.
+        """Open a stored scene from the result of :func:`betterbench.sim.scenes.stored.scene_files`.
 
         Raises:
-            RecordError: If it cannot be opened: it is damaged or forged, or another version of MuJoCo wrote it.
+            RecordError: If it cannot be opened: it is damaged or forged, or was written by another version of MuJoCo.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
         self._opened, self._prepared, self._files = None, None, None
@@ -172,7 +175,7 @@ class LimitedView:
         self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
 
     def open_of(self, run: RunFolder, record: Record) -> None:
-        """Open the stored scene of a record of a run, unless it is open; raises what :meth:`open` raises."""
+        """Open the stored scene of a record of a run, unless it is open; raises the errors of :meth:`open`."""
         m = record.metadata
         digest = run.scene_digest(TrialId(m.task, m.condition, m.seed))
         scene = (m.scene_hash, digest or str(run.path))
@@ -181,32 +184,32 @@ class LimitedView:
             self._opened = scene
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
-        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises what :meth:`open` raises."""
+        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises the errors of :meth:`open`."""
         numbers = np.asarray(qpos, dtype=np.float64).tobytes()
         request = {"camera": camera, "jitter": jitter.to_json()}
         pixels = self._at_most_twice(lambda: self._ask(request, numbers))
         if len(pixels) != 3 * self._size**2:
-            raise self._refused("it gave an image of another size")
+            raise self._refused("it returned an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
-        """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera.
+        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view; NaN behind the camera.
 
-        Raises what :meth:`open` raises.
+        Raises the errors of :meth:`open`.
         """
         numbers = np.ascontiguousarray(points, dtype=np.float64).tobytes()
         found = self._ask({"project": camera}, numbers)
         if 3 * len(found) != 2 * len(numbers):
-            raise self._refused("it gave another number of points")
+            raise self._refused("it returned another number of points")
         return np.frombuffer(found).reshape(-1, 2)
 
     def prepare(
         self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
     ) -> tuple[ModelFacts, dict[str, str]]:
-        """Prepare to draw sights of the open scene; return the properties they share, and OpenGL's fingerprint.
+        """Prepare to render sights of the open scene; return their common properties, and OpenGL's fingerprint.
 
-        ``gripper`` is that of :class:`~betterbench.sim.scenes.sights.Sights`. What was prepared last for the same scene
-        is not prepared again. Raises what :meth:`open` raises.
+        ``gripper`` is that of :class:`~betterbench.sim.scenes.sights.Sights`. The last preparation for the same scene
+        is reused. Raises the errors of :meth:`open`.
         """
         wanted = (tuple(views), tuple(modalities), gripper)
         if self._prepared is None or self._prepared[0] != wanted:
@@ -229,13 +232,16 @@ class LimitedView:
         )
         known = bool((facts.object_bodies < len(facts.instances)).all())
         if not known or len(facts.boxes) != len(facts.object_bodies) or len(facts.focal_px) != len(views):
-            raise self._refused("it gave other views")
+            raise self._refused("it returned other views")
         sizes = {"bodies": len(facts.instances), "objects": len(facts.object_bodies)}
         self._types = [sight_type(view, modalities, **sizes, gripper=gripper) for view in views]
         return facts, told.renderer
 
     def sights(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[list[np.ndarray]]:
-        """Yield for each row of (T, nq) recorded states the sights of all views, as ``StoredSights.draw`` gives them.
+        """Yield the sights of all views for each row of (T, nq) recorded states, as from ``StoredSights.draw``.
+
+        Rows are rendered ahead, up to the size of the pipe. Consume all of them, or close the view. Raises the errors
+        of :meth:`open`.
 
         Rows are drawn ahead, as far as the pipe holds them. Read all of them, or close the view. Raises what
         :meth:`open` raises.
@@ -262,27 +268,27 @@ class LimitedView:
             for kind in self._types:
                 answer = self._receive(max(kind.itemsize, 4 * _LONGEST_REASON))
                 if len(answer) != kind.itemsize:
-                    raise self._refused("it gave an image of another size")
+                    raise self._refused("it returned an image of another size")
                 row.append(np.frombuffer(answer, kind)[0])
             yield row
 
     @property
     def row_bytes(self) -> int:
-        """Bytes of the sights of one row."""
+        """Size of the sights of one row [byte]."""
         return sum(kind.itemsize for kind in self._types)
 
     @property
     def process_id(self) -> int:
-        """Number of the process."""
+        """Process id."""
         return self._process.pid
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended, or was requested to."""
+        """Whether the process has ended, or was asked to end."""
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:
-        """End the process from another thread: the one that waits for an answer gets a RecordError."""
+        """End the process from another thread; a waiting thread then gets a RecordError."""
         self._told_to_end = True
         self._process.kill()
 
@@ -308,12 +314,12 @@ class LimitedView:
             raise self._ended() from None
 
     def _receive(self, most: int) -> bytes | bytearray:
-        """Return an answer of at most so many bytes; RecordError or MissingDependencyError if it is a reason."""
+        """Return an answer of at most ``most`` bytes; raise the error that it describes, if any."""
         try:
             patience = _Patience(REQUEST_S)
             kind, size = _HEADER.unpack(self._read(_HEADER.size, patience))
             if size > most:
-                raise self._refused("it answered too much")
+                raise self._refused("its answer is too long")
             answer = self._read(size, patience)
         except (OSError, EOFError):
             raise self._ended() from None
@@ -329,10 +335,10 @@ class LimitedView:
             left = left[os.write(pipe.fileno(), left[:_BLOCK]) :]
 
     def _wait(self, patience: _Patience, *, to_write: bool) -> None:
-        """Wait until the pipe takes or holds something."""
+        """Wait until the pipe can be written or read."""
         pipe = _opened(self._process.stdin if to_write else self._process.stdout)
         if not patience.lasts_until_ready(pipe, to_write=to_write):
-            raise self._refused(f"nothing came of it within {REQUEST_S:g} s", "The machine is too busy, or its file")
+            raise self._refused(f"it did not answer within {REQUEST_S:g} s", "The machine is too busy, or its file")
 
     def _read(self, count: int, patience: _Patience) -> bytearray:
         pipe, answer = _opened(self._process.stdout), bytearray(count)
@@ -346,7 +352,7 @@ class LimitedView:
         return answer
 
     def _at_most_twice(self, ask: Callable[[], _AnswerT]) -> _AnswerT:
-        """Return an answer, of a new process if the first one ends over it."""
+        """Return an answer, from a new process if the first one ends during the request."""
         try:
             return ask()
         except _EndedError:
@@ -354,7 +360,7 @@ class LimitedView:
             return ask()
 
     def _start_again(self) -> None:
-        """Start a new process in place of one that has ended, and bring it where that was."""
+        """Start a new process in place of an ended one, and restore its state."""
         self._start()
         if self._files is not None:
             self._load(self._files)
@@ -363,7 +369,7 @@ class LimitedView:
             self._prepare(views, modalities, gripper=gripper)
 
     def _ended(self) -> RecordError:
-        """Return the error for a process that has ended: it can be started again, unless it was told to end."""
+        """Return the error for an ended process: it can be restarted, unless it was asked to end."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_ENDS_WITHIN_S)
         problem = self._refused(_end_in_words(self._process.returncode))
@@ -377,7 +383,7 @@ class LimitedView:
 
 
 def _end_in_words(status: int | None) -> str:
-    """Return a description of the end of a process from its exit status; a negative one is a signal."""
+    """Return a description of a process's exit status; a negative one is a signal."""
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:
@@ -394,7 +400,7 @@ def _opened(pipe: object) -> BinaryIO:
 
 
 class _Drawer:
-    """State of the process between two requests: a scene, a view of it, and the renderer of its sights."""
+    """State of the process between two requests: a scene, its view, and the renderer of its sights."""
 
     def __init__(self, quality: str, size: int) -> None:
         self._quality, self._size = quality_preset(quality), size
@@ -458,10 +464,10 @@ class _Drawer:
 def draw_for_parent(quality: str, size: int) -> None:
     """Answer requests from standard input on standard output until the input ends: the main function."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what else is printed must not stand among the answers
+    os.dup2(2, 1)  # other output must not mix with the answers
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)  # whatever the parent does with it
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)  # independent of the parent's handler
     drawer = _Drawer(quality, size)
     asked = sys.stdin.buffer
     while header := asked.read(_QUESTION.size):
@@ -479,7 +485,7 @@ def draw_for_parent(quality: str, size: int) -> None:
         except BetterError as problem:
             reason = str(problem)
         except Exception as problem:  # noqa: BLE001 - whatever a forged scene breaks is told to the parent
-            reason = f"stored scene: it cannot be drawn ({type(problem).__name__}: {problem})"
+            reason = f"stored scene: it cannot be rendered ({type(problem).__name__}: {problem})"
         if reason:
             said = reason.encode()[:_LONGEST_REASON]
             answers.write(_HEADER.pack(kind, len(said)) + said)
@@ -487,10 +493,11 @@ def draw_for_parent(quality: str, size: int) -> None:
 
 
 def _limit_time() -> None:
-    """Give the next answer its share of processor time, and end this process by SIGPROF once it is used up.
+    """Set the processor time limit for the next answer; SIGPROF ends this process when it is used up.
 
-    A limit on all processor time, RLIMIT_CPU, cannot be moved on exactly: the kernel compares it with ticks, of which a
-    process that draws gets up to 6 % more than :func:`time.process_time` says, a minute after a quarter of an hour.
+    RLIMIT_CPU, a limit on the total processor time, cannot be advanced exactly: the kernel compares it with ticks,
+    which for a rendering process are up to 6 % more than :func:`time.process_time`, a minute after a quarter of an
+    hour.
     """
     signal.setitimer(signal.ITIMER_PROF, REQUEST_CPU_S)
 
@@ -500,7 +507,7 @@ def _jitter_of(request: Mapping[str, Any]) -> ViewJitter:
 
 
 def _split(sizes: Mapping[str, int], data: bytes) -> dict[str, bytes]:
-    """Return the files that stand one after the other in some bytes."""
+    """Return the files that are concatenated in some bytes."""
     files, at = dict[str, bytes](), 0
     for name, size in sizes.items():
         files[name] = data[at : at + size]
@@ -511,7 +518,7 @@ def _split(sizes: Mapping[str, int], data: bytes) -> dict[str, bytes]:
 def _pixels(view: StoredView, qpos: np.ndarray, camera: str, jitter: ViewJitter) -> bytes:
     rgb = view.draw(qpos, camera, jitter=jitter).rgb
     if rgb is None:
-        raise AssertionError("colors were asked for")
+        raise AssertionError("colors were requested")
     return np.ascontiguousarray(rgb).tobytes()
 
 

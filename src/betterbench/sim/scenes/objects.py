@@ -1,4 +1,4 @@
-"""Assets in MuJoCo: adding one to a model, and finding the pose in which it rests on a flat surface."""
+"""Assets in MuJoCo: adding an asset to a model, and finding its resting pose on a flat surface."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from betterbench.sim.robots.physics import PHYSICS
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 
 ROLLING_DAMPING = 3e-4
-"""Damping of the turning of a free object [N m s/rad], in place of rolling friction: without any, an orange that was
-pushed rocks for a minute. The rolling resistance of fruit on wood, some 2 % of its weight at its radius, takes as much
-from an orange that rolls at 4 rad/s. The same number damps travel [N s/m] by less than 1 % of the speed in a second."""
+"""Angular damping of a free object [N m s/rad], instead of rolling friction: without any, a pushed orange rocks for a
+minute. The rolling resistance of fruit on wood, about 2 % of its weight at its radius, has the same effect on an orange
+rolling at 4 rad/s. The same number as linear damping [N s/m] takes less than 1 % of the speed per second."""
 
 _TYPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -49,8 +49,8 @@ def add_asset(
 ) -> mujoco.MjsBody:
     """Add an asset to a model and return its new body; meshes, materials and geometries are named after the body.
 
-    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely; ``slide`` says how one slides
-    from it.
+    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely; ``slide`` is the rail along which
+    an object slides from that pose.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:
@@ -137,9 +137,9 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 def rest_pose(asset: Asset) -> Pose:
     """Return the pose ``T_surface_object`` in which an asset rests on a flat surface through the origin of its frame.
 
-    It is found by letting the asset, alone in the world, settle from its nominal pose: a fraction of a millimeter of
-    contact depth, and a tilt below a tenth of a degree. The result depends on nothing but the asset, so that no
-    neighbor can change where an object stands.
+    It is found by letting the asset settle alone from its nominal pose: a fraction of a millimeter of contact depth,
+    and a tilt below a tenth of a degree. The result depends only on the asset, so that no neighbor can change the
+    resting pose.
     """
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)

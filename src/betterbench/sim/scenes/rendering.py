@@ -1,10 +1,10 @@
 """Images of a scene: color, depth and instance masks from MuJoCo's classic off-screen renderer.
 
-How passes are spent. A *color pass* draws lights, textures and shadows into the multisampled buffer. A *geometry pass*
-draws every visible shape in a flat color that encodes its number into the plain buffer, one sample at each pixel's
-center, and gives depth and masks together; no id is ever blended with its neighbor. Color with depth takes one pass
-where that gives the same depth (no multisampling, nothing transparent), otherwise two. So depth and masks never depend
-on the quality.
+A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
+visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and
+gives both depth and masks; no id is ever blended with its neighbor. Color with depth takes one pass if that gives the
+same depth (no multisampling, nothing transparent), otherwise two. Depth and masks therefore never depend on the
+quality.
 
 All images are upright: row 0 is the top. Every returned array belongs to the caller.
 """
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -30,16 +31,16 @@ from betterbench.sim.scenes.stage import Quality
 logger = logging.getLogger(__name__)
 
 NO_BODY = -1
-"""Value of a mask where the image shows no body: the sky."""
+"""Value of a mask where the image has no body: the sky."""
 
-# Room for everything that a scene draws besides its geoms; nothing is drawn besides them, so a small margin is enough.
+# Room for other elements of a scene besides its geoms; there are none, so a small margin is enough.
 _SPARE_GEOMS = 16
 _HIDDEN_GROUP = 3  # this group and those after it are never shown
 _ALONE_GROUP = 5
-"""Group of geoms that no image shows, into which those that are drawn alone are put for that time."""
+"""Group of geoms that is never visible; geoms are moved here while others are rendered alone."""
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)
 _EVERYTHING = int(mujoco.mjtCatBit.mjCAT_ALL)
-# The smallest font that MuJoCo offers: no text is ever drawn, and a larger one takes longer to upload.
+# The smallest font of MuJoCo: no text is ever drawn, and a larger one takes longer to upload.
 _FONT_SCALE = 50
 
 
@@ -49,10 +50,10 @@ class Images:
 
     Attributes:
         rgb: (height, width, 3) uint8 colors.
-        depth: (height, width) float32 distances along the optical axis [m], infinite where nothing was hit;
+        depth: (height, width) float32 distances along the optical axis [m], infinite without a hit;
             ``CameraMatrices.unproject`` gives the points.
-        masks: (height, width) int32 numbers of bodies; ``Renderer.body_names`` has their names. 0 is the world itself
-            (the floor), -1 is the sky.
+        masks: (height, width) int32 body ids; ``Renderer.body_names`` has their names. 0 is the world itself (the
+            floor), -1 is the sky.
     """
 
     rgb: np.ndarray | None
@@ -61,11 +62,11 @@ class Images:
 
 
 class Renderer:
-    """Draws views of one model. It may be used as a context manager; :meth:`close` frees its buffers.
+    """Renderer of one model. It may be used as a context manager; :meth:`close` frees its buffers.
 
-    Creating one uploads the model's meshes and textures (5 to 50 ms here; the first in a process also makes the OpenGL
-    context, 0.1 to 0.3 s), so it is worth keeping as long as its model. Poses, colors and materials may change between
-    images; meshes and textures may not. The quality counts, whatever the model's own visual settings say.
+    Creation uploads the model's meshes and textures (5 to 50 ms here; the first renderer of a process also makes the
+    OpenGL context, 0.1 to 0.3 s), so keep it as long as its model. Poses, colors and materials may change between
+    images; meshes and textures may not. The quality overrides the model's own visual settings.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -84,7 +85,7 @@ class Renderer:
         self._color_fbo = (int(self._context.offFBO), int(self._context.offSamples))
         if quality.samples and not self._color_fbo[1]:
             logger.warning(
-                "this OpenGL has no multisampled buffers: images of quality %r are not smoothed", quality.name
+                "this OpenGL has no multisampled buffers: images of quality %r are not antialiased", quality.name
             )
 
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + _SPARE_GEOMS)
@@ -95,13 +96,13 @@ class Renderer:
         self._alone: tuple[mujoco.MjvScene, mujoco.MjvOption] | None = None
         self._camera_ids = {model.camera(number).name: number for number in range(model.ncam)}
         self.body_names: tuple[str, ...] = tuple(model.body(number).name for number in range(model.nbody))
-        """Names of the bodies by the number that masks hold."""
+        """Names of the bodies by their id in masks."""
         self._body_of_segment: dict[bytes, np.ndarray] = {}
         extent = float(model.stat.extent)
         self._near_m, self._far_m = float(model.vis.map.znear) * extent, float(model.vis.map.zfar) * extent
         self._pixels: dict[tuple[int, int], tuple[mujoco.MjrRect, np.ndarray, np.ndarray]] = {}
         self._bound = False
-        self._geometry: bool | None = None  # the pass that flags and buffer are set up for
+        self._geometry: bool | None = None  # the pass for which flags and buffer are set up
         RENDERERS.add(self)
 
     def __enter__(self) -> Self:
@@ -130,7 +131,7 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Draw one view as :meth:`render_views` does; its size [pixel] is the renderer's own unless given."""
+        """Render one view like :meth:`render_views`; its size [pixel] is the renderer's own by default."""
         view = (camera, width or self.width, height or self.height)
         return self.render_views(data, (view,), rgb=rgb, depth=depth, masks=masks)[0]
 
@@ -143,7 +144,7 @@ class Renderer:
         depth: bool = False,
         masks: bool = False,
     ) -> list[Images]:
-        """Draw several views of one state, which takes a little less time than one after the other.
+        """Render several views of one state, slightly faster than one after the other.
 
         Positions must be up to date (``mj_forward`` or a step). A view is a camera, an image width and a height
         [pixel].
@@ -192,7 +193,7 @@ class Renderer:
                 rgb_out = rgb_out[::-1].copy()
         if geometry_pass:
             if rgb and self.quality.shadows:
-                self._culling.cull(data, number, columns / rows, geoms=True)  # what is drawn from here on casts nothing
+                self._culling.cull(data, number, columns / rows, geoms=True)  # the following passes have no shadows
             self._draw(context, view, geometry=True)
             mujoco.mjr_readPixels(colors if masks else None, distances if depth else None, view, context)
             if masks:
@@ -202,9 +203,9 @@ class Renderer:
     def draw_alone(
         self, data: mujoco.MjData, camera: str, bodies: Sequence[int], *, width: int, height: int
     ) -> np.ndarray:
-        """Return the mask that :meth:`render` would give if nothing but the visible geoms of some bodies was there.
+        """Return the mask that :meth:`render` would give with only the visible geoms of some bodies.
 
-        It is (height, width) int32. Raises what :meth:`render_views` raises.
+        It is (height, width) int32. Raises the errors of :meth:`render_views`.
         """
         if self._context is None:
             raise InvalidInputError("renderer", "it is closed", "Create a new Renderer")
@@ -263,7 +264,7 @@ class Renderer:
             check_size(columns, rows)
 
     def _buffers(self, columns: int, rows: int) -> tuple[mujoco.MjrRect, np.ndarray, np.ndarray]:
-        """Return the part of the buffer, and the reused arrays that its pixels are read into: colors, raw depths."""
+        """Return the part of the buffer, and the reused arrays for its pixels: colors, raw depths."""
         buffers = self._pixels.get((columns, rows))
         if buffers is None:
             buffers = (
@@ -275,12 +276,12 @@ class Renderer:
         return buffers
 
     def _draw(self, context: mujoco.MjrContext, view: mujoco.MjrRect, *, geometry: bool, sky: bool = False) -> None:
-        """Draw the scene: either in color, with or without the sky, or as geometry (see the module's text)."""
+        """Render the scene: either in color, with or without the sky, or as geometry (see the module docstring)."""
         if geometry is not self._geometry:
             self._prepare(context, geometry=geometry)
             self._bound = False
         self._scene.flags[_SKY] = sky
-        if not self._bound:  # somebody else may have drawn since the last views
+        if not self._bound:  # another renderer may have been used since the last views
             mujoco.mjr_restoreBuffer(context)
             self._bound = True
         mujoco.mjr_render(view, self._scene, context)
@@ -294,26 +295,26 @@ class Renderer:
             flags[flag.mjRND_SEGMENT] = flags[flag.mjRND_IDCOLOR] = 1
         else:
             flags[flag.mjRND_SHADOW] = int(self.quality.shadows)
-        # MuJoCo draws into and reads from offFBO; the buffer it resolves samples into is a complete one of its own.
+        # MuJoCo renders into and reads from offFBO; its buffer for resolved samples is a complete one too.
         context.offFBO, context.offSamples = self._plain_fbo if geometry and self._color_fbo[1] else self._color_fbo
         self._geometry = geometry
 
     def _has_transparency(self) -> bool:
-        """Return True if a part may be transparent: the color pass leaves such parts out of the depth."""
+        """Return True if a part may be transparent: the color pass omits such parts from the depth."""
         for alpha in (self.model.geom_rgba[:, 3], self.model.mat_rgba[:, 3]):
             if bool(((alpha > 0.0) & (alpha < 1.0)).any()):
                 return True
         return False
 
     def _bodies(self, colors: np.ndarray) -> np.ndarray:
-        """Return upright (height, width) int32 body numbers of a geometry pass: segments plus one, low byte first."""
+        """Return upright (height, width) int32 body ids of a geometry pass: segments plus one, low byte first."""
         return np.asarray(self._segment_table()[_segments(colors, self._scene.ngeom)])
 
     def _segment_table(self) -> np.ndarray:
-        """Return the (n,) int32 body number by segment number plus one; entry 0 is the background.
+        """Return the (n,) int32 body id by segment index plus one; entry 0 is the background.
 
-        MuJoCo numbers the geoms that it draws in the order of the model and leaves out the invisible ones, so that the
-        table depends on nothing but which geoms have an opacity of zero.
+        MuJoCo numbers the rendered geoms in the order of the model and skips invisible ones, so the table depends only
+        on which geoms have an opacity of zero.
         """
         model = self.model
         key = (model.geom_rgba[:, 3] > 0.0).tobytes() + (model.mat_rgba[:, 3] > 0.0).tobytes()
@@ -325,7 +326,7 @@ class Renderer:
         return table
 
     def _bodies_of(self, scene: mujoco.MjvScene) -> np.ndarray:
-        """Return the (n,) int32 body number by segment number plus one of a filled scene."""
+        """Return the (n,) int32 body id by segment index plus one of a filled scene."""
         table = np.full(scene.ngeom + 1, NO_BODY, np.int32)
         geom_type = int(mujoco.mjtObj.mjOBJ_GEOM)
         for geom in scene.geoms[: scene.ngeom]:
@@ -345,7 +346,7 @@ class Renderer:
 
 
 def _segments(colors: np.ndarray, geoms: int) -> np.ndarray:
-    """Return the upright (height, width) segment numbers plus one of a geometry pass that drew so many geoms."""
+    """Return the upright (height, width) segment indices plus one of a geometry pass with ``geoms`` geoms."""
     upright = as_upright(colors)
     segments = upright[:, :, 0].astype(np.int32)
     if geoms >= 0xFF:
@@ -370,13 +371,13 @@ def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) ->
     if context.currentBuffer != int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN):
         context.free()
         raise MissingDependencyError(f"This OpenGL has no off-screen buffers. {CURE}")
-    # Raw depths that are 1 near and 0 far keep the full precision of 32-bit floats at a distance.
+    # Raw depths with 1 near and 0 far keep the full precision of 32-bit floats at a distance.
     context.readDepthMap = int(mujoco.mjtDepthMap.mjDEPTH_ZEROFAR)
     return context
 
 
 def _visible_groups() -> mujoco.MjvOption:
-    """Return drawing options that show shapes of the visible groups 0 to 2 and no marks, sites or contacts."""
+    """Return rendering options for the visible groups 0 to 2, without marks, sites or contacts."""
     option = mujoco.MjvOption()
     option.flags[:] = 0
     option.flags[mujoco.mjtVisFlag.mjVIS_TEXTURE] = 1
@@ -384,3 +385,27 @@ def _visible_groups() -> mujoco.MjvOption:
     option.geomgroup[:] = (1, 1, 1, 0, 0, 0)
     option.sitegroup[:] = 0
     return option
+
+
+class Renderers:
+    """Renderers of the last models, because making one takes tens of milliseconds."""
+
+    def __init__(self, most: int) -> None:
+        """Prepare; ``most`` is the number of renderers that are kept, one per model."""
+        self._most = max(1, most)
+        self._kept: OrderedDict[str, Renderer] = OrderedDict()
+
+    def of(self, key: str, model: mujoco.MjModel, *, width: int, height: int, quality: Quality) -> Renderer:
+        """Return the renderer of a model, whose name is ``key``; width and height are those of its largest image."""
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        while len(self._kept) >= self._most:
+            self._kept.popitem(last=False)[1].close()
+        renderer = self._kept[key] = Renderer(model, width=width, height=height, quality=quality)
+        return renderer
+
+    def close(self) -> None:
+        """Free all renderers."""
+        while self._kept:
+            self._kept.popitem()[1].close()

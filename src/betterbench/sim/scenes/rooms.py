@@ -1,8 +1,8 @@
-"""Rooms: table top, wall, floor and light of a scene, which a trial draws by its seed.
+"""Rooms: table top, wall, floor and light of a scene, drawn by a trial's seed.
 
-No table top has the color of anything that an instruction names: reds, blues, yellows, bright greens, white, black and
-the browns of food stay readable on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that
-no color is clipped and white stays distinguishable from light gray.
+No table top has a color of the instructions: reds, blues, yellows, bright greens, white, black and the browns of food
+are visible on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that no color is clipped
+and white stays distinguishable from light gray.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from betterbench.geometry import Vector
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """Light of a room, from two directions and evenly from everywhere.
+    """Light of a room, from two directions and uniformly from all directions.
 
     Attributes:
-        key_direction: Direction in which the light that casts the shadow shines; it need not be of length 1.
+        key_direction: Direction of the light that casts the shadow; it need not be of length 1.
         key: Color (r, g, b) of that light, each in [0, 1].
-        ambient: Color of the even light.
-        fill: Brightness of the second light, which shines from the other side without a shadow.
+        ambient: Color of the uniform light.
+        fill: Brightness of the second light, from the other side without a shadow.
     """
 
     key_direction: Vector
@@ -80,7 +80,7 @@ UNSEEN_ROOMS: tuple[Room, ...] = (
 
 
 def room_named(name: str) -> Room:
-    """Return a room by its name; raise UnknownNameError if there is none."""
+    """Return a room by its name; raise UnknownNameError if it does not exist."""
     known = {room.name: room for room in (*ROOMS, *UNSEEN_ROOMS)}
     try:
         return known[name]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import copy
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, distance, unit_quaternion
+from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.sim.robots import ArmController
@@ -19,13 +21,34 @@ from betterbench.sim.robots.control import ControllerState
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.readers import number_reader, row_reader, speed_reader
 from betterbench.sim.scenes.appearance import room_of, start_joints_of, view_jitter_of
-from betterbench.sim.scenes.builder import LABELS, CompiledScene, Placement, compile_scene, place_objects
+from betterbench.sim.scenes.builder import (
+    LABELS,
+    CompiledScene,
+    Placement,
+    compile_scene,
+    engine_version,
+    place_objects,
+)
 from betterbench.sim.scenes.cameras import ViewPlacement
 from betterbench.sim.scenes.contacts import ContactReader
+from betterbench.sim.scenes.described import SceneDescription
 from betterbench.sim.scenes.instances import ROBOT_PREFIX
 from betterbench.sim.scenes.stage import QUALITIES, Quality
 from betterbench.sim.scenes.stored import scene_files
-from betterbench.tasks import Condition, Expected, Looks, Task, broken_premises, training_distribution_of
+from betterbench.tasks import (
+    SUITE_VERSION,
+    Condition,
+    Expected,
+    GoalTracker,
+    Looks,
+    Task,
+    broken_premises,
+    training_distribution_of,
+)
+from betterbench.tasks.worlds.facts import OURS
+
+if TYPE_CHECKING:
+    from betterbench.sim.scenes.rendering import Images, Renderers
 
 TIMESTEP_S = PHYSICS.timestep_s
 """Step of the simulation [s]."""
@@ -35,10 +58,10 @@ CONTROL_RATE_HZ = PHYSICS.control_rate_hz
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneSnapshot:
-    """The whole state of a scene at one moment, from which it goes on bit for bit as it did the first time.
+    """The complete state of a scene at one moment, from which it continues bit for bit as the first time.
 
-    Beside positions and velocities the engine goes on from its warm start and from who is asleep, so all of its data
-    are kept.
+    Besides positions and velocities, the engine needs its warm start and its sleeping bodies, so all of its data are
+    kept.
     """
 
     data: mujoco.MjData
@@ -49,11 +72,16 @@ class SceneSnapshot:
 
 
 class Scene:
-    """One trial's world; everything else in the project is a frozen value.
+    """World of one trial; all other objects of the project are frozen values.
 
     The initial state is computed, never simulated: every object is put into the pose in which its asset rests alone, so
-    that no object's start depends on another one.
+    that no object's start depends on another one. It is a :class:`betterbench.sim.worlds.TrialScene`.
     """
+
+    world: ClassVar[str] = OURS.name
+    draws_in_step: ClassVar[bool] = False
+    instructed_anew: ClassVar[bool] = False
+    over: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -67,7 +95,7 @@ class Scene:
         control_rate_hz: float = CONTROL_RATE_HZ,
         looks: Looks = "seen",
     ) -> None:
-        """Build and compile the scene, then reset it; a control step is a whole number of physics steps of 2 ms."""
+        """Build and compile the scene, then reset it; a control step is an integer number of physics steps of 2 ms."""
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
         self.placements = place_objects(task, condition, seed, shown=looks)
@@ -100,7 +128,7 @@ class Scene:
         self._find_memory()
 
     def _find_memory(self) -> None:
-        """Prepare the readers of a state; the engine keeps its arrays in place."""
+        """Prepare the readers of a state; the engine keeps its arrays at fixed addresses."""
         data, bodies = self._data, self.compiled.bodies.tolist()
         self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
@@ -159,15 +187,15 @@ class Scene:
 
     @property
     def data(self) -> mujoco.MjData:
-        """The engine's data with the poses of bodies, cameras and lights up to date; ask anew after each step."""
-        self._tool = None  # whoever has the data may move the arm
-        if not self._views_are_placed:  # a step without images does not pay for it
+        """The engine's data with updated poses of bodies, cameras and lights; get it again after each step."""
+        self._tool = None  # the caller may move the arm in the data
+        if not self._views_are_placed:  # skipped for steps without images
             self._views.apply(self._data)
             self._views_are_placed = True
         return self._data
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return views of what the physics goes on from: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
+        """Return views of the state of the physics: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
         return self._simulator_state
 
     def body_poses(self) -> tuple[np.ndarray, np.ndarray]:
@@ -186,17 +214,59 @@ class Scene:
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names that contacts use: objects first, then the parts of the robot and the stage."""
+        """Names in contacts: objects first, then the parts of the robot and the stage."""
         return self._labels
 
     def files(self) -> dict[str, bytes]:
         """Return the compiled model as files, to be stored once per distinct scene."""
         return scene_files(self.model, self.compiled.content_hash)
 
-    def reset(self, *, check_premise: bool = True) -> WorldState:
-        """Put everything back to the start of the trial and return the state.
+    def tracker(self) -> GoalTracker:
+        """Return the judge of an episode."""
+        return GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=self.control_rate_hz)
 
-        With ``check_premise``, raises a PremiseError if the scene does not show what its instruction presupposes.
+    def described(self, *, images: bool) -> SceneDescription:
+        """Return what a record says about the scene."""
+        return SceneDescription(
+            task_version=self.task.version,
+            suite_version=SUITE_VERSION,
+            instruction=self.condition.instruction.text,
+            render_quality=self.quality.name if images else None,
+            engine={
+                "simulator": "mujoco",
+                "mujoco": engine_version(),
+                "machine": platform.machine(),
+                "model": self.compiled.content_hash,
+            },
+            looks=self.looks,
+            room=self.room.name,
+            view_jitter=self.view_jitter,
+        )
+
+    def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
+        """Return the images of the current state by camera; MissingDependencyError without off-screen OpenGL."""
+        largest = max(spec.cameras, key=lambda c: c.width * c.height)
+        renderer = renderers.of(
+            self.content_hash, self.model, width=largest.width, height=largest.height, quality=self.quality
+        )
+        wanted = tuple((c.name, c.width, c.height) for c in spec.cameras)
+        images = renderer.render_views(self.data, wanted, depth=spec.depth, masks=spec.masks)
+        return dict(zip((c.name for c in spec.cameras), images, strict=True))
+
+    def native(self) -> dict[str, np.ndarray]:
+        """Return nothing: a policy reads our own state parts."""
+        return {}
+
+    def draw_next(self, *, wanted: bool) -> None:
+        """Do nothing: images are rendered when they are looked at."""
+
+    def close(self, *, well: bool) -> None:
+        """Do nothing: the scene holds no process."""
+
+    def reset(self, *, check_premise: bool = True) -> WorldState:
+        """Reset the scene to the start of the trial and return the state.
+
+        With ``check_premise``, raises a PremiseError if the scene contradicts the premise of its instruction.
         """
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos
@@ -212,7 +282,7 @@ class Scene:
             if problems:
                 text = "; ".join(problems)
                 msg = (
-                    f"{self.condition.id} seed {self.seed}: the scene does not show what the instruction presupposes "
+                    f"{self.condition.id} seed {self.seed}: the scene contradicts the premise of the instruction "
                     f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this; "
                     "the run stops instead of lowering a score."
                 )
@@ -220,7 +290,7 @@ class Scene:
         return state
 
     def snapshot(self) -> SceneSnapshot:
-        """Return the whole state as it is now, to come back to."""
+        """Return the complete current state, for :meth:`restore`."""
         return SceneSnapshot(
             copy.copy(self._data),
             self.controller.state(),
@@ -230,7 +300,7 @@ class Scene:
         )
 
     def restore(self, snapshot: SceneSnapshot) -> WorldState:
-        """Come back to a moment of this scene, which may be done again and again, and return the state."""
+        """Restore a moment of this scene, any number of times, and return the state."""
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self.controller.restore(snapshot.controller)
         self._contacts.restore(snapshot.contacts)
@@ -239,7 +309,7 @@ class Scene:
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute one action for one control step and return it as it was applied, after clipping.
+        """Execute one action for one control step and return the applied action, after clipping.
 
         Raises InvalidActionError if the action is not finite or has the wrong shape.
         """
@@ -255,14 +325,14 @@ class Scene:
         return applied
 
     def _step_and_watch(self) -> None:
-        """Take one physics step after the other: where something may not be touched, no graze is missed."""
+        """Take the physics steps one by one: where a contact is forbidden, no graze is missed."""
         self._contacts.start_step()
         for _ in range(self.physics_steps):
             mujoco.mj_step(self.model, self._data)
             self._contacts.see_step(self._data)
 
     def state(self) -> WorldState:
-        """Return everything that is true now."""
+        """Return the complete current state, with derived values."""
         data = self._data
         linear_speeds, angular_speeds = self._speeds()
         positions = self._positions()
@@ -286,7 +356,7 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool center point; positions are up to date after a reset and a step."""
+        """Return the measured pose of the tool center point; positions are updated after a reset and a step."""
         if self._tool is None:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
             self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))

@@ -1,6 +1,6 @@
 """Rendered view of a state with its ground truth: images, body masks, camera pose and boxes in the image.
 
-One class draws all of it, for scenes that live and for recorded states alike, so that both give the same numbers.
+One class renders live scenes and recorded states, so that both give the same numbers.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def sight_type(
 ) -> np.dtype[np.void]:
     """Return the type of one sight, the same bytes in every process.
 
-    Fields: ``rgb`` (height, width, 3), ``depth`` (height, width) [m], ``bodies`` (height, width) body number plus one,
-    0 for the sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
+    Fields: ``rgb`` (height, width, 3), ``depth`` (height, width) [m], ``bodies`` (height, width) body id plus one, 0
+        for the
+    sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
     ``T_world_body``; ``visible_box`` and ``full_box`` (objects, 4), boxes
-    (:data:`betterbench.interface.state.seen.Box`) of what is seen of an object and of what would be seen if nothing was
-    in front of it, -1 without any pixel; ``visible_pixels`` and ``full_pixels`` (objects,) the numbers of pixels;
-    ``gripper_pixels`` (2,) those of the gripper, visible and full, only with ``gripper``. Images that no modality needs
-    are left out.
+    (:data:`betterbench.interface.state.seen.Box`) of an object's visible part and of its unoccluded outline, -1 without
+    any pixel; ``visible_pixels`` and ``full_pixels`` (objects,) the numbers of pixels; ``gripper_pixels`` (2,) those of
+    the gripper, visible and full, only with ``gripper``. Images that no modality needs are omitted.
     """
     shape = view.height, view.width
     images = {"rgb": ("u1", (*shape, 3)), "depth": ("<f4", shape), "bodies": ("<u2", shape)}
@@ -64,7 +64,7 @@ def sight_type(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFacts:
-    """Properties of a model that all its sights share.
+    """Properties of a model that are common to all its sights.
 
     Attributes:
         instances: (bodies,) instance id of each body.
@@ -81,7 +81,7 @@ class ModelFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """A view that has been drawn: its number, its camera in the model, and the masks and depth of its image."""
+    """A rendered view: its index, its camera in the model, and the masks and depth of its image."""
 
     number: int
     camera: str
@@ -92,7 +92,7 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """A part of an image that holds an object, the object's lowest height [m], and its farthest depth [m]."""
+    """A part of an image that contains an object, the object's lowest height [m], and its farthest depth [m]."""
 
     rect: Box
     low_m: float
@@ -100,7 +100,7 @@ class _Part:
 
 
 class Sights:
-    """Draws the same views of one model, state after state."""
+    """Renderer of the same views of one model, state after state."""
 
     def __init__(
         self,
@@ -111,7 +111,7 @@ class Sights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Upload the model; raises what :class:`~betterbench.sim.scenes.rendering.Renderer` raises.
+        """Upload the model; raises the errors of :class:`~betterbench.sim.scenes.rendering.Renderer`.
 
         With ``gripper`` the pixels of the gripper are counted too.
         """
@@ -125,7 +125,7 @@ class Sights:
         self._outlines: list[dict[int, tuple[bytes, tuple[int, Box]]]] = [{} for _ in self.views]
         instances = instances_of_bodies(model)
         self._gripper = np.flatnonzero(np.isin(instances, GRIPPER_INSTANCES)).tolist() if gripper else []
-        self._solid = np.concatenate([[False], np.ones(model.nbody, bool)])  # by body number plus one, as in masks
+        self._solid = np.concatenate([[False], np.ones(model.nbody, bool)])  # by body id plus one, as in masks
         self._movable = np.concatenate([[False], instances > _LAST_FURNITURE])
         self._slot = int(np.argmin(model.cam_bodyid))  # a camera of the world
         self._renderer = Renderer(
@@ -133,14 +133,14 @@ class Sights:
         )
 
     def facts(self) -> ModelFacts:
-        """Return the properties that all sights share; raises UnknownNameError if the model lacks a camera."""
+        """Return the common properties of all sights; raises UnknownNameError if the model lacks a camera."""
         focal = tuple(focal_length_px(self._fovy_deg(view), view.height) for view in self.views)
         return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
 
     def draw(self, data: mujoco.MjData) -> Iterator[np.ndarray]:
         """Yield the sight of each view, a scalar of its type in :attr:`types`, in the order of the views.
 
-        Poses of bodies, cameras and lights have to be up to date; raises what ``Renderer.render`` raises.
+        Poses of bodies, cameras and lights must be up to date; raises the errors of ``Renderer.render``.
         """
         for number, view in enumerate(self.views):
             yield self._sight(data, number, view)
@@ -156,7 +156,7 @@ class Sights:
 
     @contextmanager
     def _camera_of(self, data: mujoco.MjData, view: ViewSpec) -> Iterator[str]:
-        """Give the camera of the model to draw a view with; one of your own takes the place of another meanwhile."""
+        """Return the model's camera for a view; a custom camera temporarily replaces another one."""
         placed, slot = view.placed, self._slot
         if placed is None:
             yield view.camera
@@ -206,7 +206,7 @@ class Sights:
             sight["full_pixels"][i], sight["full_box"][i] = outline
 
     def _parts(self, data: mujoco.MjData, matrices: CameraMatrices) -> list[_Part | None]:
-        """Return for each object a part of the image that holds all of it, or None if the image shows none of it."""
+        """Return for each object a part of the image that contains all of it, or None if it is outside the image."""
         rotations = data.xmat.take(self._bodies, 0).reshape(-1, 1, 3, 3)
         points = np.matmul(rotations, self._corners[..., None])[..., 0] + data.xpos.take(self._bodies, 0)[:, None]
         pixels, depth = matrices.project(points.reshape(-1, 3))
@@ -227,9 +227,9 @@ class Sights:
         return parts
 
     def _may_be_hidden(self, drawn: _Drawn, body: int, part: _Part) -> bool:
-        """Tell whether the image shows, within the part of an object, something else that may be in front of it.
+        """Tell whether, within the image part of an object, another body may be in front of it.
 
-        Neither table nor floor is in front of what lies above the table for a camera above it.
+        For a camera above the table, neither table nor floor occludes an object above the table.
         """
         left, top, right, bottom = part.rect
         masks, depth = drawn.masks[top:bottom, left:right], drawn.depth[top:bottom, left:right]
@@ -240,10 +240,10 @@ class Sights:
     def _full_outlines(
         self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
     ) -> list[tuple[int, tuple[int, Box]]]:
-        """Return pixels and box of the outline of some objects with nothing in front of them, by their numbers.
+        """Return pixels and box of the unoccluded outlines of some objects, by their indices.
 
-        Objects whose parts of the image do not touch are drawn together; one that has not moved before a camera that
-        has not moved is not drawn again.
+        Objects with separate image parts are rendered together. An outline is reused while neither the object nor the
+        camera has moved.
         """
         matrices, known = drawn.matrices, self._outlines[drawn.number]
         where = np.array([*matrices.T_world_camera.position, *matrices.T_world_camera.quaternion]).tobytes()
@@ -274,7 +274,7 @@ class Sights:
 
 
 class StoredSights:
-    """Draws recorded states of a stored scene."""
+    """Renderer of recorded states of a stored scene."""
 
     def __init__(
         self,
@@ -285,7 +285,7 @@ class StoredSights:
         *,
         gripper: bool = False,
     ) -> None:
-        """Prepare; raises what :class:`Sights` raises."""
+        """Prepare; raises the errors of :class:`Sights`."""
         self._sights = Sights(model, quality, views, modalities, gripper=gripper)
         self._state = StoredState(model)
 

@@ -1,4 +1,4 @@
-"""The base scene: the empty world that every task shares, and the quality presets that images of it are made with.
+"""The base scene: the empty world of every task, and the quality presets of its images.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
 0``; the robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
@@ -15,8 +15,8 @@ name                 position [m]               purpose
 ``wrist``            on the gripper             added by :func:`add_wrist_camera`
 ===================  =========================  ==========================================================
 
-The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes colors
-and light only and a quality changes only what the renderer does, so a policy meets the same physics under all of them.
+The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes only
+colors and light, and a quality only the rendering, so the physics is the same under all of them.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ WRIST_CAMERA = "wrist"
 """Name of the camera on the gripper."""
 
 KEY_LIGHT = "key"
-"""Name of the light that may cast the one shadow."""
+"""Name of the light that may cast a shadow."""
 
 _PEDESTAL_X_M = (-0.23, 0.13)
 _PEDESTAL_HALF_WIDTH_M = 0.16
@@ -84,7 +84,7 @@ class Quality:
     samples: int
 
     def __post_init__(self) -> None:
-        """Refuse values that OpenGL cannot take."""
+        """Refuse values that OpenGL does not support."""
         if not 0 <= self.samples <= _MAX_SAMPLES or self.samples == 1:
             raise InvalidInputError(
                 "quality.samples", f"{self.samples} samples per pixel", f"Use 0 or 2 to {_MAX_SAMPLES}"
@@ -146,7 +146,7 @@ def stage_spec(quality: Quality, *, room: Room = ROOMS[0]) -> mujoco.MjSpec:
     """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
 
     The caller attaches the robot, adds objects and compiles. Calls with equal arguments describe the same model and
-    share nothing. The quality is written into the visual settings, so that other viewers show it as the renderer does.
+    share nothing. The quality is written to the visual settings, so that other viewers show the same as the renderer.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "betterbench"
@@ -160,32 +160,32 @@ def stage_spec(quality: Quality, *, room: Room = ROOMS[0]) -> mujoco.MjSpec:
 
 
 def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
-    """Add the ``wrist`` camera to the body of the Franka hand, like a depth camera screwed to the flange.
+    """Add the ``wrist`` camera to the body of the Franka hand, like a depth camera mounted at the flange.
 
-    In the frame of the hand z points out between the fingers (finger tips at about 0.11 m), y is the direction in which
-    the fingers open, and x points away from the robot when the hand points down. The camera looks past the fingers at
-    what is about to be grasped; the image's up direction is the hand's +x, so that with the hand pointing down, up is
-    away from the robot and left is the robot's left.
+    In the frame of the hand z points out between the fingers (fingertips at about 0.11 m), y is the opening direction
+    of the fingers, and x points away from the robot when the hand points down. The camera looks past the fingers at the
+    object to grasp. The image's up direction is the hand's +x: with the hand pointing down, up is away from the robot
+    and left is the robot's left.
     """
     position, target = (0.068, 0.0, 0.020), (0.035, 0.0, 0.16)
-    return _add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
+    return add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
-    """Fix everything that MuJoCo would otherwise derive from the content of the scene, and write the quality down."""
-    # With a fixed extent, clipping planes and shadow bounds stay the same whatever stands on the table.
+    """Set everything that MuJoCo would otherwise derive from the content of the scene, and write the quality."""
+    # With a fixed extent, clipping planes and shadow bounds do not depend on the objects on the table.
     spec.stat.extent = 1.0
     spec.stat.center = [0.5, 0.0, 0.0]
     visual = spec.visual
     visual.map.znear = 0.01
     visual.map.zfar = 20.0
-    # The key light's shadow map spans +-1.1 m about the point it is aimed at: the table and the arm above it. At
-    # 0.8 m the corner of the table lies at the edge of the map and is speckled with false shadow.
+    # The key light's shadow map spans +-1.1 m about its target point: the table and the arm above it. With 0.8 m the
+    # corner of the table would be at the edge of the map, with speckles of false shadow.
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
-    # Flat surfaces under directional light are evenly lit: cutting them into quads only costs time (a tenth of
-    # an image).
+    # Flat surfaces under directional light are evenly lit: dividing them into quads only costs time (a tenth of an
+    # image).
     visual.quality.numquads = 1
     visual.global_.offwidth = 448
     visual.global_.offheight = 448
@@ -224,7 +224,7 @@ def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
 
 def _add_furniture(spec: mujoco.MjSpec) -> None:
     """Add floor, pedestal and table, all of them static."""
-    # The larger friction of two surfaces counts; these are low, so that every object brings its own.
+    # The larger friction of two surfaces is used; these are low, so that the friction of each object counts.
     friction = [0.5, 0.005, 0.0001]
 
     def add_box(body: mujoco.MjsBody, name: str, center: Vector, half_size: Vector, material: str) -> None:
@@ -287,17 +287,17 @@ def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
 def _add_cameras(spec: mujoco.MjSpec) -> None:
     """Add the four fixed cameras."""
     world = spec.worldbody
-    _add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
-    # Positions and lens of the paper's own release; it looks at the table's center from all three.
-    _add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
-    _add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
-    _add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
+    add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
+    # Positions and lens of the paper's own release; all three cameras look at the table's center.
+    add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
+    add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
+    add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
 
 
-def _add_camera(
+def add_camera(
     body: mujoco.MjsBody, name: str, position: Vector, target: Vector, *, up: Vector = (0.0, 0.0, 1.0), fovy_deg: float
 ) -> mujoco.MjsCamera:
-    """Add a fixed camera at a position [m] that looks at a target [m]; ``up`` points upward in the image."""
+    """Add a fixed camera at a position [m] with a target [m]; ``up`` points upward in the image."""
     backward = np.asarray(position) - np.asarray(target)
     backward = backward / np.linalg.norm(backward)
     right = np.cross(np.asarray(up), backward)

@@ -1,4 +1,4 @@
-"""Scenes on disk: the compiled model as MuJoCo writes it, and images of recorded states of it."""
+"""Scenes on disk: the compiled model as written by MuJoCo, and images of its recorded states."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def scene_files(model: mujoco.MjModel, content_hash: str) -> dict[str, bytes]:
 
 
 def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
-    """Return the model of a stored scene, from what :func:`scene_files` returned.
+    """Return the model of a stored scene, from the result of :func:`scene_files`.
 
-    Raises RecordError if a file is missing or malformed, or another version of MuJoCo wrote it.
+    Raises RecordError if a file is missing or malformed, or was written by another version of MuJoCo.
     """
     try:
         index = parse_json(files[INDEX_FILE])
@@ -41,8 +41,8 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
         ) from error
     if wrote != mujoco.__version__:
         raise RecordError(
-            f"stored scene: MuJoCo {wrote} wrote it, {mujoco.__version__} is installed. "
-            "Install the version that wrote it to look at it."
+            f"stored scene: it was written by MuJoCo {wrote}, but {mujoco.__version__} is installed. "
+            "Install that version to open it."
         )
     try:
         return mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
@@ -53,20 +53,20 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
 
 
 class StoredState:
-    """The recorded state that a stored scene is in: bodies, cameras and lights."""
+    """Recorded state of a stored scene: bodies, cameras and lights."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model, self.data = model, mujoco.MjData(model)
         self._jitter, self._placement = NO_JITTER, ViewPlacement(model, NO_JITTER)
 
     def take(self, qpos: np.ndarray, jitter: ViewJitter) -> None:
-        """Take a recorded state, (nq,), with the record's jitter of cameras and light.
+        """Set a recorded state, (nq,), with the record's jitter of cameras and light.
 
         Raises RecordError if the record belongs to another model.
         """
         if qpos.shape != (self.model.nq,):
             raise RecordError(
-                f"record: {qpos.shape[0]} positions do not fit a scene of {self.model.nq}; the scene is another one."
+                f"record: {qpos.shape[0]} positions do not fit a scene of {self.model.nq}; it is a different scene."
             )
         self.data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self.data)
@@ -77,7 +77,7 @@ class StoredState:
 
 
 class StoredView:
-    """Draws recorded states of one stored scene."""
+    """Renderer of recorded states of one stored scene."""
 
     def __init__(self, model: mujoco.MjModel, quality: Quality, *, width: int, height: int) -> None:
         """Prepare a renderer for a model; sizes in pixels."""
@@ -95,7 +95,7 @@ class StoredView:
         return self._renderer.render(self._state.data, camera, depth=depth, masks=masks)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
-        """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera."""
+        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view; NaN behind the camera."""
         size = {"width": self._renderer.width, "height": self._renderer.height}
         return camera_matrices(self._state.model, self._state.data, camera, **size).project(points)[0]
 

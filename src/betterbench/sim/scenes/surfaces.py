@@ -1,7 +1,7 @@
-"""Surfaces of table tops, painted as textures: materials that differ in pattern and not in tint alone.
+"""Surfaces of table tops, painted as textures: materials that differ in pattern, not only in tint.
 
-Patterns are coarse where they are strong and faint where they are fine: at 256 pixels an image of the front camera has
-about 2.7 mm of table per pixel, and stripes or grains of that size in strong contrast would show as moire.
+Strong patterns are coarse, and fine ones are faint: at 256 pixels an image of the front camera has about 2.7 mm of
+table per pixel, and stripes or grains of that size in strong contrast would cause moire.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 Painter = Callable[[np.ndarray, int], np.ndarray]
-"""Takes a mean color (3,) in [0, 1] and a side [pixel]; returns (side, side, 3) uint8 pixels."""
+"""Function from a mean color (3,) in [0, 1] and a side [pixel] to (side, side, 3) uint8 pixels."""
 
 
 def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -> np.ndarray:

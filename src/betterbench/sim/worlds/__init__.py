@@ -1,6 +1,12 @@
-"""Foreign worlds: simulators that live in environments of their own and answer over a local socket.
+"""Worlds: the places in which the trials of a run are played. Ours is one of them.
 
-Each public name is imported from its module when it is first used: a run in our own scenes reads nothing of CALVIN.
+- ``world``: what a run asks of a world, and an episode of a scene; ``registry``: all worlds by name.
+- ``betterbench``, ``libero``, ``libero_plus``, ``calvin``: one folder for each.
+- ``installation``, ``process``, ``environment``, ``frames``, ``rows``, ``simulator_loop``: simulators that live in
+  environments of their own and answer over a local socket; ``scene``: a trial in one of them.
+- ``authoring``: imports for a file that adds a world.
+
+Each public name is imported from its module at first use: a run in our own scenes does not import CALVIN.
 """
 
 from typing import TYPE_CHECKING
@@ -8,41 +14,41 @@ from typing import TYPE_CHECKING
 from betterbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from betterbench.sim.worlds.calvin import ChainScene, ChainSettings, ChainTask, calvin_command
-    from betterbench.sim.worlds.libero_plus_scene import PlusSettings, VariantTask, plus_command, world_command
+    from betterbench.sim.worlds.betterbench.world import OWN_WORLD
     from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses
-    from betterbench.sim.worlds.registry import WORLDS, ForeignWorld, world_named
-    from betterbench.sim.worlds.scene import ForeignScene, ForeignTracker, WorldSettings, WorldTask
+    from betterbench.sim.worlds.registry import all_worlds, register_world, world_named, world_names, world_of_suite
+    from betterbench.sim.worlds.scene import ProcessScene, ProcessWorld, WorldTask
+    from betterbench.sim.worlds.world import Photo, PlanRequest, SceneOptions, Tracker, TrialScene, World
 
 __all__ = [
-    "WORLDS",
-    "ChainScene",
-    "ChainSettings",
-    "ChainTask",
-    "ForeignScene",
-    "ForeignTracker",
-    "ForeignWorld",
-    "PlusSettings",
-    "VariantTask",
+    "OWN_WORLD",
+    "Photo",
+    "PlanRequest",
+    "ProcessScene",
+    "ProcessWorld",
+    "SceneOptions",
+    "Tracker",
+    "TrialScene",
+    "World",
     "WorldError",
     "WorldProcess",
     "WorldProcesses",
-    "WorldSettings",
     "WorldTask",
-    "calvin_command",
-    "plus_command",
-    "world_command",
+    "all_worlds",
+    "register_world",
     "world_named",
+    "world_names",
+    "world_of_suite",
 ]
 
 if not TYPE_CHECKING:
     __getattr__ = lazy_names(
         __name__,
         {
-            "calvin": ("ChainScene", "ChainSettings", "ChainTask", "calvin_command"),
-            "libero_plus_scene": ("PlusSettings", "VariantTask", "plus_command", "world_command"),
+            "betterbench.world": ("OWN_WORLD",),
             "process": ("WorldError", "WorldProcess", "WorldProcesses"),
-            "registry": ("WORLDS", "ForeignWorld", "world_named"),
-            "scene": ("ForeignScene", "ForeignTracker", "WorldSettings", "WorldTask"),
+            "registry": ("all_worlds", "register_world", "world_named", "world_names", "world_of_suite"),
+            "scene": ("ProcessScene", "ProcessWorld", "WorldTask"),
+            "world": ("Photo", "PlanRequest", "SceneOptions", "Tracker", "TrialScene", "World"),
         },
     )

@@ -1,8 +1,8 @@
-"""Environment variables of a foreign simulator's process: those of the user that it must not see are left out.
+"""Environment variables of a simulator's process: those of the user that it must not see are left out.
 
-robosuite 1.4.0 takes ``CUDA_VISIBLE_DEVICES`` for the number of an EGL device, and asserts that
-``MUJOCO_EGL_DEVICE_ID`` is among it (``utils/binding_utils.py``, ``renderers/context/egl_context.py``), so that both
-together cannot be right under SLURM. Python's own variables would change what its interpreter imports and computes.
+robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the number of an EGL device, and asserts that it contains
+``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``), so both together cannot be
+right under SLURM. Python's own variables would change the imports and results of its interpreter.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _LEFT_OUT = (
     *("MUJOCO_", "PYOPENGL_", "EGL_VISIBLE_DEVICES", "EGL_DEVICE_ID", "DISPLAY", "WAYLAND_DISPLAY"),
     *("PYTHON", "VIRTUAL_ENV", "CONDA_", "LIBERO_", "ROBOSUITE_", "NUMBA_", "HYDRA_"),
 )
-"""Prefixes of the names of variables that a simulator does not get."""
+"""Prefixes of variables that a simulator does not get."""
 
 _OWN = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONNOUSERSITE": "1", "PYTHONUTF8": "1"}
 _NO_HOME = "/nonexistent"
@@ -32,14 +32,14 @@ def python_environment(given: Mapping[str, str]) -> dict[str, str]:
 def simulator_environment() -> dict[str, str]:
     """Return the environment of the next simulator's process.
 
-    Several EGL devices are given in turn; one that ``MUJOCO_EGL_DEVICE_ID`` names is that of all.
+    Several EGL devices are assigned in turn; a device in ``MUJOCO_EGL_DEVICE_ID`` is used for all.
 
     Raises:
-        GraphicsError: If that variable names none.
+        GraphicsError: If that variable does not name a device.
     """
     kept = {name: value for name, value in os.environ.items() if not name.startswith(_LEFT_OUT)}
-    # robosuite draws with EGL or OSMesa alone, whatever our own renderer uses.
+    # robosuite renders only with EGL or OSMesa, whatever our own renderer uses.
     backend = "osmesa" if gl_backend() == "osmesa" else "egl"
     devices = next_device_variables() if backend == "egl" else {}
-    # A library asks for the home directory when it is imported, and a user without a name has none.
+    # Some library reads the home directory at its import, but a user without a name has none.
     return {"HOME": _NO_HOME, **kept, **_OWN, "MUJOCO_GL": backend, **devices}

@@ -1,4 +1,4 @@
-"""Check of the premises of LIBERO's instructions: its scenes must show, on this engine, what they presuppose."""
+"""Check of the premises of LIBERO's instructions: its scenes must fulfill them with the installed simulator."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant
 _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
-"""Distance sideways from which an object that moves while settling has jumped."""
+"""Sideways distance of an object's motion while settling that counts as a jump [m]."""
 
 
 _MOST_LINE = 1 << 20
@@ -40,11 +40,11 @@ class PremiseEntry:
     """The premises of one task.
 
     Attributes:
-        task: Its number in the suite.
+        task: Its index in the suite.
         instruction: Its instruction.
         states: Number of its initial states.
-        broken: Relation to the initial states in which it does not hold after settling.
-        jumps: Object to the initial states in which it moves by more than :data:`JUMP_M` while settling.
+        broken: Initial states in which a premise is false after settling, by relation.
+        jumps: Initial states in which an object moves by more than :data:`JUMP_M` while settling, by object.
         engine: Versions of the simulator and its packages.
         bddl_sha256: Fingerprint of its file.
         variant: Name of the variant of LIBERO-Plus; empty for another task.
@@ -62,7 +62,7 @@ class PremiseEntry:
 
     @property
     def broken_states(self) -> tuple[int, ...]:
-        """The initial states in which some premise does not hold."""
+        """The initial states in which some premise is false."""
         return tuple(sorted({state for states in self.broken.values() for state in states}))
 
     def to_json(self) -> dict[str, Any]:
@@ -71,13 +71,13 @@ class PremiseEntry:
 
 
 def check_premises(process: WorldProcess, suite: str, *, known: Sequence[PremiseEntry] = ()) -> Iterator[PremiseEntry]:
-    """Yield the entry of every task of a suite; one that is known for the same file and engine is not run again.
+    """Yield the entry of every task of a suite; an entry known for the same file and engine is reused.
 
-    Of LIBERO-Plus, the variants whose objects or robot move otherwise than in the base suite are checked, in the one
-    state that they are run from; those that change what is seen or said alone have the premises of the base suite.
+    For LIBERO-Plus, the variants with other motions of objects or the robot are checked, in the one state that they are
+    run from. Variants that change only images or language have the premises of the base suite.
 
     Raises:
-        WorldError: If the simulator fails or answers nonsense.
+        WorldError: If the simulator fails or sends an invalid answer.
     """
     said = process.suite(suite)
     with as_agreed(f"describes {suite} in a way"):
@@ -120,7 +120,7 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
 
 @dataclass(frozen=True, slots=True)
 class _AskedTask:
-    """A task of a suite, as its world describes it; ``variant`` and ``needs`` are those of LIBERO-Plus."""
+    """A task of a suite, as described by its world; ``variant`` and ``needs`` are those of LIBERO-Plus."""
 
     number: int
     instruction: str
@@ -157,10 +157,10 @@ def is_premise_file(path: Path) -> bool:
 
 
 def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
-    """Return the entries that a file of JSON lines holds, none if there is no file.
+    """Return the entries in a file of JSON lines, empty if there is no file.
 
     Raises:
-        InvalidInputError: If a line is no entry.
+        InvalidInputError: If a line is not an entry.
     """
     if not path.exists():
         return ()
@@ -171,7 +171,7 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
 
 
 def entries_bytes(entries: Iterable[PremiseEntry]) -> bytes:
-    """Return the file that :func:`read_entries` reads."""
+    """Return the file content for :func:`read_entries`."""
     return sealed_lines("".join(json.dumps(entry.to_json()) + "\n" for entry in entries).encode())
 
 

@@ -1,11 +1,10 @@
-"""The process of a foreign simulator, as a worker sees it: a failure of it costs at most its own trial."""
+"""The process of a simulator, as a worker sees it: a failure of it costs at most its own trial."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import re
-import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,8 +14,9 @@ import numpy as np
 
 from betterbench.errors import BetterError, last_line, one_line
 from betterbench.installation import package_command
+from betterbench.jobs.asked_process import AskedProcess
+from betterbench.jobs.frames import FrameContent, FrameError
 from betterbench.sim.worlds.environment import simulator_environment
-from betterbench.sim.worlds.frames import FrameError, receive_frame, send_frame
 
 START_LIMIT_S = 300.0
 """Longest wait for a process to load, build an environment and settle [s]; LIBERO takes 10 s, under load a minute."""
@@ -25,23 +25,23 @@ PREMISES_LIMIT_S = 1800.0
 """Longest wait for all initial states of a task to settle [s]; LIBERO's 50 take half a minute."""
 
 STEP_LIMIT_S = 120.0
-"""Longest wait for one control step [s]; LIBERO's takes 0.15 to 0.5 s without a graphics card."""
+"""Longest wait for one control step [s]; LIBERO takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
 _LONGEST_TEXT = 10_000
-"""Most characters of a name, a sentence or a version."""
+"""Maximum characters of a name, an instruction or a version."""
 _SAID_BYTES = 4000
-"""Length of the end of a simulator's output that is searched for its last line [byte]."""
+"""Length of the end of a simulator's output in which its last line is searched [byte]."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
 class WorldError(BetterError):
-    """The process of a foreign simulator has ended, hangs, or answers nonsense; its trial broke and is run again."""
+    """The process of a simulator has ended, hangs, or answers nonsense; its trial broke and is run again."""
 
 
 @contextlib.contextmanager
 def as_agreed(what: str) -> Iterator[None]:
-    """Let an answer that is made of something else than agreed end in a WorldError: "the simulator WHAT ..."."""
+    """Turn errors from reading an answer into a WorldError: "the simulator WHAT ..."."""
     try:
         yield
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as problem:
@@ -50,48 +50,35 @@ def as_agreed(what: str) -> Iterator[None]:
 
 
 def sent_text(value: object) -> str:
-    """Return a text that a simulator sent; TypeError if it is none, ValueError if it is too long."""
+    """Return a text sent by a simulator; TypeError for other types, ValueError if it is too long."""
     if not isinstance(value, str):
-        raise TypeError(f"it is a {type(value).__name__} and no text")
+        raise TypeError(f"expected a text, got a {type(value).__name__}")
     if len(value) > _LONGEST_TEXT:
         raise ValueError(f"a text of {len(value)} characters")
     return value
 
 
 def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
-    """Return texts by name, such as versions, that a simulator sent, as :func:`sent_text` does."""
+    """Return texts by name, such as versions, sent by a simulator, as :func:`sent_text` does."""
     return {sent_text(name): sent_text(found) for name, found in value.items()}
 
 
-class WorldProcess:
-    """A process of a foreign simulator. A context manager, which ends it."""
+class WorldProcess(AskedProcess):
+    """A process of a simulator, which ends when its socket is closed. A context manager, which ends it."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process; WorldError if that is not possible.
 
         GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.sim.worlds.environment`).
         """
+        self._start_limit_s, self._python = start_limit_s, command[0]
         environment = simulator_environment()
-        self._start_limit_s, self._python, self._asked = start_limit_s, command[0], 0
         self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
-        self._link, theirs = socket.socketpair()
         try:
-            # In a session of its own, so that Ctrl-C reaches the run alone; it ends when its socket is closed.
-            self._process = subprocess.Popen(  # noqa: S603 - the command of an installed world
-                [*command, str(theirs.fileno())],
-                stdin=subprocess.DEVNULL,
-                stdout=self._said,
-                stderr=self._said,
-                pass_fds=(theirs.fileno(),),
-                env=environment,
-                start_new_session=True,
-            )
+            super().__init__(lambda link: [*command, str(link)], output=self._said, environment=environment)
         except OSError as error:
-            self._link.close()
             self._said.close()
             raise WorldError(f"the simulator cannot be started: {error}") from error
-        finally:
-            theirs.close()
 
     def __enter__(self) -> Self:
         return self
@@ -99,29 +86,19 @@ class WorldProcess:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._process.pid
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the process has ended, by itself or from outside."""
-        return self._process.poll() is not None
-
     def suite(self, name: str) -> dict[str, Any]:
         """Return the tasks of a suite; WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
 
-    def premises(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Settle all initial states of a task; WorldError if the simulator fails."""
         return self._ask({"do": "premises", **request}, {}, PREMISES_LIMIT_S)
 
-    def start(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode; WorldError if the simulator fails."""
         return self._ask({"do": "start", **request}, {}, self._start_limit_s)
 
-    def step(self, action: np.ndarray, *, look: bool) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step; WorldError if the simulator fails."""
         return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
 
@@ -130,35 +107,21 @@ class WorldProcess:
         images = self._ask({"do": "draw", **request}, {"qpos": qpos}, self._start_limit_s)[1].get("images")
         size = int(request["size"])
         if images is None or images.shape != (len(qpos), size, size, 3) or images.dtype != np.uint8:
-            raise WorldError("the simulator did not draw the images that it was asked for")
+            raise WorldError("the simulator did not send the requested images")
         return images
 
-    def close(self) -> None:
-        """End the process; harmless when it has ended."""
-        self._link.close()
-        try:
-            self._process.wait(_END_S if self._process.poll() is None else 0.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+    def close(self, within_s: float = _END_S) -> None:
+        """End the process, at once if it gets no time for it [s]; harmless when it has ended."""
+        self.hang_up()
+        self.end(within_s)
         self._said.close()
 
-    def kill(self) -> None:
-        """End the process at once."""
-        self._process.kill()
-        self.close()
-
-    def _ask(
-        self, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray], limit_s: float
-    ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        self._asked += 1
+    def _ask(self, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray], limit_s: float) -> FrameContent:
         try:
-            self._link.settimeout(limit_s)
-            send_frame(self._link, request, arrays, number=self._asked)
-            document, answer = receive_frame(self._link, number=self._asked)
+            document, answer = self.ask(request, arrays, limit_s=limit_s)
         except FrameError as error:
             raise WorldError(
-                self._with_cure(f"the simulator gave no answer to {request['do']!r}: {error}{self._last_words()}")
+                self._with_cure(f"the simulator did not answer {request['do']!r}: {error}{self._last_words()}")
             ) from None
         if "problem" in document:
             raise WorldError(self._with_cure(f"the simulator failed: {one_line(document['problem'], most=400)}"))
@@ -186,10 +149,10 @@ class WorldProcess:
 
 
 class WorldProcesses:
-    """The processes of one worker: one for every trial under way, kept for the next trial of the same task.
+    """The processes of one worker: one for every running trial, kept for the next trial of the same task.
 
-    Under the key None a process runs one trial and ends. The next one is started at the same time, so that it has
-    loaded when its trial begins.
+    With the key None a process runs one trial and ends. Its successor is started at the same time, so that it has
+    loaded when the next trial begins.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
@@ -214,7 +177,7 @@ class WorldProcesses:
     def give_back(self, key: object, process: WorldProcess) -> None:
         """Keep a process whose trial has ended well, or end it if its ``key`` is None."""
         if key is None:
-            process.kill()
+            process.close(0.0)
         else:
             self._idle.append((key, process))
 
@@ -225,7 +188,7 @@ class WorldProcesses:
         self._drop_next()
 
     def _take_fresh(self) -> WorldProcess:
-        """Return a process that has run no trial, and start the next one."""
+        """Return an unused process, and start the next one."""
         if self._next is not None and self._next.has_ended:
             self._drop_next()
         process = WorldProcess(self._command) if self._next is None else self._next
@@ -237,4 +200,4 @@ class WorldProcesses:
     def _drop_next(self) -> None:
         process, self._next = self._next, None
         if process is not None:
-            process.kill()
+            process.close(0.0)

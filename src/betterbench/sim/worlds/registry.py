@@ -1,220 +1,95 @@
-"""Register of the foreign worlds: the description, the environment and the installation of each."""
+"""Register of the worlds: ours, and those of others.
+
+A built-in world is a folder of its name beside this file, whose ``__init__`` registers it; it is imported when its name
+is first asked for. A user's file registers one when it is loaded.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import hashlib
-import os
-import shutil
-import subprocess
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
+import copyreg
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
-import platformdirs
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.sim.worlds.world import World
+from betterbench.tasks.user_files import TaskFile, code_of, load_declared, load_sources, loaded_files, registered
+from betterbench.tasks.worlds.facts import OURS, facts_of_suite, forget_facts, register_facts
 
-from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError, last_line
-from betterbench.jobs.places import open_in_place
-from betterbench.sim.worlds.environment import python_environment
+AnyWorld = TypeVar("AnyWorld", bound=World)
 
-INSTALL_LIMIT_S = 3600.0
-"""Longest time of one step of an installation [s]; LIBERO's packages have 360 MB."""
-
-_COMPLETE = "complete"
-_PACKAGE = Path(__file__).resolve().parent
-_START = (
-    "import sys, types\n"
-    "for name, path in {packages!r}:\n"
-    "    stand_in = types.ModuleType(name); stand_in.__path__ = [path]; sys.modules[name] = stand_in\n"
-    "from {module} import main\n"
-    "main()\n"
-)
-"""Program that runs a module of betterbench where it is not installed: stand-ins for its packages hold only paths."""
-_STAND_INS = (
-    "betterbench",
-    "betterbench.sim",
-    "betterbench.sim.worlds",
-    "betterbench.tasks",
-    "betterbench.tasks.worlds",
-)
-"""Packages around the modules that a simulator reads; none of their own code is run."""
+_PACKAGE = "betterbench.sim.worlds"
+_WORLDS: dict[str, World] = {}
 
 
-@dataclass(frozen=True, slots=True)
-class ForeignWorld:
-    """A foreign world.
+def register_world(world: AnyWorld) -> AnyWorld:
+    """Make a world and its facts known, and return it.
 
-    Attributes:
-        name: Its name on the command line.
-        lock: Name of its locked requirements.
-        module: The module that its process runs.
-        size: Size of its packages, as a text: to download and unpacked.
-        summary: Description in a few words.
-        beside: The world whose Python runs it, or None for one of its own. Its packages are read and not imported, so
-            nothing that they depend on is installed.
+    Raises:
+        InvalidInputError: If the name of the world or of a suite is taken.
     """
-
-    name: str
-    lock: str
-    module: str
-    size: str
-    summary: str
-    beside: str | None = None
-
-    @property
-    def lock_path(self) -> Path:
-        """Its locked requirements: beside this file in an installed package, else in the checkout."""
-        packaged = _PACKAGE / "locks" / self.lock
-        return packaged if packaged.exists() else _PACKAGE.parents[3] / "requirements" / self.lock
-
-    @property
-    def folder(self) -> Path:
-        """Folder of its environment; another lock has another one. That of LIBERO is the one `make bench` uses."""
-        digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
-        return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
-
-    @property
-    def is_installed(self) -> bool:
-        """Whether its environment is complete, and that of the world beside which it lies."""
-        return (self.folder / _COMPLETE).exists() and (self._host is None or self._host.is_installed)
-
-    @property
-    def _host(self) -> ForeignWorld | None:
-        return None if self.beside is None else WORLDS[self.beside]
-
-    def command(self) -> tuple[str, ...]:
-        """Return the command of its process; the number of the socket follows.
-
-        Where another world's Python runs it, its own folder is the first argument.
-
-        Raises:
-            MissingDependencyError: If it is not installed.
-        """
-        if not self.is_installed:
-            raise MissingDependencyError(
-                f"the world {self.name} is not installed. Run `better worlds install {self.name}` once."
-            )
-        python = (self._host or self).folder / "bin" / "python"
-        return (str(python), "-c", start_code(self.module), *([] if self.beside is None else [str(self.folder)]))
-
-    def install(self, *, waits: Callable[[], None] = lambda: None) -> Path:
-        """Make the environment, and return its folder; a complete one is left as it is.
-
-        It is marked as complete at its end: an interrupted installation begins anew. One that begins while another is
-        under way, of whichever process, calls ``waits`` and waits for its end.
-
-        Raises:
-            MissingDependencyError: If a step fails; the text is what it said last.
-        """
-        if self.is_installed:
-            return self.folder
-        if self._host is not None:
-            self._host.install(waits=waits)
-        with self._alone(waits) as lock:
-            if not self.is_installed:
-                self._make(lock)
-        return self.folder
-
-    @contextlib.contextmanager
-    def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the lock of the folder, and yield its descriptor; it is free when all who have that have ended."""
-        path = self.folder.with_name(f".{self.folder.name}.lock")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            handle = open_in_place(path)
-        except (OSError, InvalidInputError) as error:
-            raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error
-        try:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                waits()
-                fcntl.flock(handle, fcntl.LOCK_EX)
-            yield handle
-        finally:
-            os.close(handle)
-
-    def _make(self, lock: int) -> None:
-        target = self.folder
-        shutil.rmtree(target, ignore_errors=True)
-        python = (self._host or self).folder / "bin" / "python"
-        install = ["install", "--quiet", "--require-hashes", "--no-deps", "--requirement", str(self.lock_path)]
-        if self._host is not None:
-            install += ["--target", str(target)]
-        uv = shutil.which("uv")
-        if self._host is None:
-            venv = [sys.executable, "-m", "venv"] if uv is None else [uv, "venv", "--quiet", "--python", sys.executable]
-            self._run([*venv, str(target)], lock)
-        if uv is not None:
-            self._run([uv, "pip", *install, "--python", str(python)], lock)
-        else:
-            self._run([str(python), "-m", "pip", *install], lock)
-        (target / _COMPLETE).touch()
-
-    def _run(self, command: list[str], lock: int) -> None:
-        """Run a step, which keeps the lock: it goes on where this process is killed."""
-        try:
-            done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
-                command,
-                capture_output=True,
-                text=True,
-                timeout=INSTALL_LIMIT_S,
-                check=False,
-                env=python_environment(os.environ),
-                pass_fds=(lock,),
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error
-        if done.returncode:
-            said = last_line(done.stderr) or last_line(done.stdout) or "it said nothing"
-            raise MissingDependencyError(
-                f"the world {self.name} cannot be installed: {Path(command[0]).name} says {said}. "
-                "Its packages come from the package index: check the connection, and run the same command again."
-            )
+    registered("world", world.name, type(world), {**_WORLDS, **dict.fromkeys(_built_in())})
+    if world.name in _WORLDS:
+        raise InvalidInputError(f"world {world.name!r}", "the name is taken", "Register each world once")
+    register_facts(world.facts)
+    copyreg.pickle(type(world), _by_name)  # type: ignore[arg-type]
+    _WORLDS[world.name] = world
+    return world
 
 
-def start_code(module: str) -> str:
-    """Return the program that runs the ``main`` of a module of a world's process."""
-    source = _PACKAGE.parents[2]
-    packages = tuple((name, str(source.joinpath(*name.split(".")))) for name in _STAND_INS)
-    return _START.format(packages=packages, module=module)
+def forget_world(name: str) -> None:
+    """Remove a world and its facts from the register; for tests."""
+    _WORLDS.pop(name, None)
+    forget_facts(name)
 
 
-WORLDS: Mapping[str, ForeignWorld] = {
-    world.name: world
-    for world in (
-        ForeignWorld(
-            "libero",
-            "peer-libero.lock",
-            "betterbench.sim.worlds.libero_simulator",
-            "360 MB (2 GB unpacked)",
-            "LIBERO and LIBERO-PRO with robosuite 1.4.0 and MuJoCo 3.3.7",
-        ),
-        ForeignWorld(
-            "libero_plus",
-            "world-libero-plus.lock",
-            "betterbench.sim.worlds.libero_plus_simulator",
-            "25 MB (150 MB unpacked), and LIBERO if it is missing",
-            "LIBERO-Plus: its scene files beside the world libero; new objects, light and textures are your download",
-            beside="libero",
-        ),
-        ForeignWorld(
-            "calvin",
-            "world-calvin.lock",
-            "betterbench.sim.worlds.calvin_simulator",
-            "270 MB (0.9 GB unpacked)",
-            "CALVIN ABC→D with PyBullet 3.2.7, in your checkout of calvin_env",
-        ),
-    )
-}
-"""The foreign worlds by name."""
+def world_names() -> tuple[str, ...]:
+    """Return the names of all worlds, ours first."""
+    load_declared()
+    return (OURS.name, *(name for name in dict.fromkeys((*_built_in(), *_WORLDS)) if name != OURS.name))
 
 
-def world_named(name: str) -> ForeignWorld:
+def world_named(name: str) -> World:
     """Return a world by name; an unknown one raises an UnknownNameError."""
-    try:
-        return WORLDS[name]
-    except KeyError:
-        raise UnknownNameError("world", name, WORLDS) from None
+    load_declared()
+    if name not in _WORLDS and name in _built_in():
+        importlib.import_module(f"{_PACKAGE}.{name}")
+    if name not in _WORLDS:
+        raise UnknownNameError("world", name, world_names())
+    return _WORLDS[name]
+
+
+def all_worlds() -> tuple[World, ...]:
+    """Return all worlds, ours first."""
+    return tuple(map(world_named, world_names()))
+
+
+def world_of_suite(suite: str) -> World:
+    """Return the world that has a suite; an unknown suite raises an UnknownNameError."""
+    load_declared()
+    facts = facts_of_suite(suite)
+    if facts is not None:
+        return world_named(facts.name)
+    worlds = {name: world for world in all_worlds() for name in world.facts.suites}
+    if suite not in worlds:
+        raise UnknownNameError("suite", suite, worlds)
+    return worlds[suite]
+
+
+def _built_in() -> list[str]:
+    """Return the names of the built-in worlds, which are folders."""
+    package = importlib.import_module(_PACKAGE)
+    return [module.name for module in pkgutil.iter_modules(package.__path__) if module.ispkg]
+
+
+def _by_name(world: World) -> tuple[Callable[..., World], tuple[object, ...]]:
+    """Return what a world is unpickled from, also where the user's file that defines it is not loaded yet."""
+    files = loaded_files() if code_of("world", world.name) else ()
+    return _unpickled, (world.name, files, {f.name: getattr(world, f.name) for f in fields(world)})  # type: ignore[arg-type]
+
+
+def _unpickled(name: str, files: tuple[TaskFile, ...], values: Mapping[str, Any]) -> World:
+    load_sources(files)
+    return replace(world_named(name), **values)  # type: ignore[type-var]

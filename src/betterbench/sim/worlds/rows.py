@@ -1,7 +1,7 @@
-"""Rows: all numbers of one control step as one array, in a form that is sent once at the start of an episode.
+"""Rows: all numbers of one control step as one array, with a form that is sent once at the start of an episode.
 
 Between two control steps the processor's caches are cold, and twenty arrays cost both sides of the socket twenty
-times what one costs. Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
+times what one costs. Like :mod:`betterbench.jobs.frames` it is read in an environment without betterbench.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 MAX_NUMBERS = 1 << 20
-"""Most numbers of a row."""
+"""Maximum number of values in a row."""
 
 
 def row_of(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -54,5 +54,5 @@ class RowForm:
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:
-        """Return the names of the arrays of a row that hold a number that is not finite."""
+        """Return the names of the arrays of a row with a non-finite number."""
         return [name for name, place in self.places.items() if not np.isfinite(row[place]).all()]

@@ -1,30 +1,40 @@
-"""A trial in a foreign world, with the interface of :class:`betterbench.sim.scenes.Scene` that an episode uses."""
+"""A trial in a world whose simulator is a process of its own, which answers over a socket."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion
+from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import LIBERO_ABSOLUTE, ActionSpace
 from betterbench.interface.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.json_form import open_form, read_form
+from betterbench.sim.scenes.described import SceneDescription
 from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
 from betterbench.sim.worlds.rows import RowForm
-from betterbench.tasks import Expected, Truth
-from betterbench.tasks.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, FieldProtocol, suite_named
+from betterbench.sim.worlds.world import USUAL_SCENE, Instructed, SceneOptions, World
+from betterbench.tasks import Truth
+from betterbench.tasks.worlds.libero import IMAGE_SIDE, OURS, PROTOCOLS, FieldProtocol, suite_named
 from betterbench.tasks.worlds.libero_training import TrainedTask
 
+if TYPE_CHECKING:
+    from betterbench.sim.scenes.rendering import Images, Renderers
+
+PROCESSES = 2
+"""Environments with which a worker begins: every one is a process with a simulator that takes far longer than ours."""
+
 PANDA_OPENING_M = 0.08
-"""Largest distance of the finger pads of robosuite's Panda gripper [m]."""
+"""Largest opening width of robosuite's Panda gripper [m]."""
 
 _STORED = ("objects", "places", "relations", "goal", "premises", "arena", "base")
 _NUMBERS: Mapping[str, int | None] = {
@@ -40,11 +50,11 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""Arrays of a row with the number of values of each; None where it depends on the task."""
+"""Arrays of a row with their number of values; None if it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """Arrays of a row that have one entry per object, with the number of values of an entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
-"""Arrays, (n,) each, that are sent at each step beside the images, with the NumPy kinds that each may have."""
+"""Arrays, (n,) each, sent at each step beside the images, with their possible NumPy kinds."""
 _ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES
@@ -94,14 +104,14 @@ _EPISODE_START = TypeAdapter(_EpisodeStart)
 
 @dataclass(frozen=True, slots=True)
 class WorldTask:
-    """One task of a suite, as its world describes it.
+    """One task of a suite, as described by its world.
 
     Attributes:
         suite: Name of the suite ("libero_spatial_swap").
-        number: Its number in the suite.
+        number: Its index in the suite.
         name: Its name in the world.
         instruction: Instruction to the policy.
-        bddl_sha256: Fingerprint of the file that defines it.
+        bddl_sha256: Fingerprint of its file.
     """
 
     suite: str
@@ -117,7 +127,7 @@ class WorldTask:
 
     @property
     def condition(self) -> str:
-        """Name of the condition: what the suite changes, or "base"."""
+        """Name of the condition: the change of the suite, or "base"."""
         return suite_named(self.suite).change or "base"
 
     def asked(self) -> dict[str, Any]:
@@ -131,38 +141,33 @@ def task_id(suite: str, number: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class WorldSettings:
-    """Settings of a worker that runs trials in a foreign world; small and picklable.
+class ProcessWorld(World):
+    """A world whose simulator is a process of its own; what a run adds to it is small and can be pickled.
 
     Attributes:
-        world: Its name.
         command: The command of its process.
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
         versions: Versions of the packages of its environment.
         regime: Training distribution of the base suite.
-        refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
+        refuse_broken: Whether a scene that contradicts the premise of its instruction stops the run.
     """
 
-    world: str
-    command: tuple[str, ...]
-    protocol: FieldProtocol
-    tasks: Mapping[str, WorldTask]
-    versions: Mapping[str, str]
+    drawn_by: ClassVar[str] = "the process of the foreign simulator"
+
+    command: tuple[str, ...] = ()
+    protocol: FieldProtocol = PROTOCOLS["openpi"]
+    tasks: Mapping[str, WorldTask] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
     regime: tuple[TrainedTask, ...] = ()
     refuse_broken: bool = True
 
     @property
     def simulator(self) -> str:
         """Name of the simulator; records of different simulators are not compared."""
-        return self.world
-
-    @property
-    def control_rate_hz(self) -> float:
-        """Control steps per second."""
-        return CONTROL_RATE_HZ
+        return self.name
 
     def step_limit(self, task: WorldTask) -> int:
-        """Return the most control steps of an episode of a task."""
+        """Return the maximum control steps of an episode of a task."""
         return self.protocol.steps[suite_named(task.suite).base]
 
     def open_scene(
@@ -175,19 +180,27 @@ class WorldSettings:
         action_space: ActionSpace,
         images: bool,
         depth: bool = False,
-    ) -> ForeignScene:
+        options: SceneOptions = USUAL_SCENE,
+    ) -> ProcessScene:
         """Return the scene of a trial, which is set up by its reset; ``depth`` images are drawn beside ``images``."""
+        del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
         scene.draws_depth = depth
         return scene
 
-    def _scene_class(self) -> type[ForeignScene]:
-        return ForeignScene
+    def _scene_class(self) -> type[ProcessScene]:
+        return ProcessScene
 
-    def conventions(self) -> dict[str, str]:
+    def environments(self, usual: int) -> int:
+        """Return with how many environments a worker begins: each is a process with a simulator that takes long."""
+        del usual
+        return PROCESSES
+
+    def conventions(self, robot: str) -> dict[str, Any]:
         """Return the conventions of the world in words."""
+        del robot
         return {
             "controller": (
                 "robosuite OSC_POSE: deltas are added to the measured pose, absolute poses are its goals; actions pass "
@@ -200,9 +213,9 @@ class WorldSettings:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which does not say where the world is installed."""
+        """Return the JSON form, without the location of the world."""
         return {
-            "name": self.world,
+            "name": self.name,
             "protocol": self.protocol.to_json(),
             "tasks": {name: asdict(task) for name, task in self.tasks.items()},
             "versions": dict(self.versions),
@@ -212,32 +225,14 @@ class WorldSettings:
         }
 
 
-@dataclass(frozen=True, slots=True)
-class _Instruction:
-    text: str
+class ProcessScene:
+    """One initial state of one task of a world whose simulator is a process of its own."""
 
-
-@dataclass(frozen=True, slots=True)
-class Instructed:
-    """A condition of a foreign world, with the fields that an episode reads."""
-
-    id: str
-    name: str
-    instruction: _Instruction
-    expected: Expected = Expected.SUCCEED
-
-    @classmethod
-    def of(cls, whole: str, name: str, sentence: str) -> Instructed:
-        """Return the condition ``whole`` ("libero_spatial-05/base") with a sentence."""
-        return cls(whole, name, _Instruction(sentence))
-
-
-class ForeignScene:
-    """One initial state of one task of a foreign world."""
+    draws_in_step: ClassVar[bool] = True
 
     def __init__(
         self,
-        settings: WorldSettings,
+        settings: ProcessWorld,
         processes: WorldProcesses,
         *,
         task: str,
@@ -246,7 +241,7 @@ class ForeignScene:
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the initial state.
+        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
 
         ``instructed_anew`` is set by a step after which the policy gets another instruction.
         """
@@ -270,8 +265,13 @@ class ForeignScene:
         self._info = SceneInfo((), (), (0.0, 0.0, 0.0), PANDA_OPENING_M)
 
     @property
+    def world(self) -> str:
+        """Name of the world in whose terms privileged policies read the state."""
+        return self.settings.simulator
+
+    @property
     def info(self) -> SceneInfo:
-        """Properties of the scene that stay the same in the episode; known after the reset."""
+        """Constant properties of the scene in the episode; known after the reset."""
         return self._info
 
     @property
@@ -281,12 +281,12 @@ class ForeignScene:
 
     @property
     def over(self) -> bool:
-        """Whether the episode cannot succeed any more and ends before its step limit."""
+        """Whether the episode can no longer succeed and ends before its step limit."""
         return False
 
     @property
     def _process_key(self) -> object:
-        """Key under which a process is kept for the next trial of the same scene; None if it runs one trial alone."""
+        """Key under which a process is kept for the next trial of the same scene; None if it runs only one trial."""
         return tuple(self.task.asked().values())
 
     @property
@@ -301,7 +301,7 @@ class ForeignScene:
 
     @property
     def engine(self) -> dict[str, str]:
-        """Fingerprint of everything that can change the numbers."""
+        """Fingerprint of everything that can change the results."""
         return {"simulator": self.settings.simulator, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
 
     @property
@@ -310,9 +310,9 @@ class ForeignScene:
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files of a scene: the task's file, and the places of its objects after settling.
+        """Return the stored files of a scene: the task's file, and the poses of its objects after settling.
 
-        The models themselves belong to the world's packages and are not passed on.
+        The models themselves belong to the world's packages and are not redistributed.
         """
         known = {name: self._fixed[name] for name in _STORED}
         form = {**known, "suite": self.task.suite, "task": self.task.name, "engine": self.engine}
@@ -322,7 +322,7 @@ class ForeignScene:
         }
 
     def reset(self) -> WorldState:
-        """Go to the initial state, settle, and check that the scene shows what the sentence presupposes.
+        """Go to the initial state, settle, and check that the scene fulfills the premise of the instruction.
 
         Raises:
             PremiseError: If it does not, and broken scenes are refused.
@@ -344,20 +344,20 @@ class ForeignScene:
             self._begin(answer)
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
-                f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} does not hold "
-                f"after settling, and the sentence is {self.task.instruction!r}. An update of the engine breaks "
+                f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} is false after "
+                f"settling, but the instruction is {self.task.instruction!r}. An update of the engine can break "
                 f"scenes: this is MuJoCo {self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds "
-                f"install {self.settings.world}` for the one that is pinned, or give --broken-premises run to go on by "
+                f"install {self.settings.name}` for the one that is pinned, or give --broken-premises run to go on by "
                 "the book."
             )
         return self.state()
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Say whether the policy is shown images after the next step: LIBERO draws them in the middle of it."""
+        """Set whether the policy needs images after the next step: LIBERO renders them in the middle of it."""
         self._draws_next = self._images and wanted
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Apply an action for one control step, and return it as it was applied.
+        """Apply an action for one control step, and return the applied action.
 
         Raises:
             InvalidActionError: If it is malformed.
@@ -379,7 +379,7 @@ class ForeignScene:
 
     def _state(self) -> WorldState:
         arrays, pairs = self._arrays, self._pairs
-        # A number below 0 would count from the end.
+        # A negative number would count from the end.
         touching = [pairs[number] for number in arrays["touching"].tolist() if number >= 0]
         forces = arrays["forces"].tolist()
         if not math.isfinite(sum(forces)):
@@ -414,7 +414,7 @@ class ForeignScene:
         return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
     def truth(self) -> Truth:
-        """Return the relations and subgoals that hold now; success is decided by the world itself."""
+        """Return the relations and subgoals that are true now; the world itself decides on success."""
         holds = self._arrays["holds"].tolist()
         subgoals = tuple([holds[i] for i in self._goal])
         return Truth(
@@ -426,16 +426,41 @@ class ForeignScene:
             success=bool(self._document["done"]),
         )
 
+    def tracker(self) -> ProcessTracker:
+        """Return the judge of an episode that has been reset: the world's own verdict."""
+        return ProcessTracker(self)
+
+    def described(self, *, images: bool) -> SceneDescription:
+        """Return what a record says about the scene, after its reset."""
+        engine = {**self.engine, "machine": platform.machine()}
+        if self.broken_premises:
+            engine["scene_broken_premises"] = ", ".join(self.broken_premises)
+        return SceneDescription(
+            task_version=1,
+            suite_version=self.task.suite,
+            instruction=self.whole_instruction,
+            render_quality=self.settings.name if images else None,
+            engine=engine,
+        )
+
+    def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
+        """Return the images of this step, which the process has drawn, by camera."""
+        from betterbench.sim.scenes.rendering import Images  # noqa: PLC0415 - a simulator's tests need no renderer
+
+        del spec, renderers
+        depth = self.depth()
+        return {name: Images(image, depth.get(name), None) for name, image in self.images().items()}
+
     def images(self) -> dict[str, np.ndarray]:
-        """Return the images of this step as LIBERO's clients show them, turned by 180 degrees, by camera."""
+        """Return the images of this step as in LIBERO's clients, rotated by 180 degrees, by camera."""
         return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
 
     def depth(self) -> dict[str, np.ndarray]:
-        """Return the depth images of this step by camera, (height, width) float32 [m]; empty unless they are drawn."""
+        """Return the depth images of this step by camera, (height, width) float32 [m]; empty if not rendered."""
         return {name.removeprefix("depth_"): a for name, a in self._arrays.items() if name.startswith("depth_")}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return the numbers that LIBERO's own clients make of an observation, by the names of our state parts."""
+        """Return the values that LIBERO's own clients compute from an observation, by our names of state parts."""
         row, places = self._arrays["row"], self._row.places
         quaternion = row[places["native_quaternion"]]
         turned = row[places["controller_rotation"]].reshape(3, 3)
@@ -451,48 +476,48 @@ class ForeignScene:
         }
 
     def _take_process(self) -> WorldProcess:
-        """Return the process for a new episode; that of an episode which its policy's end cut off is given back."""
+        """Return the process for a new episode; that of an episode ended by its policy is given back."""
         self.close(well=True)
         self._process = self._processes.take(self._process_key)
         return self._process
 
     def close(self, *, well: bool) -> None:
-        """Give the process back if the trial ended ``well``, or end it."""
+        """Give the process back if the trial ended ``well``, else end it."""
         process, self._process = self._process, None
         if process is None:
             return
         if well:
             self._processes.give_back(self._process_key, process)
         else:
-            process.kill()
+            process.close(0.0)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep an answer; WorldError if an array has a number that is not finite or another size than expected."""
+        """Store an answer; WorldError if an array has a non-finite number or another size than expected."""
         document, arrays = answer
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
             raise WorldError(f"the simulator did not send {', '.join(sorted(due - arrays.keys()))}")
         if not isinstance(document.get("done"), bool):
-            raise WorldError(f"the simulator sent {str(document.get('done'))[:40]!r} for whether the task is done")
+            raise WorldError(f"the simulator sent {str(document.get('done'))[:40]!r} as the success of the task")
         for name, kinds in _KINDS.items():
             if arrays[name].ndim != 1 or (arrays[name].dtype.kind not in kinds and arrays[name].size):
                 found = f"{arrays[name].dtype} {arrays[name].shape}"
                 raise WorldError(f"the simulator sent {name} that cannot be read: {found}")
         row = arrays["row"]
         if row.shape != (self._row.size,) or row.dtype.char != "d":
-            raise WorldError(f"the simulator sent a row of {row.size} numbers, and {self._row.size} are due")
+            raise WorldError(f"the simulator sent a row of {row.size} numbers, expected {self._row.size}")
         if arrays["holds"].shape != (len(self._fixed["relations"]),):
-            raise WorldError(f"the simulator sent {arrays['holds'].size} truths of {len(self._fixed['relations'])}")
+            raise WorldError(f"the simulator sent {arrays['holds'].size} of {len(self._fixed['relations'])} relations")
         for name in _IMAGES if self._draws_next else ():
             require_image(name, arrays[name], (IMAGE_SIDE, IMAGE_SIDE, 3))
         numbers = row.tolist()
-        # A sum is finite only if all its terms are, and takes a third of the time of asking each.
+        # A sum is finite only if all its terms are, and takes a third of the time of testing each.
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
             raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep the reply to the start of an episode; WorldError if a row lacks a required array.
+        """Store the reply to the start of an episode; WorldError if a row lacks a required array.
 
         Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
         WorldError.
@@ -506,7 +531,7 @@ class ForeignScene:
         for name, count in due.items():
             shape = self._row.shapes.get(name)
             if shape is None or (count is not None and math.prod(shape) != count):
-                raise WorldError(f"the simulator's rows hold {name} of the shape {shape}")
+                raise WorldError(f"the simulator's rows contain {name} with the shape {shape}")
         self._fixed = answer[0]
         self._take(answer)
         self._goal = [self.relation_names.index(name) for name in self.subgoal_names]
@@ -544,10 +569,10 @@ class ForeignScene:
         return SceneInfo(objects, slots, vector_of(self._get("ee_position")), PANDA_OPENING_M)
 
 
-class ForeignTracker:
-    """Follows the goal of an episode in a foreign world, as :class:`betterbench.tasks.GoalTracker` does in ours."""
+class ProcessTracker:
+    """Follows the goal of an episode, as :class:`betterbench.tasks.GoalTracker` does in our own scenes."""
 
-    def __init__(self, scene: ForeignScene) -> None:
+    def __init__(self, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset."""
         self._scene = scene
 
@@ -563,19 +588,19 @@ class ForeignTracker:
 
     @property
     def undecided_states(self) -> int:
-        """0: relations are evaluated by the world itself at every state, so that none is left undecided."""
+        """0: the world itself evaluates relations in every state, so that no state is undecided."""
         return 0
 
     def update(self, state: WorldState) -> Truth:
-        """Return the relations and subgoals that hold in the current state of the world."""
+        """Return the relations and subgoals that are true in the current state of the world."""
         del state
         return self._scene.truth()
 
 
 def quat2axisangle(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter way round.
+    """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter one.
 
-    It is the function of that name of robosuite and openpi's ``examples/libero/main.py``, to the bit: for w < 0 the
+    It equals the function of that name in robosuite and openpi's ``examples/libero/main.py`` bit by bit: for w < 0 the
     vector is longer than half a turn, as it was in training.
     """
     w = min(max(float(quaternion[3]), -1.0), 1.0)
@@ -595,7 +620,7 @@ def _role(thing: Mapping[str, Any], goal: str) -> str:
 
 
 def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
-    """Return the object that both fingers touch and that nothing else supports."""
+    """Return the object that both fingers and no other body touch."""
     left = _touching(contacts, "left_finger")
     between = left & _touching(contacts, "right_finger") if left else left
     if between:
@@ -611,7 +636,7 @@ def _touching(contacts: tuple[Contact, ...], name: str) -> set[str]:
 
 
 def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise WorldError if an array that a simulator sent holds a number that is not finite."""
+    """Raise WorldError if an array sent by a simulator has a non-finite number."""
     floats = [array.ravel() for array in arrays.values() if array.dtype.kind == "f"]
     if floats and not np.isfinite(np.concatenate(floats)).all():
         wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]
@@ -619,11 +644,11 @@ def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:
-    """Raise WorldError if an image or a depth image that a simulator sent has another shape or type than agreed."""
+    """Raise WorldError if an image or a depth image sent by a simulator has another shape or type than agreed."""
     agreed = np.float32 if name.startswith("depth_") else np.uint8
     if image.shape != shape or image.dtype != agreed:
         raise WorldError(
-            f"the simulator sent {name} as {image.dtype} {image.shape}; {np.dtype(agreed)} {shape} is agreed"
+            f"the simulator sent {name} as {image.dtype} {image.shape}, expected {np.dtype(agreed)} {shape}"
         )
 
 

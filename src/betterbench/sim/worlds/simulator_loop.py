@@ -1,12 +1,11 @@
-"""Main loop of the process of a foreign simulator, which answers requests until the run closes the connection.
+"""Main loop of the process of a simulator, which answers requests until the run closes the connection.
 
-Like :mod:`betterbench.sim.worlds.frames`, it is imported in an environment without betterbench.
+Like :mod:`betterbench.jobs.frames`, it is imported in an environment without betterbench.
 """
 
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 import socket
 import sys
@@ -16,22 +15,20 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from betterbench.sim.worlds.frames import FrameError, receive_frame, send_frame
-
-FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
-"""A JSON document and arrays by name."""
+from betterbench.jobs import frames
+from betterbench.jobs.frames import FrameContent
 
 _LONGEST_PROBLEM = 2000
 
 
 class Simulator(Protocol):
-    """A foreign simulator with one environment."""
+    """A simulator with one environment."""
 
     def suite(self, name: str) -> dict[str, Any]:
         """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of its premises, and which hold in which state."""
+        """Settle every initial state of a task; return its premises' names and the truth of each in each state."""
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and settle; return its constant properties and its first row."""
@@ -46,24 +43,25 @@ class Simulator(Protocol):
 def answer_requests(simulator: Simulator, descriptor: int) -> None:
     """Answer the requests that come over a socket, until it is closed.
 
-    What the simulator prints goes to standard error: only frames go over the socket.
+    Output of the simulator goes to standard error: only frames are sent over the socket.
     """
     sys.stdout.flush()
     os.dup2(2, 1)
+
+    def answer(request: dict[str, Any], arrays: dict[str, np.ndarray]) -> FrameContent:
+        try:
+            return _answered(simulator, request, arrays)
+        except Exception as problem:  # noqa: BLE001 - whatever a simulator raises costs its trial alone
+            traceback.print_exc()
+            return {"problem": _told(problem)[:_LONGEST_PROBLEM]}, {}
+
     link = socket.socket(fileno=descriptor)
-    with link, contextlib.suppress(FrameError):
-        for number in itertools.count(1):
-            request, arrays = receive_frame(link, number=number)
-            try:
-                document, answer = _answered(simulator, request, arrays)
-            except Exception as problem:  # noqa: BLE001 - whatever a simulator raises costs its trial alone
-                traceback.print_exc()
-                document, answer = {"problem": _told(problem)[:_LONGEST_PROBLEM]}, {}
-            send_frame(link, document, answer, number=number)
+    with link, contextlib.suppress(frames.FrameError):
+        frames.answer_requests(link, answer)
 
 
 def _told(problem: BaseException) -> str:
-    """Return an error in one line: its first cause, and how it showed where libraries wrap it."""
+    """Return an error in one line: its first cause, and its last form if libraries wrap it."""
     first = problem
     while first.__cause__ is not None:
         first = first.__cause__

@@ -1,4 +1,4 @@
-"""What a task file is written with: typed values for objects, slots, instructions, conditions and operations."""
+"""Building blocks of a task file: typed values for objects, slots, instructions, conditions and operations."""
 
 from collections.abc import Iterable, Mapping
 
@@ -43,7 +43,7 @@ SlotLayout = Mapping[ObjectSpec, Slot]
 
 
 def item(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
-    """Return an object that instructions may ask for.
+    """Return an object that instructions may refer to.
 
     Args:
         name: Name in the scene; it carries no meaning.
@@ -55,22 +55,22 @@ def item(name: str, kind: str = "", category: str = "", color: str | None = None
 
 
 def distractor(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
-    """Return an object that no instruction asks for; arguments as for :func:`item`."""
+    """Return an object that no instruction refers to; arguments as for :func:`item`."""
     return _object("distractor", name, kind, category, color)
 
 
 def container(name: str, kind: str = "", category: str = "") -> ObjectSpec:
-    """Return what things are put into or onto, and which stands loose on the table."""
+    """Return a container or support for other objects that stands loose on the table."""
     return _object("container", name, kind, category)
 
 
 def fixture(name: str, kind: str = "", category: str = "", *, fixed: bool = False) -> ObjectSpec:
-    """Return what things are arranged around or put into; a fixed one cannot be moved."""
+    """Return a fixture around which or in which objects are placed; a fixed one cannot be moved."""
     return _object("fixture", name, kind, category, fixed=fixed)
 
 
 def drawer(name: str, category: str, cabinet: ObjectSpec) -> ObjectSpec:
-    """Return a drawer that slides in the mount of its own name of a cabinet."""
+    """Return a drawer that slides in the cabinet's mount of the same name."""
     return _object("drawer", name, category.replace("_", " "), category, mount=TargetRegion(cabinet.name, name))
 
 
@@ -100,15 +100,15 @@ def subgoal(
 ) -> Subgoal:
     """Return one step of an instruction; for ``name``, ``word`` and ``count`` see :class:`Subgoal`.
 
-    The ``thing`` is an object, of whose kind any will do, or a reference by slot; it has to be related to the target,
-    or to a region of it where it offers several.
+    The ``thing`` is an object (any object of its kind is accepted) or a reference by slot. It must be related to the
+    target, or to a region of the target if it has several.
     """
     reference = thing if isinstance(thing, Reference) else Reference(kind=thing.kind)
     return Subgoal(name, relation.name, reference, target.name, word, count, region)
 
 
 def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
-    """Return the steps to put things into a container; of two of one kind the second asks for a second one."""
+    """Return the steps to put objects into a container; a repeated kind requires a second object of that kind."""
     if not isinstance(verb, str):
         raise TypeError(f"packed(verb, target, *things): the first argument is a verb as text, not {verb!r}")
     kinds = [thing.kind for thing in things]
@@ -126,12 +126,12 @@ def ordered(text: str, *steps: Subgoal) -> Instruction:
 
 
 def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = False) -> Instruction:
-    """Return the instruction to put things to sides of an anchor, in any order.
+    """Return the instruction to put objects at sides of an anchor, in any order.
 
     Args:
-        anchor: Object whose sides are meant.
-        *steps: Which thing goes to which side.
-        close: Whether the instruction says "next to": for a plate, at which only what lies close to it counts.
+        anchor: Object with the sides.
+        *steps: Objects with their sides.
+        close: Whether the instruction says "next to"; for a plate, only objects close to it then count.
     """
     at = f"the {anchor.kind}"
     parts = [
@@ -154,13 +154,11 @@ def condition(
         layout: Start slot of each object.
         instruction: Instruction with its subgoals.
         *mounted: Drawers, which start in their mounts.
-        preplaced: Objects of the layout that already rest at a target instead of in their slot.
-        opened: Drawers that stand open at the start, with the distance by which they are drawn out [m].
+        preplaced: Objects of the layout that start at a target instead of in their slot.
+        opened: Drawers that are open at the start, with their opening [m].
     """
     if not isinstance(instruction, Instruction):
-        raise TypeError(
-            "an instruction is made of a text and its steps: ordered(text, *steps) or Instruction(text, steps)"
-        )
+        raise TypeError("an instruction needs a text and its steps: ordered(text, *steps) or Instruction(text, steps)")
     resting = preplaced or {}
     return Condition(
         task="",

@@ -1,6 +1,6 @@
-"""The operations of interventions, as typed values: ``swap(APPLE, ORANGE)`` is data that can be carried out.
+"""The operations of interventions, as typed values: ``swap(APPLE, ORANGE)`` is data that can be applied.
 
-An operation is a pure function from a condition to a changed condition, with a declaration of what it changes.
+An operation is a pure function from a condition to a changed condition, with a declaration of the changes.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ class Changes:
 
     Attributes:
         objects: Names of objects whose presence, identity or start changes.
-        language: True if the instruction and what it asks for change.
+        language: Whether the instruction and its subgoals change.
     """
 
     objects: frozenset[str] = frozenset()
     language: bool = False
 
     def __or__(self, other: Changes) -> Changes:
-        """Return the changes of both."""
+        """Return the union of the changes."""
         return Changes(self.objects | other.objects, self.language or other.language)
 
 
@@ -41,7 +41,7 @@ P = ParamSpec("P")
 class Operation:
     """Operation of an intervention with its arguments by name; operations with equal names and arguments are equal.
 
-    Carried out, it returns the changed condition and what was declared to change.
+    Applied to a condition, it returns the changed condition and the declared changes.
     """
 
     name: str
@@ -63,7 +63,7 @@ def operation_names() -> tuple[str, ...]:
 
 
 def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable[P, Operation]:
-    """Make a function on conditions a constructor of operations: it takes the function's further arguments."""
+    """Make a function on conditions a constructor of operations with the function's further arguments."""
     signature = inspect.signature(function)
     name = function.__name__
     _NAMES.add(name)
@@ -79,7 +79,7 @@ def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable
 
 @operation
 def swap(condition: Condition, a: ObjectSpec, b: ObjectSpec) -> Result:
-    """Let two objects exchange their slots."""
+    """Exchange the slots of two objects."""
     layout = dict(condition.layout)
     for o in (a, b):
         _require_slot(condition, o)
@@ -89,7 +89,7 @@ def swap(condition: Condition, a: ObjectSpec, b: ObjectSpec) -> Result:
 
 @operation
 def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa: A002 - the word of do()
-    """Put an object into another, free slot."""
+    """Move an object to a free slot."""
     _require_slot(condition, object)
     _require_free(condition, slot.name)
     return condition.with_(layout={**condition.layout, object.name: slot.name}), Changes(frozenset({object.name}))
@@ -97,7 +97,7 @@ def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noq
 
 @operation
 def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, region: str = "") -> Result:  # noqa: A002
-    """Let an object rest at its target from the start; ``region`` is given where the target offers several."""
+    """Place an object at its target from the start; ``region`` is given if the target has several."""
     _require_slot(condition, object)
     condition.object(target.name)
     layout = {name: slot for name, slot in condition.layout.items() if name != object.name}
@@ -107,9 +107,9 @@ def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, regio
 
 @operation
 def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
-    """Let a drawer stand open by ``distance_m`` at the start; 0 shuts it."""
+    """Open a drawer by ``distance_m`` at the start; 0 closes it."""
     if condition.object(drawer.name).mount is None:
-        raise _refused(condition, drawer, "it is no drawer", "Name one that has a mount")
+        raise _refused(condition, drawer, "it is not a drawer", "Name one that has a mount")
     if not distance_m >= 0.0:
         raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more; 0 shuts the drawer")
     return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
@@ -117,7 +117,7 @@ def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Res
 
 @operation
 def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
-    """Take an object out of the scene; nothing may rest at it or slide in it."""
+    """Remove an object from the scene; nothing may rest at it or slide in it."""
     name = condition.object(object.name).name
     guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == name]
     guests += [guest for guest, place in condition.preplaced.items() if place.target == name]
@@ -134,13 +134,13 @@ def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
 
 @operation
 def add(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa: A002
-    """Put a further object into a free slot."""
+    """Add an object in a free slot."""
     return _added(condition, object, slot.name)
 
 
 @operation
 def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:  # noqa: A002
-    """Put another object into the slot of an object that is taken away."""
+    """Replace an object by another one in the same slot."""
     _require_slot(condition, object)
     removed, first = remove(object).carry_out(condition)
     added, second = _added(removed, by, condition.layout[object.name])
@@ -149,13 +149,13 @@ def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:
 
 @operation
 def instruct(condition: Condition, instruction: Instruction) -> Result:
-    """Ask for something else in the same scene."""
+    """Change the instruction in the same scene."""
     return condition.with_(instruction=instruction), Changes(language=True)
 
 
 @operation
 def repeat(condition: Condition, instruction: Instruction) -> Result:
-    """Ask for a trained step more often than in training: some subgoal occurs twice."""
+    """Repeat a trained step more often than in training: some subgoal occurs twice."""
     if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
         raise InvalidInputError(f"{condition.id} repeat", "no subgoal is repeated", "Use chain or instruct")
     return condition.with_(instruction=instruction), Changes(language=True)
@@ -163,7 +163,7 @@ def repeat(condition: Condition, instruction: Instruction) -> Result:
 
 @operation
 def chain(condition: Condition, instruction: Instruction) -> Result:
-    """Ask for more steps than the training condition does."""
+    """Require more steps than the training condition."""
     if len(instruction.subgoals) <= len(condition.instruction.subgoals):
         raise InvalidInputError(f"{condition.id} chain", "the new instruction is not longer", "Use instruct instead")
     return condition.with_(instruction=instruction), Changes(language=True)
@@ -180,7 +180,7 @@ def _added(condition: Condition, spec: ObjectSpec, slot: str) -> Result:
 def _require_free(condition: Condition, slot: str) -> None:
     occupant = condition.occupant(slot)
     if occupant is not None:
-        what = f"{occupant} already stands there"
+        what = f"it already contains {occupant}"
         raise InvalidInputError(f"{condition.id} slot {slot!r}", what, "Remove or move it first")
 
 

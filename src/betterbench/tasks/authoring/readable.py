@@ -10,7 +10,7 @@ from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line
 from betterbench.tasks.authoring.task import Task
 
 LONGEST_TEXT = 2000
-"""Most characters of a text of a task, such as its instruction."""
+"""Maximum characters of a text of a task, such as its instruction."""
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,99}")
 
@@ -19,8 +19,8 @@ def require_readable(task: Task) -> None:
     """Check the names of a task, its objects, slots, steps and variations, and all texts.
 
     Raises:
-        InvalidInputError: If a name is empty, longer than 100 characters or holds more than letters, digits, spaces,
-            ``_``, ``-`` and ``.``, or a text is too long or holds a character that cannot be printed.
+        InvalidInputError: If a name is empty, longer than 100 characters or contains characters other than letters,
+            digits, spaces, ``_``, ``-`` and ``.``, or a text is too long or contains an unprintable character.
     """
     for place, text in _texts(task, ""):
         where = f"task {one_line(task.id, most=100)}: {place}"
@@ -29,7 +29,7 @@ def require_readable(task: Task) -> None:
             cure = "Use up to 100 letters, digits, spaces, '_', '-' and '.', the first a letter or digit"
             raise InvalidInputError(where, f"{shown} cannot be a name", cure)
         if UNPRINTABLE.search(text):
-            raise InvalidInputError(where, f"{shown} holds a character that cannot be printed", "Take it out")
+            raise InvalidInputError(where, f"{shown} contains an unprintable character", "Remove it")
         if len(text) > LONGEST_TEXT:
             raise InvalidInputError(where, f"has {len(text)} characters", f"Use at most {LONGEST_TEXT}")
 

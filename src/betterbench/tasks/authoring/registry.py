@@ -17,7 +17,7 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     """Register a function that returns a task, under the function's name.
 
     Raises:
-        InvalidInputError: If another file has registered a task of that name.
+        InvalidInputError: If another file has registered a task of the same name.
     """
     name = build.__name__
     explained = registered("task", name, build, _BUILDERS)
@@ -40,7 +40,7 @@ def get_task(name: str) -> Task:
     """Return a task by id.
 
     Raises:
-        UnknownNameError: If there is no such task.
+        UnknownNameError: If the task does not exist.
     """
     load_declared()
     if name not in _BUILDERS:
@@ -49,10 +49,10 @@ def get_task(name: str) -> Task:
 
 
 def notes_of(name: str) -> str:
-    """Return what the file of a task says about it: randomizations, success and premise.
+    """Return the notes in the docstring of a task: randomizations, success and premise.
 
     Raises:
-        UnknownNameError: If there is no such task.
+        UnknownNameError: If the task does not exist.
     """
     get_task(name)
     return inspect.getdoc(_BUILDERS[name]) or ""
@@ -90,7 +90,7 @@ def suite_tasks(name: str) -> tuple[str, ...]:
     """Return the ids of a suite's tasks.
 
     Raises:
-        UnknownNameError: If there is no such suite.
+        UnknownNameError: If the suite does not exist.
     """
     if name not in SUITES:
         raise UnknownNameError("suite", name, SUITES)

@@ -13,8 +13,8 @@ class Task:
     """Base task with its training conditions and variations.
 
     Attributes:
-        version: Version of its behavior: a changed goal, tolerance or instruction moves it.
-        template: The constraint template it fills in.
+        version: Version of its behavior, incremented if a goal, tolerance or instruction changes.
+        template: The constraint template of the task.
         training: The training regime; the registry names its conditions train1, train2, ... in this order.
         id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
         description: Description of the task; the registry sets it to the first line of that function's docstring.

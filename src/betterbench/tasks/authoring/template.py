@@ -1,4 +1,4 @@
-"""Constraint templates: the interaction patterns that tasks fill in."""
+"""Constraint templates: the interaction patterns of tasks."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,13 +14,13 @@ Order = Literal["free", "named", "built"]
 
 @dataclass(frozen=True, slots=True)
 class ObjectGroup:
-    """An abstract group of objects of a template, as a scenario has to fill it.
+    """An abstract group of objects in a template, to be filled by a scenario.
 
     Attributes:
         description: Meaning of the group.
-        allowed_types: Semantic categories it may hold.
-        count_range: Least and largest number of objects.
-        role: Role that its objects play in a scene.
+        allowed_types: Allowed semantic categories.
+        count_range: Minimum and maximum number of objects.
+        role: Role of its objects in a scene.
     """
 
     group_id: str
@@ -37,8 +37,8 @@ class Meta:
     Attributes:
         name: Identifier ("loose_packing").
         challenge: Difficulty of the template (paper, table of the taxonomy).
-        goal: Condition that has to hold at the end.
-        premise: Condition that has to hold at the start.
+        goal: Condition at the end of a successful episode.
+        premise: Condition at the start.
     """
 
     name: str
@@ -54,11 +54,11 @@ class Protocol:
     """Time limits of an episode.
 
     Attributes:
-        dwell_s: Time for which the goal has to hold [s].
+        dwell_s: Time for which the goal must stay true [s].
         base_steps: Control steps allowed for an episode, in addition to those per subgoal.
         steps_per_subgoal: Control steps allowed for each subgoal. Together, the two limits allow about three times the
             median of the expert, enough for a policy as slow as a human teleoperator (suite, section 3).
-        still_steps: Control steps for which a policy is watched where the right answer is to stay still.
+        still_steps: Control steps for which a policy is watched if the right behavior is to stay still.
     """
 
     dwell_s: float = 0.5
@@ -69,12 +69,12 @@ class Protocol:
 
 @dataclass(frozen=True, kw_only=True)
 class Template(Meta, Protocol):
-    """An interaction pattern: its groups, its relations and the protocol that goes with them.
+    """An interaction pattern: its groups, its relations and its protocol.
 
     Attributes:
-        relation: Name of the relation that a subgoal of this template asks for.
-        also: Further relations that its subgoals may ask for.
-        exclusive: True if nothing that was not asked for may satisfy the relation at the end.
+        relation: Name of the main relation of its subgoals.
+        also: Further relations of its subgoals.
+        exclusive: Whether at the end only requested objects may satisfy the relation.
     """
 
     groups: tuple[ObjectGroup, ...]
@@ -85,17 +85,17 @@ class Template(Meta, Protocol):
 
     @property
     def relations(self) -> tuple[Relation, ...]:
-        """All relations that its subgoals may ask for."""
+        """All relations that its subgoals may use."""
         return tuple(RELATIONS[name] for name in (self.relation, *self.also))
 
     @property
     def regions(self) -> tuple[str, ...]:
-        """Regions that the asset of a target has, by any of these names."""
+        """Regions of a target's asset, by any of these names."""
         return tuple(dict.fromkeys(region for relation in self.relations for region in relation.needs))
 
     @property
     def tolerances(self) -> dict[str, float]:
-        """The thresholds that decide about its relations, by name."""
+        """The thresholds of its relations, by name."""
         values = THRESHOLDS.to_json()
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
@@ -106,7 +106,7 @@ class Template(Meta, Protocol):
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals)
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Return where a condition does not follow this pattern; empty if it does."""
+        """Return the violations of this pattern in a condition; empty if there is none."""
         found: list[str] = []
         for group in self.groups:
             count = sum(o.role == group.role for o in condition.objects)
@@ -118,10 +118,10 @@ class Template(Meta, Protocol):
         found += [f"{o.name} plays the role {o.role!r}, which has no group" for o in strays]
         for goal in condition.instruction.subgoals:
             if goal.relation not in (self.relation, *self.also):
-                found.append(f"subgoal {goal.name!r} asks for {goal.relation!r}")
+                found.append(f"subgoal {goal.name!r} uses {goal.relation!r}")
         ordered = condition.instruction.ordered
         if self.order == "free" and ordered:
-            found.append("the instruction is ordered, but order is no part of this pattern")
+            found.append("the instruction is ordered, but this pattern has no order")
         if self.order == "built" and not ordered:
-            found.append("the instruction is not ordered, but what lies below has to come first")
+            found.append("the instruction is not ordered, but lower objects must come first")
         return tuple(found)

@@ -1,4 +1,4 @@
-"""The JSON form of templates, which people and models fill in scenarios after."""
+"""The JSON form of templates, for people and models that write scenarios."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields

@@ -9,98 +9,94 @@ PATTERNED_ARRANGEMENT = Template(
     challenge="Relative placement: a side moves and turns with its anchor.",
     goal=(
         "Each named object stands or lies at its named side, cutlery with its head away from the eater, "
-        "at rest and let go; nothing else was brought to a side."
+        "at rest and released; no other object was brought to a side."
     ),
     premise="The named objects stand in their slots, and the named sides are free.",
     groups=(
         ObjectGroup(
             "anchor",
-            "What the others are laid around; it offers named sides.",
+            "Object around which the others are placed; it has named sides.",
             ("laptop", "plate", "tray", "placemat"),
             (1, 1),
             role="fixture",
         ),
-        ObjectGroup("items", "What may be asked for.", ("desk object", "cutlery", "cup"), (2, 4), role="item"),
-        ObjectGroup("distractors", "What stays where it is.", ("tableware", "desk object"), (0, 6), role="distractor"),
+        ObjectGroup("items", "Objects that may be requested.", ("desk object", "cutlery", "cup"), (2, 4), role="item"),
+        ObjectGroup("distractors", "Objects that stay.", ("tableware", "desk object"), (0, 6), role="distractor"),
     ),
     relation="beside",
     exclusive=True,
     order="free",
 )
-"""Things are laid around an anchor, each at its side and aligned with it."""
+"""Objects are placed around an anchor, each at its side and aligned with it."""
 
 LOOSE_PACKING = Template(
     name="loose_packing",
     title="Loose Packing",
     description="Put the named objects into the container, in the order in which they are named.",
-    challenge="Free-form containment while tracking which of several alike objects are already packed.",
+    challenge="Free-form containment while tracking which of several similar objects are already packed.",
     goal=(
-        "The named objects are inside the container, at rest and let go, packed in the named order "
+        "The named objects are inside the container, at rest and released, packed in the named order "
         "where the instruction gives one; nothing else is inside."
     ),
-    premise="The named objects stand in their slots; what is inside already was put there on purpose.",
+    premise="The named objects stand in their slots; objects already inside are part of the setup.",
     groups=(
         ObjectGroup(
             "container",
-            "What is packed into; open at the top.",
+            "Container, open at the top.",
             ("bag", "box", "basket", "bin"),
             (1, 1),
             role="container",
         ),
-        ObjectGroup(
-            "items", "What may be asked for; several may be alike.", ("food", "small object"), (1, 6), role="item"
-        ),
-        ObjectGroup("distractors", "What stays on the table.", ("food", "small object"), (0, 6), role="distractor"),
+        ObjectGroup("items", "Requested objects; several may be alike.", ("food", "small object"), (1, 6), role="item"),
+        ObjectGroup("distractors", "Objects that stay.", ("food", "small object"), (0, 6), role="distractor"),
     ),
     relation="inside",
     exclusive=True,
     order="named",
 )
-"""Named things go into a container, in any pose, and nothing else does."""
+"""Named objects go into a container, in any pose; no other object does."""
 
 CONSTRAINED_POSITIONING = Template(
     name="constrained_positioning",
     title="Constrained Positioning",
-    description="Put the named object on the marked place of the fixture, aligned with it.",
+    description="Put the named object on the marked region of the fixture, aligned with it.",
     challenge="High-precision alignment with a static fixture of the environment.",
-    goal="The named object stands centered on the marked place, upright, with its handle clear, at rest and let go.",
-    premise="The named object stands in its slot and the marked place is free, unless there is nothing left to do.",
+    goal="The named object stands centered on the marked region, upright, with its handle clear, at rest and released.",
+    premise="The named object stands in its slot and the marked region is free, unless nothing is left to do.",
     groups=(
         ObjectGroup(
-            "fixture", "What carries the marked place.", ("coffee machine", "scale", "charger"), (1, 1), role="fixture"
+            "fixture", "Fixture with the marked region.", ("coffee machine", "scale", "charger"), (1, 1), role="fixture"
         ),
-        ObjectGroup("items", "What may be asked for.", ("cup", "mug", "bowl"), (1, 4), role="item"),
-        ObjectGroup("distractors", "What stays on the table.", ("kitchenware",), (0, 4), role="distractor"),
+        ObjectGroup("items", "Objects that may be requested.", ("cup", "mug", "bowl"), (1, 4), role="item"),
+        ObjectGroup("distractors", "Objects that stay on the table.", ("kitchenware",), (0, 4), role="distractor"),
     ),
     relation="on_ring",
     exclusive=True,
     order="free",
 )
-"""One object goes to an exact place on a fixture, in a given orientation."""
+"""One object goes to an exact region of a fixture, in a given orientation."""
 
 CONTAINER_LOADING = Template(
     name="container_loading",
     title="Container Loading",
-    description="Put the named objects into the named drawers and close these.",
+    description="Put the named objects into the named drawers and close them.",
     challenge="Articulated containers whose state decides what can be done next.",
     goal=(
         "The named objects are in the named drawers, nothing else is in a drawer, and the named drawers "
-        "are pushed home, all at rest and let go."
+        "are closed, all at rest and released."
     ),
-    premise="The named objects stand in their slots, and each drawer is drawn out as far as the condition says.",
+    premise="The named objects stand in their slots, and each drawer is open as far as the condition says.",
     groups=(
-        ObjectGroup("cabinet", "What carries the drawers.", ("cabinet",), (1, 1), role="fixture"),
+        ObjectGroup("cabinet", "Cabinet of the drawers.", ("cabinet",), (1, 1), role="fixture"),
         ObjectGroup(
             "drawers",
-            "What is loaded; each slides on rails with friction and stops.",
+            "Drawers to load; each slides on rails with friction and stops.",
             ("drawer",),
             (1, 2),
             role="drawer",
         ),
-        ObjectGroup("items", "What may be asked for.", ("office supply", "small object"), (1, 4), role="item"),
-        ObjectGroup(
-            "distractors", "What stays on the table.", ("office supply", "small object"), (0, 4), role="distractor"
-        ),
+        ObjectGroup("items", "Objects that may be requested.", ("office supply", "small object"), (1, 4), role="item"),
+        ObjectGroup("distractors", "Objects that stay.", ("office supply", "small object"), (0, 4), role="distractor"),
     ),
     relation="inside",
     exclusive=True,
@@ -109,7 +105,7 @@ CONTAINER_LOADING = Template(
     base_steps=300,
     steps_per_subgoal=600,
 )
-"""Things go into drawers that have to be opened before and closed after."""
+"""Objects go into drawers that must be opened before and closed afterward."""
 
 LOGICAL_ASSEMBLY = Template(
     name="logical_assembly",
@@ -118,17 +114,13 @@ LOGICAL_ASSEMBLY = Template(
     challenge="Strict order: a layer below cannot be added later.",
     goal=(
         "The named layers lie on each other in the named order, centered over the base and flat, at rest "
-        "and let go; nothing else lies there."
+        "and released; nothing else lies there."
     ),
-    premise="The named layers lie in their slots; what lies on the base already was put there on purpose.",
+    premise="The named layers lie in their slots; layers already on the base are part of the setup.",
     groups=(
-        ObjectGroup("base", "What the stack stands on.", ("bun", "plate", "tray"), (1, 1), role="container"),
-        ObjectGroup(
-            "layers", "What may be asked for; several may be alike.", ("food layer", "block"), (2, 6), role="item"
-        ),
-        ObjectGroup(
-            "distractors", "What stays on the table.", ("food layer", "small object"), (0, 4), role="distractor"
-        ),
+        ObjectGroup("base", "Base of the stack.", ("bun", "plate", "tray"), (1, 1), role="container"),
+        ObjectGroup("layers", "Requested layers; several may be alike.", ("food layer", "block"), (2, 6), role="item"),
+        ObjectGroup("distractors", "Objects that stay.", ("food layer", "small object"), (0, 4), role="distractor"),
     ),
     relation="layer",
     exclusive=True,
@@ -142,46 +134,46 @@ PRECISION_INSERTION = Template(
     description="Put the named objects into the named holes of the rack, in any order.",
     challenge="Contact-rich alignment within 3 mm a side; collisions with the rack are counted.",
     goal=(
-        "Each named object stands on the floor of its named hole, upright, at rest and let go; nothing "
+        "Each named object stands on the floor of its named hole, upright, at rest and released; nothing "
         "else was put into a hole."
     ),
     premise="The named objects stand in their slots and their holes are free.",
     groups=(
-        ObjectGroup("rack", "What has the holes.", ("rack", "stand", "charger"), (1, 1), role="fixture"),
-        ObjectGroup("items", "What may be asked for.", ("jar", "bottle", "plug"), (1, 6), role="item"),
-        ObjectGroup("distractors", "What stays on the table.", ("jar", "bottle"), (0, 4), role="distractor"),
+        ObjectGroup("rack", "Object with the holes.", ("rack", "stand", "charger"), (1, 1), role="fixture"),
+        ObjectGroup("items", "Objects that may be requested.", ("jar", "bottle", "plug"), (1, 6), role="item"),
+        ObjectGroup("distractors", "Objects that stay.", ("jar", "bottle"), (0, 4), role="distractor"),
     ),
     relation="in_hole",
     exclusive=True,
     order="free",
 )
-"""Things go into holes that fit them with a few millimeters of clearance."""
+"""Objects go into holes that fit them with a few millimeters of clearance."""
 
 RECURSIVE_STACKING = Template(
     name="recursive_stacking",
     title="Recursive Stacking",
     description="Put the named plate on the named plate or stack.",
-    challenge="Targets that are themselves moved: what is put on something may carry the next.",
+    challenge="Targets that are moved themselves: a stacked object may carry the next one.",
     goal=(
-        "Each named plate stands in the middle of the named one, flat and touching it, at rest and let "
-        "go; nothing else was put on a plate that is asked for."
+        "Each named plate stands in the middle of the named one, flat and touching it, at rest and "
+        "released; nothing else was put on a requested plate."
     ),
     premise="The named plates stand in their slots or on another plate as the condition says.",
     groups=(
         ObjectGroup(
             "plates",
-            "What is stacked and stacked upon; told apart by color.",
+            "Plates to stack and to stack on, distinguished by color.",
             ("plate", "bowl", "tray"),
             (2, 4),
             role="item",
         ),
-        ObjectGroup("distractors", "What stays on the table.", ("bowl", "plate"), (0, 3), role="distractor"),
+        ObjectGroup("distractors", "Objects that stay.", ("bowl", "plate"), (0, 3), role="distractor"),
     ),
     relation="on_plate",
     exclusive=True,
     order="built",
 )
-"""Things of one kind are stacked on each other, and a stack can be a target."""
+"""Objects of one kind are stacked on each other, and a stack can be a target."""
 
 TEMPLATES = {
     t.name: t

@@ -1,7 +1,7 @@
-"""Regularities of a task's training regime: the places that went with each word, and the steps that came first.
+"""Regularities of a task's training regime: the slots associated with each word, and the steps that came first.
 
-These are the confounds that the variations break. They are computed from the training conditions and never written down
-by hand, so they cannot disagree with them.
+These are the confounds that the variations break. They are computed from the training conditions instead of written by
+hand, so the two cannot disagree.
 """
 
 from collections import Counter
@@ -16,12 +16,12 @@ class TrainingDistribution:
     """The regularities of a training regime.
 
     Attributes:
-        word_slots: Word of an instruction to the slots its object was picked from.
-        kind_slots: Kind of object to the slots it was picked from.
-        standing_kinds: Slot to the kinds of object that stood there at the start.
+        word_slots: Slots of the object, by word of an instruction.
+        kind_slots: Slots of the object, by kind.
+        standing_kinds: Kinds of object at the start, by slot.
         first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
-        kind_targets: Kind of object to the places it was brought to, as kind of the target, relation and place.
-        sequences: Per training condition the kinds in the order in which they were handled.
+        kind_targets: Trained targets by kind of object, as kind of the target, relation and region.
+        sequences: Kinds in the order in which they were handled, by training condition.
         initial_items: Largest number of movable objects on the table at the start of a demonstration.
     """
 
@@ -35,7 +35,7 @@ class TrainingDistribution:
 
     @property
     def habit(self) -> str | None:
-        """Kind with which strictly most demonstrations begin, or None if there is no such kind."""
+        """Kind of the first object in most demonstrations, or None if no kind is strictly the most frequent."""
         ranked = self.first_kinds
         if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
             return None
@@ -43,7 +43,7 @@ class TrainingDistribution:
 
     @property
     def favorite_slot(self) -> str:
-        """Slot that was picked from for most words of instructions; the first by name of several."""
+        """Slot of the objects of most words of instructions; the first by name of several."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
@@ -53,7 +53,7 @@ class TrainingDistribution:
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
-        """Return the kinds of object that some instruction means: that of a condition, or one of training."""
+        """Return the kinds of object in the instruction of a condition or of training."""
         asked = {
             condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
         }
@@ -96,7 +96,7 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
 
 
 def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
-    """Return the instruction of a condition and its initial scene: which kind is where, which drawers are open."""
+    """Return the instruction of a condition and its initial scene: the kind in each slot, and the open drawers."""
     places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
     places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
     places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}
@@ -104,5 +104,5 @@ def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
 
 
 def on_table(condition: Condition) -> tuple[str, ...]:
-    """Return the names of the movable objects that stand in slots at the start of a condition."""
+    """Return the names of the movable objects in slots at the start of a condition."""
     return tuple(o.name for o in condition.objects if o.role in ("item", "distractor") and o.name in condition.layout)

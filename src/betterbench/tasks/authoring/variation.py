@@ -13,9 +13,9 @@ class Variation:
     Attributes:
         name: Letter of the axis and running number ("L3").
         interventions: Operations, applied in order.
-        title: A few words for tables: what is different.
+        title: Difference from training in a few words, for tables.
         hypothesis: Ability that a success shows.
-        base: Name of the training condition it is derived from; the same seed of it is the counterfactual twin.
+        base: Name of its training condition; the same seed of it is the counterfactual twin.
         support: Whether all poses lie inside the training regime.
     """
 
@@ -35,5 +35,5 @@ class Variation:
 
     @property
     def axis(self) -> Axis:
-        """Axis of the intervention, as the name says."""
+        """Axis of the intervention, from its name."""
         return Axis.of(self.name)

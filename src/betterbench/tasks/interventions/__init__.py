@@ -1,4 +1,4 @@
-"""Interventions: from a variation, or a name, to the condition that it describes and what it declares to change."""
+"""Interventions: look-up of the condition of a variation or a name, with its declared changes."""
 
 from betterbench.tasks.interventions.apply import apply, vary
 from betterbench.tasks.interventions.resolve import ResolvedCondition, condition_names, resolve_condition

@@ -1,4 +1,4 @@
-"""Carrying out interventions: the condition that a variation describes."""
+"""Application of interventions: the condition of a variation."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from betterbench.tasks import Changes, Condition, Operation, Task, Variation
 
 
 def apply(condition: Condition, operations: Sequence[Operation]) -> tuple[Condition, Changes]:
-    """Carry out operations one after the other.
+    """Apply operations one after the other.
 
     Returns:
-        The changed condition and everything that was declared to change.
+        The changed condition and all declared changes.
 
     Raises:
-        InvalidInputError: If an operation makes no sense on the condition, for example a slot that is taken.
-        UnknownNameError: If it names an object that the condition does not have.
+        InvalidInputError: If an operation is impossible on the condition, for example if a slot is taken.
+        UnknownNameError: If the condition lacks an object of an operation.
     """
     changes = Changes()
     for operation in operations:
@@ -25,7 +25,7 @@ def apply(condition: Condition, operations: Sequence[Operation]) -> tuple[Condit
 
 
 def vary(task: Task, variation: Variation) -> tuple[Condition, Changes]:
-    """Return the test condition of a variation and what it declares to change."""
+    """Return the test condition of a variation and its declared changes."""
     condition, changes = apply(task.train(variation.base), variation.interventions)
     condition = condition.with_(
         name=variation.name,

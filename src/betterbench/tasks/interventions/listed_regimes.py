@@ -1,7 +1,7 @@
-"""Regimes whose conditions are listed by hand: one package per regime, and in it one file per task.
+"""Regimes with hand-written lists of conditions: one package per regime, with one file per task.
 
-The file of a task lists the conditions by the function ``balanced_TASK`` or ``diverse_TASK``, and says in ``CROSSED``
-what they cross and what stays tied. None of them is a test: no start of a variation occurs together with its
+The file of a task lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``, and the crossed and tied
+factors in ``CROSSED``. None of the conditions is a test: the start of a variation never occurs together with its
 instruction, unless training has both too.
 """
 
@@ -24,7 +24,7 @@ class _Listing:
 
     Attributes:
         package: Package with one module per task.
-        prefix: Beginning of the name of the function in it, and of the names of the conditions.
+        prefix: Prefix of the function's name and of the names of the conditions.
     """
 
     package: str
@@ -39,7 +39,7 @@ LISTED: Mapping[str, _Listing] = {
 
 @functools.cache
 def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a regime, named balanced1 or diverse1 and so on; none if the task has no such file."""
+    """Return the conditions of a regime, named balanced1 or diverse1 and so on; empty if the task has no such file."""
     module = listing_of(regime, task_id)
     if module is None:
         return ()
@@ -54,20 +54,20 @@ def every_listed_condition(task_id: str) -> tuple[Condition, ...]:
 
 
 def crossed_in(regime: str, task_id: str) -> tuple[str, ...]:
-    """Return what the conditions of a regime cross and what stays tied, one line each; nothing of other regimes."""
+    """Return the crossed and tied factors of a regime's conditions, one line each; empty for other regimes."""
     module = listing_of(regime, task_id)
     lines: tuple[str, ...] = () if module is None else module.CROSSED
     return lines
 
 
 def listed_tasks(regime: str) -> tuple[str, ...]:
-    """Return the tasks that a regime lists conditions of, sorted."""
+    """Return the tasks with listed conditions of a regime, sorted."""
     package = importlib.import_module(LISTED[regime].package)
     return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
 
 
 def listing_of(regime: str, task_id: str) -> ModuleType | None:
-    """Return the module in which a regime lists conditions of a task, or None."""
+    """Return the module with a regime's conditions of a task, or None."""
     if regime not in LISTED:
         return None
     name = f"{LISTED[regime].package}.{task_id}"

@@ -1,4 +1,4 @@
-"""Regimes: the sets of conditions that demonstrations are drawn from, for training and for its control arms."""
+"""Regimes: the sets of conditions used for demonstrations, for training and for its control arms."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from betterbench.tasks.interventions.balanced import slots_aside
 from betterbench.tasks.interventions.listed_regimes import LISTED, listed_conditions, listed_tasks
 
 Regime = Literal["training", "balanced", "diverse-confounded", "covered"]
-"""The conditions of the task with their confounds; others of the same skills without them; as many others in which each
-word stays tied to its place; the test conditions."""
+"""The conditions of the task with their confounds; others of the same skills without them; the same number of others in
+which each word stays tied to its slot; the test conditions."""
 
 
 def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
-    """Return the conditions of a task that a regime demonstrates; InvalidInputError if the task has none of it."""
+    """Return the conditions of a task in a regime; InvalidInputError if the task does not have the regime."""
     if regime == "training":
         return task.training
     if regime == "covered":
@@ -25,13 +25,13 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
     found = listed_conditions(regime, task.id)
     if not found:
         problem = f"{task.id} has no {regime} conditions"
-        cure = f"Choose training or covered for it, or name tasks that have some: {', '.join(listed_tasks(regime))}"
+        cure = f"Choose training or covered for it, or name tasks that have them: {', '.join(listed_tasks(regime))}"
         raise InvalidInputError("--regime", problem, cure)
     return found
 
 
 def in_regime(task: Task, regime: Regime) -> Task:
-    """Return a task with conditions and slots of a regime in place of those of training; raises the same."""
+    """Return a task with the conditions and slots of a regime instead of those of training; raises the same error."""
     if regime == "training":
         return task
     slots = (*task.slots, *slots_aside(task.id)) if regime in LISTED else task.slots

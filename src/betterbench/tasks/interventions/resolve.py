@@ -32,7 +32,7 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of the training condition that it is or is derived from: the condition of the twin."""
+        """Name of its training condition, or of itself: the condition of the twin."""
         return self.condition.name if self.variation is None else self.variation.base
 
     @property
@@ -51,7 +51,7 @@ def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
     """Return a condition by the id of its task and its own name ("train1", "L3", "balanced5", "diverse5").
 
     Raises:
-        UnknownNameError: If there is no such task, or it has no such condition.
+        UnknownNameError: If the task or the condition does not exist.
     """
     task = get_task(task_id)
     for condition in (*task.training, *every_listed_condition(task.id)):

@@ -17,7 +17,7 @@ class GraspAttempt:
 
     Attributes:
         release: Row at which the gripper was commanded to open again, or the number of rows.
-        aim: Index of the object that the gripper was closest to; for an air grasp the one that it missed, if any.
+        aim: Index of the object closest to the gripper; for an air grasp the missed object, if any.
     """
 
     start: int
@@ -30,12 +30,12 @@ class GraspAttempt:
 
 
 def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return all grasp attempts of an episode, in time.
+    """Return all grasp attempts of an episode, in order.
 
-    Closing at home or far from everything, closing without travel of the fingers, and closing again on an object that
-    is in the gripper already are no attempts; closings that only chatter separates are one. Whatever was lifted between
-    the fingers was attempted, in whatever way they were told to close. What a finger presses on was attempted, whatever
-    else is near. Where nothing is touched, distances decide.
+    Not attempts: closing at home or far from all objects, closing without finger travel, and closing again on an object
+    that is already held. Closings separated only by chatter are one attempt. Any object lifted between the fingers was
+    attempted, whatever the command. An object that a finger presses on was attempted, whatever else is near. Without
+    contact, distances decide.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -54,10 +54,10 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAttempt]:
-    """Return attempts for what was lifted between the fingers without a closing that shows it."""
+    """Return attempts for objects lifted between the fingers without a closing that shows it."""
     found, gap = [], motion.steps(THRESHOLDS.chatter_time)
     for i in motion.items:
-        if motion.is_drawer(i):  # one can be moved by open fingers, too
+        if motion.is_drawer(i):  # a drawer can also be moved by open fingers
             continue
         rows = np.flatnonzero((motion.held == i) | (motion.left[:, i] & motion.right[:, i]))
         for part in np.split(rows, np.flatnonzero(np.diff(rows) > gap) + 1):
@@ -72,9 +72,9 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 
 
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the times at which the gripper shut fully, low over the table, far from every object and slot.
+    """Return the times at which the gripper closed fully, low over the table, far from every object and slot.
 
-    They are no grasp attempts, because they tell nothing about what was meant: something was missed by far.
+    They are not grasp attempts, because such a large miss does not show which object was meant.
     """
     found = []
     for closing in _closings(motion):
@@ -88,16 +88,16 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
             continue
         near = motion.box_distances(before, motion.tool[travel.settled]) <= THRESHOLDS.grasp_reach
         if (near & motion.there[before]).any():
-            continue  # beside what is at its target, as after letting go of it
+            continue  # beside an object at its target, as after its release
         if _resolve(motion, closing) is None:
             found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
     return tuple(found)
 
 
 def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the closings of an open, empty gripper whose fingers hardly traveled, low over the table.
+    """Return the closings of an open, empty gripper with hardly any finger travel, low over the table.
 
-    They are no grasp attempts by themselves. Where they are at what is asked for they were tries.
+    They are not grasp attempts by themselves. At a requested object they are.
     """
     found = []
     for closing in _closings(motion):
@@ -116,8 +116,8 @@ def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the times at which the fingers of an empty gripper narrowed low over the table and opened again.
 
-    A change of the width by less than ``finger_travel`` is none, and one by up to 1 mm is a tremble: the fingers are
-    still as wide, and already as narrow. They are no grasp attempts by themselves.
+    A change of the width below ``finger_travel`` does not count, and one up to 1 mm is a tremble: the fingers are both
+    still as wide and already as narrow. They are not grasp attempts by themselves.
     """
     found, width = [], motion.width
     widest = narrowest = 0
@@ -140,9 +140,9 @@ def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
-    """Return the first and last row of each closing of an empty gripper that traveled while its fingers did.
+    """Return the first and last row of each closing of an empty gripper during a motion of the arm.
 
-    They are no grasp attempts, because what was passed may not have been meant.
+    They are not grasp attempts, because an object that was passed may not have been meant.
     """
     found = []
     for start, stop in (part for closing in _closings(motion) for part in closing.parts):
@@ -153,7 +153,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Closing of the gripper: the rows of its parts, which only chatter separates, the last of each excluded."""
+    """Closing of the gripper: the row ranges of its parts, separated only by chatter, with exclusive ends."""
 
     parts: tuple[tuple[int, int], ...]
 
@@ -174,7 +174,7 @@ class _Travel(NamedTuple):
 
 
 def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
-    """Return how the fingers traveled in a closing, or None if they hardly did."""
+    """Return the finger travel of a closing, or None if there was hardly any."""
     before = start - 1
     limit = min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows)
     widths = motion.width[before:limit]
@@ -184,7 +184,7 @@ def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
 
 
 def _closings(motion: Motion) -> list[_Closing]:
-    """Return the spans of rows in which the gripper is commanded to close; those that chatter separates are one."""
+    """Return the row ranges with a closing command; ranges separated by chatter are one."""
     closing = motion.closing
     edges = np.flatnonzero(closing[1:] != closing[:-1]) + 1
     found: list[_Closing] = []
@@ -205,7 +205,7 @@ def _still_gripped(motion: Motion, last: GraspAttempt, row: int) -> bool:
 
 
 def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
-    """Tell whether the gripper closes again on what it has just put somewhere, before it has moved away."""
+    """Tell whether the gripper closes again on an object that it has just placed, before it has moved away."""
     i = grasp.object
     if i is None or i != last.object or not last.secured or grasp.secured or not motion.there[grasp.start, i]:
         return False
@@ -214,9 +214,9 @@ def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
 
 
 def _resolve(motion: Motion, closing: _Closing) -> GraspAttempt | None:
-    """Return the attempt that a closing is, or None if it is none.
+    """Return the attempt of a closing, or None if it is not an attempt.
 
-    Where chatter separates its parts, the first that got hold of something tells what it was at.
+    If chatter separates its parts, the first part that touched an object determines the object.
     """
     found = [grasp for part in closing.parts if (grasp := _resolve_part(motion, part, closing.stop)) is not None]
     return next((grasp for grasp in found if grasp.object is not None), found[0] if found else None)
@@ -232,7 +232,7 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
     if touched is not None:
         i, end = touched
         slot = None
-        if i in motion.items:  # a container beside a slot is not what stands in it
+        if i in motion.items:  # a container beside a slot is not in the slot
             slot = motion.slot_of(before, i, THRESHOLDS.slot_reach)
             slot = slot or motion.slot_near(motion.tool[end], THRESHOLDS.slot_reach)
         return GraspAttempt(before, end, stop, i, i, slot, _lifted(motion, i, before, stop))
@@ -242,14 +242,14 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
 
 
 def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
-    """Tell whether a closing on nothing ended so soon that the fingers were far from shut."""
+    """Tell whether a closing on nothing ended long before the fingers were closed."""
     start, stop = part
     brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
     return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width
 
 
 def _unresolved(motion: Motion, start: int, limit: int) -> bool:
-    """Tell whether the episode ended before the fingers could reach anything."""
+    """Tell whether the episode ended before the fingers could reach an object."""
     short = limit - start < motion.steps(THRESHOLDS.stop_time)
     return limit == motion.rows and (short or _still_closing(motion, limit))
 
@@ -260,7 +260,7 @@ def _still_closing(motion: Motion, limit: int) -> bool:
 
 
 def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int, int] | None:
-    """Return the object that the closing gripper got hold of, and the row at which it did, or None."""
+    """Return the object that the closing gripper contacted, and the row of the contact, or None."""
     left, right = motion.left[start:limit], motion.right[start:limit]
     both = left & right
     if both.any():
@@ -275,7 +275,7 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
         and not _still_closing(motion, limit)
     )
     loose = np.array([i in motion.items and not motion.is_drawer(i) for i in range(near.shape[0])])
-    # Not within reach alone: a finger that presses on something is 4 cm from the tool center point.
+    # Distance alone is not enough: a finger that presses on an object is 4 cm from the tool center point.
     pressed: Bools = loose & ~motion.there[start - 1] & _presses(motion, start, limit)
     one = (left | right) & ((free & (stopped | (near <= 0.0))) | pressed)
     if one.any():
@@ -287,7 +287,7 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
 
 
 def _presses(motion: Motion, start: int, limit: int) -> Bools:
-    """Tell on which objects a finger presses so hard, or for so long, that the closing is at them, shape (n,)."""
+    """Tell which objects a finger presses so hard, or for so long, that the closing is at them, shape (n,)."""
     force = motion.force[start:limit]
     hard = (force >= PRESS_FORCE).sum(axis=0) >= motion.steps(PRESS_TIME)
     leans = (force >= LEAN_FORCE).sum(axis=0) >= motion.steps(THRESHOLDS.stop_time)
@@ -296,7 +296,7 @@ def _presses(motion: Motion, start: int, limit: int) -> Bools:
 
 
 def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
-    """Return the object that was touched in most rows, the nearer of equals, and the first of these rows."""
+    """Return the object touched in most rows, the nearer one of equals, and the first of these rows."""
     counts = touches.sum(axis=0)
     order = sorted(range(len(counts)), key=lambda i: (-int(counts[i]), float(near[i])))
     return order[0], start + int(np.argmax(touches[:, order[0]]))
@@ -316,7 +316,7 @@ def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
 
 
 def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAttempt | None:
-    """Return a null attempt, or None where nothing is within reach of the gripper."""
+    """Return an air grasp, or None if nothing is within reach of the gripper."""
     if not _low_and_away(motion, before, settled):
         return None
     tool = motion.tool[settled]
@@ -330,7 +330,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
     aim = min(within)[1] if within else None
     slot = None if aim is None else motion.slot_of(before, aim, THRESHOLDS.slot_reach)
     tallest = max((motion.info.objects[i].size_m[2] for i in motion.items), default=0.0)
-    # Closing higher up, on the way, would reach nothing that fits here.
+    # Closing higher up, during a motion, cannot reach any object of the suite.
     if slot is None and tool[2] <= tallest + THRESHOLDS.slot_reach:
         slot = motion.emptied_slot(before, tool) if aim is None else None
         slot = slot or motion.slot_near(tool, THRESHOLDS.slot_reach)
@@ -340,7 +340,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Tell whether a gripper closes where things stand, away from home, and not while it travels past."""
+    """Tell whether a gripper closes near the table, away from home, and not during a motion."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False
@@ -348,5 +348,5 @@ def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
 
 
 def _stays(motion: Motion, before: int, settled: int) -> bool:
-    """Tell whether the tool hardly traveled sideways while the fingers closed."""
+    """Tell whether the tool hardly moved sideways while the fingers closed."""
     return float(np.linalg.norm((motion.tool[settled] - motion.tool[before])[:2])) <= THRESHOLDS.slot_reach

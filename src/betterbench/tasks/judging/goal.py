@@ -1,57 +1,34 @@
 """The goal of a condition, tracked over time: subgoals, order, harm, dwell and forbidden interactions."""
 
-from collections.abc import Sequence
-from itertools import chain
-from typing import NamedTuple
-
-from betterbench.interface.state import Contact, SceneInfo, WorldState
+from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.judging.harm import Harm, HarmWatch
+from betterbench.tasks.judging.incremental import JudgingMemory
 from betterbench.tasks.judging.picked_slots import picked_slots
 from betterbench.tasks.judging.restraint import Restraint
 from betterbench.tasks.judging.targets import Places, Targets, asked_by
+from betterbench.tasks.judging.truth import Truth
 from betterbench.tasks.relations import RestWatch, arm_still, is_at, released
 from betterbench.tasks.thresholds import THRESHOLDS
 
 
-class Truth(NamedTuple):
-    """Goal state at one control step. A named tuple, because one is built at every control step.
-
-    Attributes:
-        relations: Whether each predicate holds, in the order of :attr:`GoalTracker.relation_names`.
-        subgoals: Whether each subgoal is done now (related, released and at rest).
-        in_order: False once a subgoal was done before one that comes earlier in an ordered instruction.
-        goal: All subgoals done in order, and no harm done to anything else (see ``tasks.harm``).
-        forbidden: An interaction happened so far that the condition forbids.
-        success: The episode has succeeded.
-    """
-
-    relations: tuple[bool, ...]
-    subgoals: tuple[bool, ...]
-    in_order: bool
-    goal: bool
-    forbidden: bool
-    success: bool
-
-
 class GoalTracker:
-    """Tracker of the goal in an episode, live or offline alike. Feed it every state from reset on, in order."""
+    """Tracker of the goal in an episode, live or offline. Pass it every state from reset on, in order."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
-        """Prepare for an episode; the dwell is counted by the control rate."""
+        """Prepare for an episode; the dwell time is counted at the control rate."""
         self._condition, self._info = condition, info
         self._goals = condition.instruction.subgoals
         asked = asked_by(condition)
         self._targets = Targets(asked, info, placing=template.relation)
+        self._memory = JudgingMemory(self._targets)
         self._harm = HarmWatch(asked, self._targets, info, exclusive=template.exclusive)
         self._rest = RestWatch(rate_hz=control_rate_hz)
         self._after = tuple(
             tuple(j for j in range(i) if asked[j].target in it.candidates) for i, it in enumerate(asked)
         )
-        self._relations_at: tuple[dict[str | None, tuple[bool, ...]], ...] = tuple({} for _ in self._targets.watches)
-        self._relations: tuple[bool, ...] = ()
         self._dwell_steps = round(template.dwell_s * control_rate_hz)
         self._settle_steps = round(THRESHOLDS.settle_time * control_rate_hz)
         self._limit = template.step_limit(condition)
@@ -71,8 +48,6 @@ class GoalTracker:
         self._goal_broken = False
         self._settling = False
         self._last: tuple[WorldState, Places] | None = None
-        self._lasting: Truth | None = None
-        """Goal state as long as no object moves and no contact changes; None where it also depends on time."""
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -91,12 +66,12 @@ class GoalTracker:
 
     @property
     def harm(self) -> tuple[Harm, ...]:
-        """The harm that was done up to the last state, which keeps a goal from being reached."""
+        """The harm up to the last state, which prevents success."""
         return () if self._last is None else self._harm.found(*self._last)
 
     @property
     def undecided_states(self) -> int:
-        """Number of next states at which the episode cannot succeed yet, whatever happens."""
+        """Number of following states in which the episode cannot succeed yet, whatever happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
@@ -104,20 +79,16 @@ class GoalTracker:
     def update(self, state: WorldState) -> Truth:
         """Judge the next state of the episode."""
         self._rest.see(state)
-        if self._last is None:
-            at = self._targets.places(state)
-            self._relations = self._relations_of(at)
-        else:
-            before, at = self._last
-            changed = _changed(before, state)
-            if changed:
-                after = self._targets.places_after(state, at, changed)
-                if after is not at:
-                    at, self._relations = after, self._relations_of(after)
-            elif self._lasting is not None:
-                self._last = (state, at)
-                return self._lasting
+        at = self._memory.places(state)
         self._last = (state, at)
+        if self._memory.truth is not None:
+            return self._memory.truth
+        truth = self._judge(state, at)
+        if not (truth.goal or self._settling or self._restraint is not None):  # else it also depends on time
+            self._memory.truth = truth
+        return truth
+
+    def _judge(self, state: WorldState, at: Places) -> Truth:
         self._harm.see(state, at)
         done = self._what_is_done(state, at)
         if self._done_before is None:
@@ -131,23 +102,10 @@ class GoalTracker:
         if self._restraint is not None:
             self._forbidden = self._restraint.breaks(state, self._there(at)) or self._forbidden
         success = self._succeeded(state, at, goal=goal)
-        truth = Truth(self._relations, done, self._in_order, goal, self._forbidden, success)
-        waits = goal or self._settling or self._restraint is not None
-        self._lasting = None if waits else truth
-        return truth
-
-    def _relations_of(self, at: Places) -> tuple[bool, ...]:
-        """Return what holds, in the order of the names."""
-        found: list[tuple[bool, ...]] = []
-        for watch, table, places in zip(self._targets.watches, self._relations_at, at, strict=True):
-            for place in places:
-                if place not in table:
-                    table[place] = tuple([is_at(place, region) for region in watch.places])
-                found.append(table[place])
-        return tuple(chain.from_iterable(found))
+        return Truth(self._memory.relations, done, self._in_order, goal, self._forbidden, success)
 
     def _there(self, at: Places) -> list[bool]:
-        """Return per object whether it is at some place of a target to which things are carried."""
+        """Return for each object whether it is in some region of a target to which objects are carried."""
         there = [False] * len(self._info.objects)
         for watch, places in zip(self._targets.watches, at, strict=True):
             for name, place in zip(watch.subjects, places, strict=True):
@@ -156,7 +114,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Tell which subgoals are done: their objects are there, at rest and let go."""
+        """Return which subgoals are done: their objects are at the target, at rest and released."""
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []
@@ -192,34 +150,3 @@ class GoalTracker:
             self._goal_broken = self._goal_broken or not goal
             return settled and not self._goal_broken
         return settled and not self._harm.found(state, at)
-
-
-def _changed(before: WorldState, now: WorldState) -> set[str]:
-    """Return the names of the bodies for which anything differs between two states that a relation may read.
-
-    That is the pose of an object, what a body touches, and whether it is held.
-    """
-    changed: set[str] = set()
-    if before.positions != now.positions or before.quaternions != now.quaternions:
-        poses = zip(now.info.objects, before.positions, now.positions, before.quaternions, now.quaternions, strict=True)
-        for thing, was, there, turned, turn in poses:
-            if was != there or turned != turn:
-                changed.add(thing.name)
-    if before.held != now.held:
-        changed.update(name for name in (before.held, now.held) if name is not None)
-    if not _same_pairs(before.contacts, now.contacts):
-        touched, touching = ({pair[:2] for pair in contacts} for contacts in (before.contacts, now.contacts))
-        changed.update(name for pair in touched ^ touching for name in pair)
-    return changed
-
-
-def _same_pairs(before: Sequence[Contact], now: Sequence[Contact]) -> bool:
-    """Tell whether the same pairs touch, whatever their forces are."""
-    if before is now:
-        return True
-    if len(before) != len(now):
-        return False
-    for (a, b, _), (c, d, _) in zip(before, now, strict=True):  # noqa: SIM110 - half of the time of all()
-        if a != c or b != d:
-            return False
-    return True

@@ -26,17 +26,17 @@ from betterbench.tasks.thresholds import (
 from betterbench.tasks.words import agreeing, place_words
 
 POINTS_FROM = {"box": BOX_POINTS_FROM, "irregular": OTHER_POINTS_FROM}
-"""By shape. What is round or a cylinder is left out: people accept a mug that was turned by 35 degrees."""
+"""Threshold by shape. Round objects and cylinders are left out: people accept a mug rotated by 35 degrees."""
 
 STANDS_FROM = {"cylinder": CYLINDER_STANDS_FROM, "box": OTHER_STANDS_FROM, "irregular": OTHER_STANDS_FROM}
-"""By shape. What is round is left out: fruit and burgers roll, and plates and bowls are flat."""
+"""Threshold by shape. Round objects are left out: fruit and burgers roll, and plates and bowls are flat."""
 
 NO_HARM = (
-    "Nothing that was not asked for lies on the floor, was carried or pushed out of its place by more than 5 cm, was "
-    "turned so that its ends moved by more than 4 cm, was knocked over, was left open, or is at a target in any "
-    "posture; no target was moved by more than 8 cm, and no container lies on its side."
+    "No object that was not requested lies on the floor, was moved out of its place by more than 5 cm, was rotated so "
+    "that its ends moved by more than 4 cm, was knocked over, was left open, or is at a target in any posture; no "
+    "target was moved by more than 8 cm, and no container lies on its side."
 )
-"""Conditions under which a success has done no harm, in the words of the documents."""
+"""Conditions under which a success has done no harm, for the documents."""
 
 HarmSort = Literal[
     "on_the_floor",
@@ -52,13 +52,13 @@ HarmSort = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Harm:
-    """Harm that an episode did to an object.
+    """Harm to an object in an episode.
 
     Attributes:
-        sort: Sort of the harm. "target_brought": the target was brought to the object, which stays where it was.
-        object: Object that was harmed.
-        target: Target at which an object stands that was not asked for, else None.
-        region: The region of that target, if it offers several.
+        sort: Sort of the harm. "target_brought": the target was brought to the object, which stayed in place.
+        object: Harmed object.
+        target: Target with an object that was not requested there, else None.
+        region: The region of that target, if it has several.
     """
 
     sort: HarmSort
@@ -67,7 +67,7 @@ class Harm:
     region: str = ""
 
     def words(self, info: SceneInfo) -> str:
-        """Return a clause that says it, "the mouse lies on the floor"."""
+        """Return a clause that describes it, "the mouse lies on the floor"."""
         kind = info.object(self.object).kind
         if self.sort == "on_the_floor":
             return f"the {kind} {agreeing(kind, 'lies', 'lie')} on the floor"
@@ -86,34 +86,34 @@ class Harm:
             return f"the {kind} {agreeing(kind, 'was', 'were')} left open"
         if self.sort == "target_brought" and self.target is not None:
             target = info.object(self.target).kind
-            return f"the {target} {agreeing(target, 'was', 'were')} brought to the {kind} without having been asked for"
+            return f"the {target} {agreeing(target, 'was', 'were')} brought to the {kind} without being requested"
         where = "" if self.target is None else place_words(info.object(self.target).kind, self.region)
-        return f"the {kind} {agreeing(kind, 'is', 'are')} at {where} without having been asked for there"
+        return f"the {kind} {agreeing(kind, 'is', 'are')} at {where} without being requested there"
 
 
 def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the names of all loose objects that an instruction neither means nor names as a target.
+    """Return the names of all loose objects that an instruction neither refers to nor has as a target.
 
-    Drawers are none: to move them is on the way.
+    Drawers are not included, because moving them may be necessary.
     """
     named = _named(asked)
     return tuple(o.name for o in info.objects if not o.fixed and o.role != "drawer" and o.name not in named)
 
 
 def _named(asked: Sequence[Asked]) -> set[str]:
-    """Return the names of all objects that an instruction means or has as a target."""
+    """Return the names of all objects that an instruction refers to or has as a target."""
     return {name for a in asked for name in (*a.candidates, a.target)}
 
 
 def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the names of all loose targets, drawers left out, that no instruction asks to be moved themselves."""
+    """Return the names of all loose targets except drawers that are not moved by the instruction themselves."""
     moved = {name for a in asked for name in a.candidates}
     targets = {a.target for a in asked} - moved
     return tuple(o.name for o in info.objects if o.name in targets and not o.fixed and o.role != "drawer")
 
 
 def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
-    """Return the names of all drawers that are shut in a state and that an instruction neither means nor loads."""
+    """Return the names of all drawers that are closed in a state and not part of the instruction."""
     named = _named(asked)
     drawers = [o.name for o in state.info.objects if o.role == "drawer" and o.name not in named]
     cabinets = [o.name for o in state.info.objects if any(r.name in MOUNTS for r in o.regions)]
@@ -121,10 +121,10 @@ def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
 
 
 class HarmWatch:
-    """Detector of harm in an episode. Feed it the state at reset first, then others in order of time."""
+    """Detector of harm in an episode. Pass it the state at reset first, then others in order of time."""
 
     def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
-        """Prepare; where a template is not ``exclusive``, other things may be at its targets."""
+        """Prepare; if a template is not ``exclusive``, other objects may be at its targets."""
         self._targets, self._exclusive = targets, exclusive
         self._asked = tuple(asked)
         self._watched = tuple(info.index(name) for name in bystanders(asked, info))
@@ -142,7 +142,7 @@ class HarmWatch:
         self._displaced: dict[str, None] = {}
 
     def see(self, state: WorldState, places: Places) -> None:
-        """Take note of a state and of where every subject is in it, strictly."""
+        """Process a state, with the strict regions of all subjects."""
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
             self._start_quaternions = tuple(state.quaternions)
@@ -152,7 +152,7 @@ class HarmWatch:
         positions, quaternions = state.positions, state.quaternions
         was, turned = self._before
         if positions == was and quaternions == turned:
-            return
+            return  # what has not moved is where it was: its middle is not computed at each control step
         self._before = positions, quaternions
         for i in self._watched:
             if was and positions[i] == was[i] and quaternions[i] == turned[i]:
@@ -161,14 +161,14 @@ class HarmWatch:
                 self._displaced[state.info.objects[i].name] = None
 
     def _middle(self, state: WorldState, i: int) -> Vector:
-        """Return the middle of an object: one that has been knocked over lies beside its place."""
+        """Return the center of an object: one that was knocked over lies beside its original position."""
         return Pose(state.positions[i], state.quaternions[i]).apply(self._middles[i])
 
     def _moved(self, state: WorldState, i: int) -> float:
         return math.dist(self._middle(state, i), self._start[i])
 
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
-        """Return the harm that was done up to a state that was seen; empty if there is none."""
+        """Return the harm up to a processed state; empty if there is none."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
         upright = [state.info.objects[i].name for i in self._watched]
         upright += self._targets.left_over(places)
@@ -183,7 +183,7 @@ class HarmWatch:
         return (*floor.values(), *over.values(), *moved, *there)
 
     def _out_of_place(self, state: WorldState) -> list[Harm]:
-        """Return which targets are moved, what is turned, and which drawers are open in a state, one harm an object."""
+        """Return moved targets, rotated objects and open drawers in a state, at most one harm per object."""
         objects = state.info.objects
         sorts: dict[str, HarmSort] = {
             objects[i].name: "left_open" for i in self._shut if self._moved(state, i) > LEFT_OPEN
@@ -197,26 +197,26 @@ class HarmWatch:
         return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
-        """Return the harm of something at a target that was not asked for there, told by which of the two moved."""
+        """Return the harm of an unrequested object at a target, depending on which of the two moved."""
         moved, other = (
             self._moved(state, state.info.index(name)) > DISPLACED for name in (intruder.target, intruder.object)
         )
         return Harm("target_brought" if moved and not other else "at_the_target", *intruder)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
-        """Return what is left over of its kind and is not in its place; one may be taken first and brought back."""
+        """Return surplus objects of a kind that are out of place; one may be taken first and brought back."""
         index = state.info.index
         return [name for name in self._targets.left_over(places) if self._moved(state, index(name)) > DISPLACED]
 
 
 def can_stand(thing: ObjectInfo) -> bool:
-    """Tell whether an object stands upright and can be knocked over: neither flat nor one that rolls."""
+    """Tell whether an object is upright and can be knocked over: neither flat nor rolling."""
     width, depth, height = thing.size_m
     return thing.shape in STANDS_FROM and height >= STANDS_FROM[thing.shape] * min(width, depth)
 
 
 def has_direction(thing: ObjectInfo) -> bool:
-    """Tell whether it shows how far an object is turned: longer than wide, or a box with a front."""
+    """Tell whether the rotation of an object is visible: it is longer than wide, or a box with a front."""
     width, depth, _ = thing.size_m
     least = POINTS_FROM.get(thing.shape)
     if least is None:
@@ -225,9 +225,9 @@ def has_direction(thing: ObjectInfo) -> bool:
 
 
 def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> float:
-    """Return how far the corners of an object went by its turn about the vertical alone [m].
+    """Return how far the corners of an object moved by its rotation about the vertical [m].
 
-    It is 0 for what has no direction, and for what is tilted otherwise than before: that was lifted or knocked over.
+    It is 0 without a direction, and for an object whose tilt has changed: it was lifted or knocked over.
     """
     if before == after or not has_direction(thing) or abs(tilt_of(after) - tilt_of(before)) > THRESHOLDS.knocked_tilt:
         return 0.0

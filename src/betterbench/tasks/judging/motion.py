@@ -1,4 +1,4 @@
-"""Motion of the gripper and the objects so far, as arrays; grasp attempts are found in them, live and from records."""
+"""Motion of the gripper and the objects so far, as arrays; used to find grasp attempts, live and in records."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ class Motion:
 
     Attributes:
         tool: (T, 3) tool center point.
-        width: (T,) distance of the finger pads.
-        closing: (T,) whether the gripper is commanded to close, or is kept closed.
+        width: (T,) opening width.
+        closing: (T,) whether the gripper is commanded to close, or kept closed.
         positions: (T, n, 3) object positions (center of the bottom face).
         quaternions: (T, n, 4) object rotations (w, x, y, z).
         left: (T, n) whether the left finger touches the object.
         right: (T, n) whether the right finger touches it.
         held: (T,) index of the held object, or -1.
         force: (T, n) largest normal force with which a finger presses on the object [N].
-        there: (T, n) whether the object is at some place of a target, asked for or not; shut drawers are left out.
-        picked: Slots in which training picked something.
+        there: (T, n) whether the object is in some region of a target, requested or not; closed drawers are left out.
+        picked: Slots from which training picked an object.
     """
 
     info: SceneInfo
@@ -56,12 +56,12 @@ class Motion:
 
     @property
     def items(self) -> tuple[int, ...]:
-        """Indices of what can be grasped: items, distractors and drawers."""
+        """Indices of graspable objects: items, distractors and drawers."""
         return graspable(self.info)
 
     @property
     def pick_slots(self) -> tuple[str, ...]:
-        """Names of the slots that are no stand of a container or fixture."""
+        """Names of the slots except those of containers and fixtures."""
         stands = {o.slot for o in self.info.objects if o.role in ("container", "fixture")}
         return tuple(s.name for s in self.info.slots if s.name not in stands)
 
@@ -87,12 +87,12 @@ class Motion:
         return distances
 
     def within_reach(self, row: int, point: Floats) -> Bools:
-        """Tell which objects a gripper at a point could close on, shape (n,): near their box, or above their middle."""
+        """Tell which objects a gripper at a point could close on, shape (n,): near their box, or above their center."""
         boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
         return in_reach(boxes, centers)
 
     def slot_of(self, row: int, i: int, reach: float) -> str | None:
-        """Return the slot in which an object stands, that of its start first: slots of two layouts may overlap."""
+        """Return the slot of an object, its start slot first: slots of two layouts may overlap."""
         own = self.info.objects[i].slot
         if own in self.pick_slots:
             x, y, _ = self.info.slot(own).position
@@ -101,7 +101,7 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the place of a slot: the first slot that is so near that a motion to one leads to the other."""
+        """Return the representative of a slot: the first slot so near that a motion to one leads to the other."""
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
 
@@ -116,14 +116,14 @@ class Motion:
         return None if best is None else best[1]
 
     def picked_slot(self, name: str | None) -> PickedSlot | None:
-        """Return a slot in which training picked something by its name, or None."""
+        """Return a slot from which training picked an object by its name, or None."""
         return next((slot for slot in self.picked if slot.name == name), None)
 
     def emptied_slot(self, row: int, point: Floats) -> str | None:
-        """Return the empty slot to which a closing on nothing at a point belongs, or None.
+        """Return the empty slot for a closing on nothing at a point, or None.
 
-        It is the slot of training that is nearest to the point, measured from where demonstrations close, within
-        ``empty_slot_reach``. Nothing stands in it, and no object is nearer to the point.
+        It is the training slot nearest to the point, measured from the closing points of demonstrations, within
+        ``empty_slot_reach``. It is empty, and no object is nearer to the point.
         """
         near = []
         for slot in self.picked:
@@ -137,7 +137,7 @@ class Motion:
         return None if any(gaps[i] < beyond and self.on_table(row, i) for i in range(len(gaps))) else name
 
     def _stands_in(self, row: int, slot: PickedSlot) -> bool:
-        """Tell whether something that can be taken stands in a slot."""
+        """Tell whether a slot contains a graspable object."""
         gaps = np.linalg.norm(self.positions[row, :, :2] - np.array(slot.middle), axis=1)
         return any(
             gaps[i] <= THRESHOLDS.slot_reach and not self.there[row, i] and self.on_table(row, i) for i in self.items
@@ -145,7 +145,7 @@ class Motion:
 
 
 def graspable(info: SceneInfo) -> tuple[int, ...]:
-    """Return the indices of what can be grasped: items, distractors and drawers that are not fixed."""
+    """Return the indices of graspable objects: items, distractors and drawers that are not fixed."""
     roles = ("item", "distractor", "drawer")
     return tuple(i for i, o in enumerate(info.objects) if o.role in roles and not o.fixed)
 
@@ -170,7 +170,7 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
 
 
 def in_reach(boxes: Floats, centers: Floats) -> Bools:
-    """Tell for which objects a closing gripper is an attempt, from its distances [m] to their boxes and centers."""
+    """Tell which objects a closing gripper attempts, from its distances [m] to their boxes and centers."""
     near: Bools = (boxes <= THRESHOLDS.grasp_reach) | (np.maximum(centers, boxes) <= THRESHOLDS.slot_reach)
     return near
 
@@ -178,13 +178,13 @@ def in_reach(boxes: Floats, centers: Floats) -> Bools:
 def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
     """Return whether the gripper is commanded to close, or is kept closed by a command of zero; shapes (T,).
 
-    What most commands of a quarter second say counts, so that neither flicker nor a closing in pulses hides anything.
-    Fingers that are kept half open for longer and touch nothing have not closed: they were brought to the width of
-    something.
+    The majority of the commands within a quarter second counts, so that neither flicker nor pulsed closing hides a
+    closing. Fingers kept half open for longer without contact have not closed: they were preshaped to the width of an
+    object.
 
     Args:
         command: Command of the gripper, above 0 to close, below to open.
-        width: Distance of the finger pads [m].
+        width: Opening width [m].
         touching: Whether a finger touches an object.
         rate_hz: Control rate.
     """
@@ -199,17 +199,17 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
 
 
 def _told(command: Floats) -> Bools:
-    """Return whether the last command that was not zero was to close."""
+    """Return whether the last nonzero command was to close."""
     last = np.maximum.accumulate(np.where(command != 0.0, np.arange(command.shape[0]), -1))
     told: Bools = np.where(last >= 0, command[last] > 0.0, False)
     return told
 
 
 def _most_told(told: Bools, window: int) -> Bools:
-    """Return what a clear majority of the commands around each row says, else what was said before.
+    """Return the clear majority of the commands around each row, else the earlier value.
 
-    A majority is clear if it has more than half of the rows more than the other side: four of five. A change is dated
-    to where its commands begin, so clean commands are returned as they are.
+    A majority is clear if it exceeds the other side by more than half of the rows: four of five. A change is dated to
+    the beginning of its commands, so clean commands are returned unchanged.
     """
     if not (told[1:] != told[:-1]).any():
         return told
@@ -228,13 +228,13 @@ def _most_told(told: Bools, window: int) -> Bools:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the first row of each run of true flags, and the row after its last."""
+    """Return the first row of each run of true flags, and the row after its last one."""
     starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
     return list(zip(starts, stops, strict=True))
 
 
 def _lasting(flags: Bools, least: int) -> Bools:
-    """Return the flags without the runs of fewer than ``least`` rows that something follows."""
+    """Return the flags without runs shorter than ``least`` rows that are followed by other rows."""
     lasting = flags.copy()
     for start, stop in _runs(flags):
         if stop - start < least and stop < len(flags):
@@ -251,12 +251,12 @@ class MotionBuilder:
         self._there: list[list[bool]] = []
 
     def append(self, state: WorldState, there: list[bool]) -> None:
-        """Append the next state and, per object, whether it is at some place of a target."""
+        """Append the next state and, for each object, whether it is in some region of a target."""
         self._states.append(state)
         self._there.append(there)
 
     def motion(self) -> Motion:
-        """Return everything so far."""
+        """Return the motion so far."""
         states, n = self._states, len(self._info.objects)
         number = {o.name: i for i, o in enumerate(self._info.objects)}
         left, right = (np.zeros((len(states), n), dtype=np.bool_) for _ in range(2))

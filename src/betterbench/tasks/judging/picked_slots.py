@@ -1,9 +1,9 @@
-"""Closing points of the gripper in the slots of a task, to which closings on nothing are compared.
+"""Closing points of the gripper in the slots of a task, for comparison with closings on nothing.
 
-The expert does not close at the middle of every slot: it takes a mug by its handle, cutlery by its grip and a plate by
-its rim, 3 to 8 cm beside the middle. The points come from the grasps that the assets are annotated with, as the expert
-prefers them (``tools/closing_points.py`` writes the file), turned with the slot. They need no measuring, so they are
-known of the tasks of a user's file too, as far as their objects are from the library.
+The expert does not close at the center of every slot: it grasps a mug at its handle, cutlery at its grip and a plate at
+its rim, 3 to 8 cm from the center. The points come from the annotated grasps of the assets in the order of the expert
+(``tools/closing_points.py`` writes the file), rotated with the slot. They need no measurement, so they are also known
+for the tasks of a user's file with objects of the library.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FORM: Literal["betterbench closing points"] = "betterbench closing points"
 
 
 class ClosingPoint(NamedTuple):
-    """Closing point of a category's preferred grasp in the object's frame, and its spread over the looks [mm]."""
+    """Closing point of a category's preferred grasp in the object's frame, and its variation over the looks [mm]."""
 
     x_mm: float
     y_mm: float
@@ -50,9 +50,9 @@ class PickedSlot:
     """Slot of a scene from which demonstrations picked an object.
 
     Attributes:
-        middle: Middle of the slot, x and y [m], world frame.
-        closings: Closing points of the demonstrations there, the middle of the slot first: x and y, world frame, and
-            how far the jitter of the slot and the looks of the objects move it [m].
+        middle: Center of the slot, x and y [m], world frame.
+        closings: Closing points of the demonstrations there, the center of the slot first: x and y, world frame, and
+            their spread from the slot's jitter and the objects' looks [m].
     """
 
     name: str
@@ -60,7 +60,7 @@ class PickedSlot:
     closings: tuple[tuple[float, float, float], ...]
 
     def beyond(self, point: Sequence[float]) -> float:
-        """Return how far a point is outside of where demonstrations close [m], seen from above; 0 within."""
+        """Return the distance of a point from the region of closing points [m], seen from above; 0 inside."""
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:
@@ -87,11 +87,11 @@ def closing_points() -> Mapping[str, tuple[ClosingPoint, ...]]:
 
 
 def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
-    """Return the slots in which training picked something that a gripper takes from a slot, in the order of the scene.
+    """Return the slots from which training picked an object, in the order of the scene.
 
     Args:
-        task: Id of the task; of one that is not known here nothing was picked.
-        info: The scene, which says where its slots are.
+        task: Id of the task; an unknown task has no picked slots.
+        info: The scene with the positions of its slots.
     """
     try:
         known = get_task(task)
@@ -117,7 +117,7 @@ def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
 
 
 def _picked_categories(task: Task) -> dict[str, set[str]]:
-    """Return the categories of what the training regime picks, by the slot that it stands in."""
+    """Return the categories of the picked objects of training, by slot."""
     picked: dict[str, set[str]] = {}
     for condition in task.training:
         for goal in condition.instruction.subgoals:

@@ -1,4 +1,4 @@
-"""Premise check: at the start of an episode the scene must show what the instruction presupposes."""
+"""Premise check: the scene at the start of an episode must fulfill the premises of the instruction."""
 
 from betterbench.geometry import horizontal_distance
 from betterbench.interface.state import WorldState
@@ -8,12 +8,12 @@ from betterbench.tasks.relations import RELATIONS, relation, upright
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SLOT_TOLERANCE_M = 0.04
-"""Distance from its slot beyond which an object no longer stands in it: the jitter (15 mm a side) and a margin for
-settling."""
+"""Distance from its slot beyond which an object no longer counts as in it [m]: the jitter (15 mm a side) and a margin
+for settling."""
 
 
 def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return what the scene at reset does not show although the instruction presupposes it, one sentence each."""
+    """Return the violated premises of the instruction in the scene at reset, one sentence each."""
     problems: list[str] = []
     info = state.info
     for name, slot in condition.layout.items():
@@ -36,7 +36,7 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
     for goal in condition.instruction.subgoals:
         names = condition.resolve(goal.reference)
         if len(names) < goal.count:
-            problems.append(f"the instruction names {goal.word!r}, but the scene holds {len(names)} of {goal.count}")
+            problems.append(f"the instruction names {goal.word!r}, but the scene has {len(names)} of {goal.count}")
             continue
         there = sum(relation(goal.relation).holds(state, name, goal.target, goal.region) for name in names)
         done += there >= goal.count

@@ -1,4 +1,4 @@
-"""Restraint: forbidden grasp attempts where the policy should stay still, or where the requested object is absent."""
+"""Restraint: forbidden grasp attempts if the policy should stay still, or if the requested object is absent."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of what is to be left alone where refusing is right: what could be grasped and is not asked.
+    """Return the indices of the objects to leave alone in a refusal: graspable objects that are not requested.
 
-    Drawers and targets may be touched: what is asked for and is there may be put away.
+    Drawers and targets may be touched: other requested objects that exist may be put away.
     """
     return tuple(i for i in graspable(info) if i not in asked and info.objects[i].role != "drawer")
 
 
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
-    """Return the thing to be left alone that a grasp attempt was at, that it missed, or at whose slot it closed."""
+    """Return the forbidden object of a grasp attempt: touched, missed, or with its slot attempted."""
     at = grasp.object if grasp.object is not None else grasp.aim
     if at is not None:
         return at if at in forbidden else None
@@ -34,14 +34,14 @@ def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int,
 def hovered_over(
     info: SceneInfo, tool: Floats, positions: Floats, quaternions: Floats, forbidden: tuple[int, ...]
 ) -> int | None:
-    """Return the nearest thing to be left alone that a gripper could close on, or None.
+    """Return the nearest forbidden object that a gripper could close on, or None.
 
     Args:
         info: The scene.
         tool: (3,) tool center point [m], world frame.
         positions: (n, 3) object positions [m].
         quaternions: (n, 4) object rotations.
-        forbidden: Indices of what is to be left alone.
+        forbidden: Indices of the forbidden objects.
     """
     boxes = box_distances(info.objects, positions, quaternions, tool)
     near = in_reach(boxes, np.linalg.norm(positions[:, :2] - tool[:2], axis=1))
@@ -49,10 +49,10 @@ def hovered_over(
 
 
 def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
-    """Return the first and last row of the first stay of an open, empty gripper near something to be left alone.
+    """Return the first and last row of the first stay of an open, empty gripper near a forbidden object.
 
     Returns:
-        The two rows and the index of the object, or None if it never stayed.
+        The two rows and the index of the object, or None if there was no such stay.
     """
     since = None
     for row in range(motion.rows):
@@ -71,9 +71,9 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 
 
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
-    """Return the first closing in motion whose fingers passed within reach of something to be left alone.
+    """Return the first closing in motion whose fingers passed within reach of a forbidden object.
 
-    Where anything may be taken a closing in motion tells nothing about what was meant; here nothing may be closed on.
+    If objects may be taken, a closing in motion does not show which object was meant; here no closing is allowed.
 
     Returns:
         Its first and last row and the index of the object, or None if there is none.
@@ -89,18 +89,18 @@ def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple
 
 
 def moved_from_start(motion: Motion) -> Bools:
-    """Return which loose things are away from their places at the start, shape (rows, n)."""
+    """Return which loose objects are away from their start, shape (rows, n)."""
     away: Bools = np.linalg.norm(motion.positions - motion.positions[0], axis=2) > MOVED
     away[:, [o.fixed for o in motion.info.objects]] = False
     return away
 
 
 _ROWS_BETWEEN = 5
-"""Control steps between two looks at the whole motion while the gripper stays near something."""
+"""Control steps between two checks of the whole motion while the gripper stays near an object."""
 
 
 class Restraint:
-    """Tracker of an episode in which objects are to be left alone. Feed it every state from reset on, in order."""
+    """Tracker of an episode with forbidden objects. Pass it every state from reset on, in order."""
 
     def __init__(
         self,
@@ -112,15 +112,15 @@ class Restraint:
         step_limit: int,
         picked: tuple[PickedSlot, ...] = (),
     ) -> None:
-        """Prepare.
+        """Prepare for an episode.
 
         Args:
             expected: Behavior of a policy that understood the instruction.
             info: The scene.
-            asked: Indices of what may be taken where refusing is right.
+            asked: Indices of the objects that may be taken in a refusal.
             rate_hz: Control rate.
             step_limit: Control steps after which the episode ends.
-            picked: Slots in which training picked something; a closing on nothing there is an attempt.
+            picked: Slots from which training picked an object; a closing on nothing there is an attempt.
         """
         self._limit, self._rate_hz = step_limit, rate_hz
         self._still = still = expected is Expected.STAY_STILL
@@ -139,11 +139,11 @@ class Restraint:
         return [info.objects[i].name for i in self._forbidden]
 
     def breaks(self, state: WorldState, there: list[bool]) -> bool:
-        """Tell whether the next state shows a touch, a move, an attempt or a stay at something to be left alone.
+        """Tell whether the next state shows a touch, a motion, an attempt or a stay at a forbidden object.
 
         Args:
             state: The next state.
-            there: Per object whether it is at some place of a target.
+            there: For each object whether it is in some region of a target.
         """
         self._row += 1
         self._start = self._start or state.positions
@@ -165,23 +165,23 @@ class Restraint:
         )
 
     def _moved(self, state: WorldState) -> bool:
-        """Tell whether something that nothing was to touch is away from its place at the start."""
+        """Tell whether an object that must not be touched is away from its start."""
         if not self._still or state.positions == self._start:
             return False
         return any(distance(state.positions[i], self._start[i]) > MOVED for i in self._loose)
 
     def _is_near(self, state: WorldState) -> bool:
-        """Tell whether an empty gripper is where it could be within reach of something to be left alone."""
+        """Tell whether an empty gripper could be within reach of a forbidden object."""
         place = state.ee_pose.position
         return state.held is None and any(
             distance(place, state.positions[i]) <= reach for i, reach in zip(self._forbidden, self._reach, strict=True)
         )
 
     def _has_to_look(self, state: WorldState) -> bool:
-        """Tell whether it is time to look at the whole motion so far, which takes longer than a control step may.
+        """Tell whether the whole motion must be checked now, which takes longer than a control step may.
 
-        That is at the last step; when a closing is over, chatter included, or the time in which an attempt is resolved
-        has passed; and now and then while the gripper stays near something.
+        That is the case at the last step; when a closing is over, including chatter, or the time to resolve an attempt
+        has passed; and regularly while the gripper stays near an object.
         """
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
         resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))
@@ -189,7 +189,7 @@ class Restraint:
         return resolved or state.step >= self._limit or (self._near > stay and (self._near - stay) % _ROWS_BETWEEN == 1)
 
     def _stayed_or_attempted(self) -> bool:
-        """Tell whether there was an attempt at something to be left alone, or a stay near it, as the diagnosis does."""
+        """Tell whether there was an attempt at a forbidden object, or a stay near it, as in the diagnosis."""
         motion = self._motion.motion()
         grasps = find_grasps(motion)
         if self._still:

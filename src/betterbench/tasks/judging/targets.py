@@ -1,9 +1,8 @@
-"""Occupancy of a condition's targets: the requested objects, those that are there, and those that do not belong."""
+"""Occupancy of a condition's targets: the requested objects, the present ones, and those that do not belong."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,7 +11,7 @@ from betterbench.tasks.condition import Condition
 from betterbench.tasks.relations import Relation, is_at, relation
 
 Places = tuple[tuple[str | None, ...], ...]
-"""Per watched target and subject the region at which the subject is, the regions where some overlap, or None."""
+"""Region of each subject by watched target: one region, several if regions overlap, or None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +19,8 @@ class Asked:
     """Subgoal in a scene, in the names of that scene.
 
     Attributes:
-        candidates: Objects that it can mean.
-        count: Number of them that must be there.
+        candidates: Objects that it can refer to.
+        count: Required number of them.
     """
 
     relation: str
@@ -32,14 +31,14 @@ class Asked:
 
 
 def asked_by(condition: Condition) -> tuple[Asked, ...]:
-    """Return what a condition asks for, by its own names, which are those of its scene."""
+    """Return the subgoals of a condition, with its own names, which are those of its scene."""
     goals = condition.instruction.subgoals
     return tuple(Asked(g.relation, g.target, g.region, condition.resolve(g.reference), g.count) for g in goals)
 
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """Watched target: the relation, the objects whose region is tracked, and the regions of the target, all by name."""
+    """Watched target: the relation, the objects whose region is tracked, and the regions of the target, by name."""
 
     relation: Relation
     target: str
@@ -48,12 +47,12 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """Need of a subgoal: a number of its candidates at a region of a watched target.
+    """Requirement of a subgoal: a number of its candidates at a region of a watched target.
 
     Attributes:
-        watch: Number of the watched target.
-        candidates: Indices among the subjects of the objects that the subgoal can mean.
-        least: Number of them that must be there.
+        watch: Index of the watched target.
+        candidates: Indices, among the subjects, of the possible objects of the subgoal.
+        least: Required number of them.
     """
 
     watch: int
@@ -63,7 +62,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Object at a target that was not asked for there, or beyond the number that was."""
+    """Object at a target that was not requested there, or beyond the requested number."""
 
     object: str
     target: str
@@ -71,54 +70,32 @@ class Intruder(NamedTuple):
 
 
 class Targets:
-    """Watched targets: those that are asked for, and the others of their kind in the scene."""
+    """Watched targets: the requested ones, and the others of their kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
         """Prepare; ``placing`` is the relation for which things count that are there besides."""
-        self.watches = _watches(asked, info)
+        self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
         self._placing = placing
         self._allowed = self._what_is_allowed()
 
     def places(self, state: WorldState) -> Places:
-        """Return where every subject is, strictly."""
+        """Return the strict region of every subject."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
-    def places_after(self, state: WorldState, before: Places, changed: AbstractSet[str]) -> Places:
-        """Return where every subject is, strictly, after some changes: ``before`` itself if it still holds.
-
-        Args:
-            state: The state.
-            before: Places of all subjects in an earlier state.
-            changed: Names of all bodies whose pose or contacts have changed since then, or that were or are held.
-        """
-        after = tuple(
-            [
-                places
-                if watch.relation.pairwise and watch.target not in changed and changed.isdisjoint(watch.subjects)
-                else self._places_of(watch, state, places, changed)
-                for watch, places in zip(self.watches, before, strict=True)
-            ]
-        )
-        return before if after == before else after
-
-    def _places_of(
-        self, watch: Watch, state: WorldState, before: tuple[str | None, ...], changed: AbstractSet[str]
-    ) -> tuple[str | None, ...]:
-        """Return where every subject of one target is, after some changes."""
-        if not watch.relation.pairwise or watch.target in changed:
-            return tuple([watch.relation.where(state, name, watch.target) for name in watch.subjects])
+    def relations(self, places: Places) -> tuple[bool, ...]:
+        """Return whether each predicate holds, by target, subject and region."""
         return tuple(
-            [
-                watch.relation.where(state, name, watch.target) if name in changed else place
-                for name, place in zip(watch.subjects, before, strict=True)
-            ]
+            is_at(place, region)
+            for watch, there in zip(self.watches, places, strict=True)
+            for place in there
+            for region in watch.places
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return where every subject is in any posture; ``strictly`` are the places that are known already.
+        """Return the region of every subject in any posture; ``strictly`` are the known strict regions.
 
-        Where a relation is wide, what merely stands at that side has not been brought there.
+        For a wide relation, an object that merely stands at that side was not brought there.
         """
         return tuple(
             tuple(
@@ -131,18 +108,18 @@ class Targets:
         )
 
     def intruder(self, state: WorldState, strictly: Places, at_start: Places) -> Intruder | None:
-        """Return the first thing at a target, in any posture, that neither was asked for there nor began there.
+        """Return the first object at a target, in any posture, that neither was requested there nor started there.
 
         Args:
             state: The state.
-            strictly: Places of all subjects, by the strict predicate.
-            at_start: Places of all subjects at the start, in any posture.
+            strictly: Strict regions of all subjects.
+            at_start: Regions of all subjects at the start, in any posture.
         """
         served = self._served(strictly)
         for w, places in enumerate(self.in_any_posture(state, strictly)):
             watch = self.watches[w]
             if watch.relation.name != self._placing:
-                continue  # a drawer that was shut on the way is nothing too much
+                continue  # closing a drawer on the way is allowed
             there: dict[str, list[int]] = {}
             for s, place in enumerate(places):
                 if place is not None:
@@ -151,7 +128,7 @@ class Targets:
                 allowed = self._allowed.get((w, place), ())
                 for s in subjects:
                     if watch.subjects[s] in served:
-                        continue  # what lies right on one plate of a stack is on the lower ones too
+                        continue  # an object on one plate of a stack is on the lower ones too
                     if at_start[w][s] != place and not any(s in group for group, _ in allowed):
                         return Intruder(watch.subjects[s], watch.target, place)
                 for group, count in allowed:
@@ -161,7 +138,7 @@ class Targets:
         return None
 
     def left_over(self, strictly: Places) -> tuple[str, ...]:
-        """Return what is left over of a kind of which enough is where it is asked for: the other one of two burgers."""
+        """Return surplus objects of a kind of which enough are at the target: the other one of two burgers."""
         served, found = self._served(strictly), dict[str, None]()
         for d in self.due:
             subjects, places = self.watches[d.watch].subjects, strictly[d.watch]
@@ -170,7 +147,7 @@ class Targets:
         return tuple(found)
 
     def _served(self, strictly: Places) -> frozenset[str]:
-        """Return what is at a region where it is asked for."""
+        """Return the objects at a region where they are requested."""
         at = ((d, s) for d in self.due for s in d.candidates if is_at(strictly[d.watch][s], d.region))
         return frozenset(self.watches[d.watch].subjects[s] for d, s in at)
 
@@ -184,7 +161,7 @@ class Targets:
         )
 
     def _what_is_allowed(self) -> dict[tuple[int, str], tuple[tuple[tuple[int, ...], int], ...]]:
-        """Return, per region of a watched target, which subjects may be there and how many of them."""
+        """Return, for each region of a watched target, the allowed subjects and their number."""
         most: dict[tuple[int, str], dict[tuple[int, ...], int]] = {}
         for due in self.due:
             counts = most.setdefault((due.watch, due.region), {})
@@ -193,7 +170,7 @@ class Targets:
 
 
 def _watches(asked: Sequence[Asked], info: SceneInfo) -> tuple[Watch, ...]:
-    """Return the targets that are asked for, then the others of their kind: the wrong drawer is watched too."""
+    """Return the requested targets, then the others of their kind: the wrong drawer is watched too."""
     targets = dict.fromkeys((a.relation, a.target) for a in asked)
     for name, target in tuple(targets):
         like = info.object(target)

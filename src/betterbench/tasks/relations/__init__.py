@@ -1,6 +1,6 @@
 """Relations between an object and a target, one file each, and the predicates of rest, posture and release.
 
-They read states only, so live and offline verdicts are the same code. A new file in this folder is found by itself.
+They read states only, so live and offline verdicts use the same code. New files in this folder are found automatically.
 """
 
 import importlib

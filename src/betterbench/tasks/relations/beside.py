@@ -16,7 +16,7 @@ SIDES = {
     "behind": "behind",
     "upper_right": "at the upper right of",
 }
-"""Regions that anchors offer, as somebody sees them who sits in front of the anchor, with the words of instructions."""
+"""Regions of anchors, as seen by a person in front of the anchor, with their words in instructions."""
 
 CLOSE_TO = {
     "left": "next to {} on the left",
@@ -24,7 +24,7 @@ CLOSE_TO = {
     "behind": "right behind {}",
     "upper_right": "next to {} at the upper right",
 }
-"""The same sides in the words of instructions that lay a place: what belongs to it lies close to its plate."""
+"""The same sides in the words of instructions that lay a place setting, whose pieces lie close to the plate."""
 
 REACH = threshold(
     "side_reach",
@@ -108,15 +108,15 @@ _RIGHT_TOO = f"right{SHARED}upper_right"
 
 
 def beside(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor at which an object stands, or None.
+    """Return the side of an anchor at which an object is, or None.
 
-    The center of the object's foot lies beside the anchor on the table, as far away as the instruction says: up to
+    The center of the object's foot lies beside the anchor on the table, within the distance of the instruction: up to
     24 cm from its edge, or 7.5 cm from the edge of a plate. It is level with the anchor, or at most 2.5 cm nearer,
-    farther back or farther to a side; "at the upper right" are directions between right and behind, and those up to
-    the diagonal are on the right as well. The object stands as it is meant to stand. Cutlery at a plate points its
-    head away from the eater.
+    farther back or farther to a side. "At the upper right" covers directions between right and behind; those up to the
+    diagonal also count as right. The object is upright as intended for its asset. The head of cutlery at a plate points
+    away from the eater.
     """
-    if not state.touching(name, "table"):  # the cheapest question first: it ends here while an object is carried
+    if not state.touching(name, "table"):  # the cheapest test first: it fails while an object is carried
         return None
     x, y, z = state.pose(anchor).inverse().apply(foot(state, name))
     if z > HEIGHT:
@@ -126,7 +126,7 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
-    """Return the side of an anchor at which a point of its frame is [m], both where two overlap, or None."""
+    """Return the side of an anchor for a point in its frame [m], both sides if two overlap, or None."""
     offered = {region.name for region in anchor.regions}
     half_x, half_y = 0.5 * anchor.size_m[0], 0.5 * anchor.size_m[1]
     reach = CLOSE if _is_round(anchor) else REACH
@@ -152,15 +152,15 @@ def _is_diagonal(x: float, y: float) -> bool:
 
 
 def _is_round(anchor: ObjectInfo) -> bool:
-    """Tell whether a place is laid at an anchor: what is round is a plate."""
+    """Tell whether a place is laid at an anchor: round anchors are plates."""
     return anchor.shape == "round"
 
 
 def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor at whose place an object is in any posture, on the table or on what lies there.
+    """Return the side of an anchor at which an object is in any posture, on the table or on other objects there.
 
-    Its foot or its middle is over the region of that side, which is far smaller than the side is: what stands there
-    was brought there. What the gripper holds above the table is not there yet.
+    Its foot or its center is over the region of that side, which is far smaller than the side itself, so an object
+    there was brought there. An object held above the table does not count yet.
     """
     if state.held == name and lowest(state, name) - state.pose(anchor).position[2] > HEIGHT:
         return None
@@ -188,7 +188,7 @@ def _is_long(info: ObjectInfo) -> bool:
 
 
 def _points_away(state: WorldState, name: str, anchor: str) -> bool:
-    """Tell whether an object lies as it does at a laid place; beside what is no plate it may face any way."""
+    """Tell whether an object has the orientation of a place setting; beside other anchors any orientation is right."""
     if not _is_round(state.info.object(anchor)) or not _is_long(state.info.object(name)):
         return True
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
@@ -196,7 +196,7 @@ def _points_away(state: WorldState, name: str, anchor: str) -> bool:
 
 
 def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
-    """Return goals in the middle of a side; long objects lie along the anchor, and cutlery points away at a plate."""
+    """Return goals at the center of a side; long objects lie along the anchor, and cutlery points away at a plate."""
     frame, info = state.pose(anchor), state.info.object(name)
     middle = (frame @ state.info.object(anchor).region(side).pose).position
     facing, now = yaw_of(frame.quaternion), yaw_of(state.pose(name).quaternion)
@@ -230,7 +230,6 @@ BESIDE = register(
             "long_ratio",
         ),
         goals=_goals,
-        pairwise=True,
         wide=True,
     )
 )

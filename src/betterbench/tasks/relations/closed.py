@@ -7,7 +7,7 @@ from betterbench.tasks.relations.relation import Relation, offers_each, register
 from betterbench.tasks.thresholds import threshold
 
 MOUNTS = ("upper", "lower")
-"""Regions in which a cabinet takes drawers; a drawer that is shut has its origin there."""
+"""Regions of a cabinet for drawers; a closed drawer has its origin there."""
 
 GAP = threshold(
     "closed_gap",
@@ -35,7 +35,7 @@ PUSHED_IN = threshold(
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
-    """Return the mount of a cabinet in which a drawer is pushed home, or None while it stands open."""
+    """Return the mount of a cabinet in which a drawer is closed, or None while it is open."""
     frame = state.pose(cabinet)
     position = state.pose(drawer).position
     for region in state.info.object(cabinet).regions:
@@ -45,7 +45,7 @@ def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
 
 
 def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
-    """Return how far a drawer is drawn out [m].
+    """Return the opening of a drawer [m].
 
     Raises:
         ValueError: If the object has no mount.
@@ -57,12 +57,12 @@ def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
 
 
 def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tuple[str, bool] | None:
-    """Return the drawer that has to be moved before something can be put into a target, and whether it is drawn out.
+    """Return the drawer to move before an object can be put into a target, and whether to open it.
 
-    A drawer above the target is pushed in first, then the target itself is drawn out.
+    A drawer above the target is closed first, then the target itself is opened.
 
     Returns:
-        Name of the drawer and True to draw it out, False to push it in; None where nothing is in the way.
+        Name of the drawer and True to open it, False to close it; None if nothing is in the way.
     """
     drawer = condition.object(target)
     if drawer.mount is None:
@@ -84,7 +84,6 @@ CLOSED = register(
         needs=MOUNTS,
         tolerances=("closed_gap",),
         roles=("drawer",),
-        pairwise=True,
     )
 )
-"""Relation of a drawer that is pushed home in its cabinet."""
+"""Relation of a closed drawer in its cabinet."""

@@ -1,4 +1,4 @@
-"""Insertion: the hole of a rack in which an object stands."""
+"""Insertion: the hole of a rack that contains an object."""
 
 from betterbench.geometry import Pose, tilt_of
 from betterbench.interface.state import ObjectInfo, WorldState
@@ -27,10 +27,10 @@ TILT = threshold(
 
 
 def in_hole(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole in which an object stands, or None.
+    """Return the hole that contains an upright object, or None.
 
-    The object's foot is on the floor of the hole, as near to its middle as the clearance allows, and the object is
-    upright. One that leans on the rim or stands on the rack is in no hole.
+    The object's foot is on the floor of the hole, as close to its center as the clearance allows, and the object is
+    upright. An object that leans on the rim or stands on the rack is not in a hole.
     """
     x, y, z = state.pose(rack).inverse().apply(foot(state, name))
     for region in state.info.object(rack).regions:
@@ -46,9 +46,9 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
 
 
 def _loosely(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole that an object is in or over in any posture: jammed, on its side upon the rack, half out, held.
+    """Return the hole in or over which an object is in any posture: jammed, lying on the rack, half out, or held.
 
-    What only leans against the rack with its foot on the table is at none.
+    An object that only leans against the rack with its foot on the table is not included.
     """
     frame, info = state.pose(rack), state.info.object(rack)
     holes = {r.name: frame.apply(r.position) for r in info.regions if r.name.startswith(PREFIX)}
@@ -65,7 +65,7 @@ def _holes(info: ObjectInfo) -> tuple[str, ...]:
 
 
 def _goals(state: WorldState, name: str, rack: str, hole: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on the floor of a hole: straight down, let go just above it."""
+    """Return goals on the floor of a hole: straight down, with the release just above it."""
     floor = state.pose(rack).apply(state.info.object(rack).region(hole).position)
     yaws = turned_by(state, name, (0.0, 0.5, -0.5, 1.0, -1.0, 1.57, -1.57))
     return standing_goals(state, name, floor, yaws, release_width_m=slim_opening_m(state.info.object(name)))
@@ -82,7 +82,6 @@ IN_HOLE = register(
         tolerances=("hole_depth", "hole_tilt"),
         goals=_goals,
         surface=surface_of(),
-        pairwise=True,
     )
 )
 """Relation of an object that stands in a hole of a rack."""

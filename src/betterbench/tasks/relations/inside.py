@@ -1,13 +1,12 @@
 """Containment: an object in a container that is open at the top."""
 
-import functools
 import math
 from collections.abc import Mapping
 
-from betterbench.geometry import Pose, Quaternion, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
+from betterbench.geometry import Pose, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import middle, reaches_into, rests_on
-from betterbench.tasks.relations.placing import RELEASE_GAP_M
+from betterbench.tasks.relations.placing import RELEASE_GAP_M, far_apart, to_region
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single
 from betterbench.tasks.thresholds import threshold
 
@@ -24,39 +23,28 @@ SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -
 FINGER_ROOM_M = 0.072
 """Distance from a wall at which the fingers can open to their full width: half the opening, a finger and a margin."""
 DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)
-"""Heights above the floor of a container from which an object is let go [m], the lower the better."""
+"""Release heights above the floor of a container [m]; lower is better."""
 
 
 def inside(state: WorldState, name: str, container: str) -> bool:
     """Tell whether an object is inside a container.
 
     The center of the object's bounding box must lie within the container's inner box: between its walls, above its
-    floor and below its rim. An object that leans over the rim with its greater part outside is not inside, one that
-    sticks out at the top while its center is below the rim is. What still stands on the table is never inside.
+    floor and below its rim. An object that leans over the rim with its greater part outside is not inside. An object
+    that sticks out at the top with its center below the rim is inside. An object that stands on the table is never
+    inside.
     """
-    info = state.info
-    height, region = info.object(name).size_m[2], info.object(container).region("inside")
-    # Most things are farther away than all of this together is long, and nothing has to be turned for them.
+    height, region = state.info.object(name).size_m[2], state.info.object(container).region("inside")
     reach = height + math.hypot(*region.position) + math.hypot(*region.half_size)
-    if math.dist(state.positions[info.index(name)], state.positions[info.index(container)]) > reach:
+    if far_apart(state, name, container, reach) or state.touching(name, "table"):
         return False
-    if state.touching(name, "table"):
-        return False
-    i = info.index(container)
-    to_region = _to_region(state.positions[i], state.quaternions[i], region.position, region.quaternion)
-    x, y, z = to_region.apply(state.pose(name).apply((0.0, 0.0, 0.5 * height)))
+    x, y, z = to_region(state, container, region).apply(state.pose(name).apply((0.0, 0.0, 0.5 * height)))
     hx, hy, hz = region.half_size
     return abs(x) <= hx - MARGIN and abs(y) <= hy - MARGIN and -hz <= z <= hz
 
 
-@functools.lru_cache(maxsize=16)
-def _to_region(position: Vector, quaternion: Quaternion, region: Vector, turned: Quaternion) -> Pose:
-    """Return ``T_region_world`` of a region of something that stands still for long, or that many things may be in."""
-    return (Pose(position, quaternion) @ Pose(region, turned)).inverse()
-
-
 def _loosely(state: WorldState, name: str, container: str) -> str | None:
-    """Return "" if an object is in a container with any part of it, or lies across its rim or on what is in it."""
+    """Return "" if any part of an object is in a container, or it lies across the rim or on the content."""
     region = state.info.object(container).region("inside")
     space = state.pose(container) @ region.pose
     if reaches_into(state, name, space, region.half_size):
@@ -67,9 +55,9 @@ def _loosely(state: WorldState, name: str, container: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals over the floor of a container: where there is room, where the fingers can open, and low.
+    """Return goals over the floor of a container: in free space, with room for the fingers, and low.
 
-    Those that are equally good are alike, so that demonstrations let go of things all over the floor.
+    Equally good goals are marked as alike, so that demonstrations release objects all over the floor.
     """
     frame = state.pose(container)
     region = state.info.object(container).region("inside")
@@ -95,7 +83,7 @@ def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[
 
 
 def _room(region: Region, item: float, *, along_x: bool) -> tuple[float, float]:
-    """Return how far from the middle an item's center may be along x and y [m], with room for the opening fingers."""
+    """Return the allowed offset of an item's center along x and y [m], with room for the opening fingers."""
     hx, hy, _ = region.half_size
     if along_x:
         return min(hx - FINGER_ROOM_M, hx - item), hy - item
@@ -103,7 +91,7 @@ def _room(region: Region, item: float, *, along_x: bool) -> tuple[float, float]:
 
 
 def _taken(state: WorldState, name: str, container: str) -> list[tuple[tuple[float, float, float], ObjectInfo]]:
-    """Return what lies between the walls of a container, with its position in the container's frame [m]."""
+    """Return the objects between the walls of a container, with positions in the container's frame [m]."""
     region = state.info.object(container).region("inside")
     frame = state.pose(container)
     to_region, to_container = (frame @ region.pose).inverse(), frame.inverse()
@@ -134,7 +122,6 @@ INSIDE = register(
         goals=_goals,
         surface=_floor,
         falls=True,
-        pairwise=True,
     )
 )
 """Relation of an object that is inside a container."""

@@ -1,7 +1,8 @@
 """Being at a target in any posture: leaning, jammed, on its side, upside down, half in, on top, in the gripper.
 
-A strict relation says whether something is where an instruction wants it. What fails it is not thereby absent: "nothing
-else is at the target" is asked with the loose companions that the files of the relations build from these parts.
+A strict relation tells whether an object is at its target as instructed. An object that fails it may still be at the
+target: "nothing else is at the target" uses the loose variants, which the files of the relations build from these
+    parts.
 """
 
 import itertools
@@ -22,7 +23,7 @@ OVERLAP = threshold(
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _ROUNDING_M = 1e-9
-"""More than rounding makes of a distance [m]."""
+"""Margin above the rounding error of a distance [m]."""
 
 
 def middle(state: WorldState, name: str) -> Vector:
@@ -53,7 +54,7 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
     x, y, z = to_space.apply((0.0, 0.0, sz))
     if math.dist((x, y, z), (0.0, 0.0, 0.0)) > math.hypot(sx, sy, sz) + math.hypot(hx, hy, hz):
         return False
-    # How far the object reaches from its middle along the axes of the box: beside it no point has to be looked at.
+    # Extent of the object from its center along the axes of the box: beyond it, no point has to be checked.
     q = to_space.quaternion
     edges = zip(rotate(q, (sx, 0.0, 0.0)), rotate(q, (0.0, sy, 0.0)), rotate(q, (0.0, 0.0, sz)), strict=True)
     for at, edge, half in zip((x, y, z), edges, (hx, hy, hz), strict=True):
@@ -67,16 +68,16 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
 
 
 def rests_on(state: WorldState, name: str, target: str) -> bool:
-    """Tell whether an object lies on a target or on something that lies on it, whatever its posture.
+    """Tell whether an object lies on a target or on an object on it, whatever its posture.
 
-    Its middle is over the target's bounding box, seen from above, it is no deeper than the target, and a chain of
-    touching things leads from it to the target; a fixed thing, the gripper and the table are no part of a chain.
+    Its center is over the target's bounding box, seen from above, it is not lower than the target, and a chain of
+    contacts connects it to the target; fixed objects, the gripper and the table are not part of a chain.
     """
     return target in _carriers(state, name) and _over(state, name, target)
 
 
 def held_upon(state: WorldState, name: str, target: str) -> bool:
-    """Tell whether the gripper holds an object as low over a target as the target, or what lies on it, reaches."""
+    """Tell whether the gripper holds an object over a target no higher than the top of the target or its content."""
     if state.held != name or not _over(state, name, target):
         return False
     lying = (o.name for o in state.info.objects if not o.fixed and rests_on(state, o.name, target))
@@ -97,7 +98,7 @@ def _over(state: WorldState, name: str, target: str) -> bool:
 
 
 def _carriers(state: WorldState, name: str) -> frozenset[str]:
-    """Return everything to which a chain of touching things leads from an object."""
+    """Return all objects connected to an object by a chain of contacts."""
     touching: dict[str, set[str]] = {}
     for a, b, _ in state.contacts:
         if a in state.info and b in state.info:
@@ -115,5 +116,5 @@ def _carriers(state: WorldState, name: str) -> frozenset[str]:
 
 
 def nearest(points: dict[str, Vector], point: Vector) -> str | None:
-    """Return the name of the point that is horizontally nearest, the first of equals; None if there are none."""
+    """Return the name of the horizontally nearest point, the first of equals; None if there are none."""
     return min(points, key=lambda n: horizontal_distance(points[n], point), default=None)

@@ -1,4 +1,4 @@
-"""Stacking: a plate that stands in the middle of another one."""
+"""Stacking: a plate in the middle of another one."""
 
 from betterbench.geometry import tilt_of
 from betterbench.interface.state import WorldState
@@ -23,14 +23,14 @@ GAP = threshold(
     "Larger: plates may rest higher, on a rim; more success, fewer execution_failure and timeout.",
 )
 RIM_RELEASE_M = 0.03
-"""Opening of the gripper that lets go of a rim, with a finger inside and one outside it [m]."""
+"""Opening of the gripper that releases a rim, with a finger inside and one outside it [m]."""
 
 
 def on_plate(state: WorldState, name: str, plate: str) -> bool:
     """Tell whether an object stands on a plate.
 
-    Its foot is on the plate's floor, near its middle, it lies flat, and the two touch. An object that rests on the rim
-    or on a third one is not on the plate.
+    Its foot is on the plate's floor, near its center, it lies flat, and the two touch. An object that rests on the rim
+    or on a third object is not on the plate.
     """
     if name == plate or not state.touching(name, plate):
         return False
@@ -42,7 +42,7 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object lies or is held on a plate, or on something on it, in any posture, its middle over it."""
+    """Return "" if an object lies or is held over a plate, or an object on it, in any posture, centered over it."""
     there = name != plate and (rests_on(state, name, plate) or held_upon(state, name, plate))
     return "" if there else None
 
@@ -64,7 +64,6 @@ ON_PLATE = register(
         tolerances=("plate_offset", "plate_gap"),
         goals=_goals,
         surface=surface_of("floor"),
-        pairwise=True,
     )
 )
 """Relation of an object that stands on a plate."""

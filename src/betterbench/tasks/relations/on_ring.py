@@ -5,7 +5,7 @@ import math
 from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
 from betterbench.interface.state import WorldState
 from betterbench.tasks.relations.loose import middle
-from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
+from betterbench.tasks.relations.placing import RELEASE_GAP_M, far_apart, foot, foot_offset
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single, surface_of
 from betterbench.tasks.relations.rest import upright
 from betterbench.tasks.thresholds import threshold
@@ -33,22 +33,21 @@ SPOUT = threshold(
 )
 
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
-"""Length and rise of the straight way in below the overhanging head of a fixture [m]."""
+"""Length and rise of the straight approach below the overhanging head of a fixture [m]."""
 TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)))
-"""Turns away from the heading that keeps the handle farthest from the spout [rad], the smallest first."""
+"""Rotations from the heading with the handle farthest from the spout [rad], the smallest first."""
 
 
 def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     """Tell whether an object stands on the ring of a fixture.
 
-    Its base is centered within 15 mm of the ring's middle, at the height of the ring's plane; it stands upright; and
-    its handle, if it has one, is nowhere under the spout.
+    Its base is centered within 15 mm of the ring's center, at the height of the ring's plane; it is upright; and its
+    handle, if it has one, is not under the spout.
     """
     info = state.info
     region, offset = info.object(fixture).region("ring").position, foot_offset(info.object(name))
-    # Nearly always the two are farther apart than all of this together is long, and nothing has to be turned.
     reach = math.hypot(*region) + math.hypot(*offset) + RADIUS + HEIGHT
-    if math.dist(state.positions[info.index(name)], state.positions[info.index(fixture)]) > reach:
+    if far_apart(state, name, fixture, reach):
         return False
     ring = state.pose(fixture).apply(region)
     position = foot(state, name)
@@ -60,9 +59,9 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
-    """Return "" if an object is on the ring in any posture: beside its middle, on its side, upside down, or held there.
+    """Return "" if an object is on the ring in any posture: off center, on its side, upside down, or held there.
 
-    Its middle or its foot is over the disc of the ring, and below the spout.
+    Its center or its foot is over the disc of the ring, and below the spout.
     """
     target, frame = state.info.object(fixture), state.pose(fixture)
     ring, spout = target.region("ring"), target.region("spout")
@@ -120,7 +119,6 @@ ON_RING = register(
         tolerances=("ring_radius", "ring_height", "spout_margin"),
         goals=_goals,
         surface=surface_of("ring"),
-        pairwise=True,
     )
 )
 """Relation of an object that stands on a marked ring."""

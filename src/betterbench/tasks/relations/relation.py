@@ -11,14 +11,14 @@ from betterbench.tasks.relations.rest import on_floor
 
 @dataclass(frozen=True, slots=True)
 class PlaceGoal:
-    """A pose at which an object is to be let go, and the side from which it comes there.
+    """A pose at which an object is released, and the direction of its approach.
 
     Attributes:
-        pose: Pose ``T_world_object`` to let go at.
-        approach: Displacement [m], world frame, from that pose to where the straight approach begins.
+        pose: Release pose ``T_world_object``.
+        approach: Displacement [m], world frame, from that pose to the start of the straight approach.
         release_width_m: Opening of the gripper at the release [m]; None for the full opening.
-        alike: Neighbors in a list of goals that have the same number are equally good, and the expert takes any of
-            them; None for a goal that has its own place in the list.
+        alike: Adjacent goals in a list with the same number are equally good, and the expert may use any of them; None
+            for a goal with a fixed rank.
     """
 
     pose: Pose
@@ -28,11 +28,11 @@ class PlaceGoal:
 
 
 SHARED = "+"
-"""Joins the names of regions that overlap, in what a ``where`` returns there."""
+"""Separator of the names of overlapping regions in the result of ``where``."""
 
 
 def is_at(place: str | None, region: str) -> bool:
-    """Tell whether a place, as a ``where`` returns it, is at a region; where regions overlap it is at each of them."""
+    """Tell whether the result of ``where`` includes a region; overlapping regions are all included."""
     return place == region or (place is not None and SHARED in place and region in place.split(SHARED))
 
 
@@ -44,20 +44,20 @@ Surface = Callable[[Mapping[str, Region], str], Vector]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relation:
-    """Relation between an object and a target, with all that judging, planning and documents need of it.
+    """Relation between an object and a target, with the data for judging, planning and documents.
 
     Attributes:
         name: Identifier ("inside", "beside").
-        words: Text of documents: "{object} is inside {target}"; ``{region}`` where the target offers several.
-        where: ``where(state, object, target)`` returns the name of the target region at which the object is, "" if the
-            target offers one alone, or None if the object is at none. Where regions overlap it returns the names of
-            all of them, joined by "+"; :func:`is_at` tells them apart.
+        words: Text of documents: "{object} is inside {target}"; ``{region}`` if the target has several regions.
+        where: ``where(state, object, target)`` returns the name of the target region of the object, "" if the target
+            has only one region, or None if the object is at none. For overlapping regions it returns all their names
+            joined by "+", see :func:`is_at`.
         loosely: Like ``where``, but for an object in any posture: leaning, jammed, on its side, upside down, half in,
-            on top, held there. It is asked wherever ``where`` says None and the question is whether the target is free
-            of something. None where ``where`` leaves no posture out.
-        regions: Names of the target regions that an object offers; none if it cannot be a target of this relation.
-        needs: Regions that the asset of a target has: all of them, or for several target regions any of them.
-        tolerances: Names of the thresholds that ``where`` applies, apart from those of rest and posture.
+            on top, held there. It is used if ``where`` returns None and the question is whether the target is free of
+            an object. None if ``where`` covers every posture.
+        regions: Names of an object's target regions; empty if it cannot be a target of this relation.
+        needs: Required regions of a target's asset: all of them, or for several target regions any of them.
+        tolerances: Names of the thresholds in ``where``, apart from those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
             the best first. None where the object is not carried: it slides in its mount.
         surface: ``surface(regions, region)`` returns the middle of the surface on which objects rest there [m], in the
@@ -65,8 +65,6 @@ class Relation:
         roles: Roles of the objects that can stand in this relation.
         counted: True if the target region is decided by what lies there already, as the layer of a stack is.
         falls: True if an object may be dropped into the target.
-        pairwise: True if ``where`` reads nothing but the poses of the object and the target, what touches them, and
-            whether they are held. It is then asked again only where that has changed.
     """
 
     name: str
@@ -81,12 +79,11 @@ class Relation:
     roles: tuple[str, ...] = ("item", "distractor")
     counted: bool = False
     falls: bool = False
-    pairwise: bool = False
     wide: bool = False
 
     @property
     def carried(self) -> bool:
-        """Whether the relation is brought about by carrying the object; otherwise by moving it along its rail."""
+        """Whether the relation is established by carrying the object; otherwise by moving it along its rail."""
         return self.goals is not None
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
@@ -94,12 +91,12 @@ class Relation:
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region at which an object is, strictly or in any other posture, or None."""
+        """Return the target region of an object, strictly or in any other posture, or None."""
         place = self.where(state, name, target)
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def brought(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region to which an object was brought unasked, in any posture, or None."""
+        """Return the target region to which an object was brought without request, in any posture, or None."""
         return (
             self.anyhow(state, name, target)
             if self.loosely is None or not self.wide
@@ -111,7 +108,7 @@ class Relation:
         return f"{self.name}({name}, {target}{'.' if region else ''}{region})"
 
     def middle(self, target: ObjectInfo, region: str) -> Vector:
-        """Return where the middle of a target region is in the target's frame [m]; its origin if it has no surface."""
+        """Return the center of a target region in the target's frame [m]; its origin without a surface."""
         if self.surface is None:
             return (0.0, 0.0, 0.0)
         return self.surface({r.name: r for r in target.regions}, region)
@@ -120,10 +117,10 @@ class Relation:
         """Return the poses at which an object satisfies the relation, the best first.
 
         Raises:
-            PlanningError: If nothing is carried to bring this relation about.
+            PlanningError: If the relation is not established by carrying.
         """
         if self.goals is None:
-            raise PlanningError(f"{self.name} is not brought about by carrying an object")
+            raise PlanningError(f"{self.name} is not established by carrying an object")
         return self.goals(state, name, target, region)
 
 
@@ -132,16 +129,16 @@ RELATIONS: dict[str, Relation] = {}
 
 
 def register(relation: Relation) -> Relation:
-    """Add a relation to the registry, and return it as it is registered.
+    """Add a relation to the registry, and return it as registered.
 
-    A target that lies on the floor is none any more, and what lies on the floor is at none: this holds for every
-    relation and stands here alone.
+    A target on the floor is not a target any more, and an object on the floor is at no target. This applies to every
+    relation and is implemented only here.
 
     Raises:
         ValueError: If another one has the same name.
     """
     if relation.name in RELATIONS:
-        raise ValueError(f"there is a relation {relation.name!r} already: {RELATIONS[relation.name].words}")
+        raise ValueError(f"the relation {relation.name!r} already exists: {RELATIONS[relation.name].words}")
     loosely = None if relation.loosely is None else _on_the_table(relation.loosely)
     relation = replace(relation, where=_on_the_table(relation.where), loosely=loosely)
     RELATIONS[relation.name] = relation
@@ -149,7 +146,7 @@ def register(relation: Relation) -> Relation:
 
 
 def _on_the_table(where: Where) -> Where:
-    """Return a ``where`` that knows no place for or at what lies on the floor."""
+    """Return a ``where`` that returns None for objects and targets on the floor."""
 
     def guarded(state: WorldState, name: str, target: str) -> str | None:
         place = where(state, name, target)
@@ -162,13 +159,13 @@ def relation(name: str) -> Relation:
     """Return a relation by name.
 
     Raises:
-        UnknownNameError: If there is no such relation.
+        UnknownNameError: If the relation does not exist.
     """
     return find_named("relation", name, RELATIONS.values())
 
 
 def single(test: Callable[[WorldState, str, str], bool]) -> Where:
-    """Return the ``where`` of a relation whose targets offer one region alone."""
+    """Return the ``where`` of a relation whose targets have only one region."""
 
     def where(state: WorldState, name: str, target: str) -> str | None:
         return "" if test(state, name, target) else None
@@ -177,7 +174,7 @@ def single(test: Callable[[WorldState, str, str], bool]) -> Where:
 
 
 def offers(*names: str) -> Regions:
-    """Return the ``regions`` of a relation whose targets offer one region alone and have all of these asset regions."""
+    """Return the ``regions`` of a relation whose targets have one region and all of these asset regions."""
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return ("",) if set(names) <= {r.name for r in info.regions} else ()
@@ -186,7 +183,7 @@ def offers(*names: str) -> Regions:
 
 
 def offers_each(*names: str) -> Regions:
-    """Return the ``regions`` of a relation whose targets offer whichever of these asset regions they have."""
+    """Return the ``regions`` of a relation whose targets have any of these asset regions."""
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return tuple(r.name for r in info.regions if r.name in names)
@@ -195,7 +192,7 @@ def offers_each(*names: str) -> Regions:
 
 
 def surface_of(*names: str) -> Surface:
-    """Return the ``surface`` of a relation whose things rest on the first of these asset regions that there is.
+    """Return the ``surface`` of a relation whose objects rest on the first existing one of these asset regions.
 
     Without names it is the target region itself.
     """

@@ -1,4 +1,4 @@
-"""Release: an object that the gripper has let go of."""
+"""Release: an object without contact to the gripper."""
 
 from betterbench.interface.state import WorldState
 

@@ -1,4 +1,4 @@
-"""Rest: objects and an arm that have come to a stop, and objects that stand upright."""
+"""Rest: stationary objects and arm, and upright objects."""
 
 from collections import deque
 
@@ -10,9 +10,9 @@ from betterbench.tasks.thresholds import THRESHOLDS
 class RestWatch:
     """Detector of objects at rest, which have kept their position and posture for a short time.
 
-    Displacement is judged and not speed, because the contacts of an object that lies still can let it tremble at
-    1 rad/s without ever moving it by a tenth of a millimeter. Feed it every state from reset on, in order. At reset all
-    objects count as at rest.
+    Displacement is used instead of speed, because the contacts of an object at rest can make it tremble at 1 rad/s
+    without moving it by a tenth of a millimeter. Pass it every state from reset on, in order. At reset all objects
+    count as at rest.
     """
 
     def __init__(self, *, rate_hz: float) -> None:
@@ -21,16 +21,16 @@ class RestWatch:
         self._found: dict[str, tuple[int, Vector, Quaternion]] = {}
 
     def see(self, state: WorldState) -> None:
-        """Take in the next state."""
+        """Process the next state."""
         self._states.append(state)
         self._seen += 1
 
     def at_rest(self, name: str) -> bool:
-        """Tell whether an object has neither moved nor turned since the time of rest before the last state."""
+        """Tell whether an object has neither moved nor rotated since the time of rest before the last state."""
         now = self._states[-1]
         i = now.info.index(name)
         position, quaternion = now.positions[i], now.quaternions[i]
-        # What was at rest one state ago and has not moved at all since then is at rest.
+        # An object that was at rest in the last state and has not moved since is at rest.
         if self._found.get(name) != (self._seen - 1, position, quaternion) and not self._stayed(i):
             return False
         self._found[name] = (self._seen, position, quaternion)
@@ -48,14 +48,14 @@ class RestWatch:
 
 def on_floor(state: WorldState, name: str) -> bool:
     """Tell whether an object has fallen below the table top."""
-    return state.positions[state.info.index(name)][2] < -THRESHOLDS.fallen_below
+    return state.position(name)[2] < -THRESHOLDS.fallen_below
 
 
 def upright(state: WorldState, name: str) -> bool:
     """Tell whether an object stands as its asset is meant to stand."""
-    return tilt_of(state.quaternions[state.info.index(name)]) <= THRESHOLDS.upright_tilt
+    return tilt_of(state.quaternion(name)) <= THRESHOLDS.upright_tilt
 
 
 def arm_still(state: WorldState) -> bool:
-    """Tell whether no arm joint turns faster than 0.05 rad/s, about 2 cm/s at the end effector."""
+    """Tell whether all arm joints are slower than 0.05 rad/s, about 2 cm/s at the end effector."""
     return all(abs(v) < 0.05 for v in state.joint_velocities)

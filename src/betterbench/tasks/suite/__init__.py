@@ -1,4 +1,4 @@
-"""The tasks of the suite, one short file each. A new file in this folder is found by itself."""
+"""The tasks of the suite, one short file each. New files in this folder are found automatically."""
 
 import importlib
 import pkgutil

@@ -44,7 +44,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 def breakfast_table() -> a.Task:
     """Lay the named pieces around the plate, among other tableware.
 
-    Sides are those of somebody who sits in front of the plate, as the front camera does.
+    Sides are seen by a person in front of the plate, as by the front camera.
 
     Randomizations: each piece within 15 mm and 9 degrees of its slot, the plate within 8 mm; the look of everything.
     Success: each piece lies next to the plate, and cutlery points away from the eater.

@@ -35,7 +35,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 def desk_meeting() -> a.Task:
     """Put the named objects to the named sides of the laptop.
 
-    Sides are those of somebody who sits in front of the laptop, as the front camera does.
+    Sides are seen by a person in front of the laptop, as by the front camera.
 
     Randomizations: each object within 15 mm and 9 degrees of its slot, the laptop within 10 mm; the look of everything.
     Success: each object stands anywhere at its side of the laptop, turned any way.

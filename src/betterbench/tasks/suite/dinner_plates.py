@@ -40,7 +40,7 @@ def dinner_plates() -> a.Task:
     """Put the named plate on the named plate or stack.
 
     Randomizations: each plate within 15 mm of its slot, the white one within 10 mm; the look of everything.
-    Premise: in training a red plate may stand on the white one already.
+    Premise: in training a red plate may already be on the white one.
     """
     stacked = (a.condition(layout, BLUE_ON_RED, preplaced={RED: WHITE}) for layout in LAYOUTS)
     single = (a.conditions([layout], [RED_ON_WHITE, BLUE_ON_WHITE]) for layout in LAYOUTS)

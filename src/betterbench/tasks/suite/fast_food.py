@@ -36,7 +36,7 @@ def fast_food() -> a.Task:
     """Pack the ordered food into the takeaway box, in the order in which it is named.
 
     Randomizations: each item within 15 mm and 9 degrees of its slot; the look of every item. In training either burger
-    is packed, and always a burger comes first.
+    may be packed, and a burger always comes first.
     """
     one_left = (a.remove(BURGER_2), a.swap(FRIES, DRINK))
     exchanged = (a.swap(FRIES, DRINK), a.chain(ALL))

@@ -32,8 +32,8 @@ DONE = "The policy sees what is done already and does nothing again."
 def morning_coffee() -> a.Task:
     """Put the instructed mug on the marked ring under the spout.
 
-    "Near" and "far" are seen from the front camera: the far slot is at the top of the image, close to the robot. The
-    twins of L1 to L4 ask for the other mug of the same scene.
+    "Near" and "far" are seen from the front camera: the far slot is at the top of the image, close to the robot. In the
+    twins of L1 to L4, the instruction names the other mug of the same scene.
 
     Randomizations: each mug within 15 mm and 9 degrees of its slot; the look of mugs and machine.
     Success: the handle is clear of the spout. In T1 the red mug already stands on the ring, and nothing may be touched.

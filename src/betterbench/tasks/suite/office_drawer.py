@@ -43,7 +43,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 def office_drawer() -> a.Task:
     """Put the named object into the named drawer of the cabinet and close the drawer.
 
-    While the upper drawer stands open nothing can be put into the lower one.
+    While the upper drawer is open, nothing can be put into the lower one.
 
     Randomizations: each object within 15 mm and 9 degrees of its slot; the look of everything.
     """

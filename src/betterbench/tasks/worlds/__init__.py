@@ -1,4 +1,4 @@
-"""Foreign worlds as data: suites and protocols of LIBERO, LIBERO-PRO and LIBERO-Plus, and the chains of CALVIN.
+"""Worlds as data: facts about each, suites and protocols of LIBERO and LIBERO-Plus, and the chains of CALVIN.
 
-The simulators of these worlds are in :mod:`betterbench.sim.worlds`.
+The worlds themselves, with their simulators, are in :mod:`betterbench.sim.worlds`.
 """

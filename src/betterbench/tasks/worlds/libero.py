@@ -1,7 +1,7 @@
 """LIBERO, LIBERO-PRO and LIBERO-Plus as data: the suites, and the evaluation protocols of existing work.
 
-Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, whose
-other settings are not documented and are those of openpi here.
+Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, with
+openpi's values for its undocumented settings.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 from betterbench.errors import UnknownNameError
 from betterbench.json_form import strict_form
+from betterbench.tasks.worlds.facts import Suite, WorldFacts, register_facts
 
 IMAGE_SIDE = 256
 """Width and height of an image [pixel]."""
@@ -29,33 +30,14 @@ _STEPS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libe
 CHANGES: Mapping[str, str] = {
     "swap": "objects stand at each other's places",
     "object": "objects are replaced by others of their kind",
-    "lan": "the sentence is said in other words",
-    "task": "the sentence asks for another task",
+    "lan": "the instruction is paraphrased",
+    "task": "the instruction is for another task",
 }
 """Descriptions of LIBERO-PRO's changes to a suite, by name."""
 
 
-@dataclass(frozen=True, slots=True)
-class Suite:
-    """Suite of LIBERO, LIBERO-PRO or LIBERO-Plus.
-
-    Attributes:
-        name: Its name in LIBERO ("libero_spatial_swap").
-        base: The suite whose tasks it changes, or its own name.
-        change: Name of its change ("swap"), or None.
-        tasks: Number of its tasks.
-        summary: Description in one phrase.
-    """
-
-    name: str
-    base: str
-    change: str | None
-    tasks: int
-    summary: str
-
-
 _BASES = (
-    Suite("libero_spatial", "libero_spatial", None, 10, "the same bowl at ten places"),
+    Suite("libero_spatial", "libero_spatial", None, 10, "the same bowl at ten positions"),
     Suite("libero_object", "libero_object", None, 10, "ten objects into one basket"),
     Suite("libero_goal", "libero_goal", None, 10, "ten goals in one scene"),
     Suite("libero_10", "libero_10", None, 10, "ten long tasks"),
@@ -92,6 +74,21 @@ PLUS_SUITES: Mapping[str, Suite] = {
 """The four suites of LIBERO-Plus by name."""
 
 
+_STATEMENTS = {
+    "Scenes": "They are LIBERO's own. Where a scene does not show what its sentence presupposes, the run stops or its "
+    "records say so; no trial is certified.",
+    "Calibration": "The labels of scripted policies with known faults in LIBERO are counted in docs/worlds.md; better "
+    "calibrate measures our own scenes alone.",
+}
+
+LIBERO = register_facts(
+    WorldFacts(name="libero", title="LIBERO", suites=SUITES, reading="goals", statements=_STATEMENTS)
+)
+LIBERO_PLUS = register_facts(
+    WorldFacts(name="libero_plus", title="LIBERO-Plus", suites=PLUS_SUITES, reading="goals", statements=_STATEMENTS)
+)
+
+
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FieldProtocol:
@@ -103,7 +100,7 @@ class FieldProtocol:
         trials: Initial states of each task, from the first one on.
         settling_steps: Steps with an open gripper before the first observation.
         seed: Seed of LIBERO's random numbers.
-        differences: Differences from openpi's protocol in words; empty for openpi.
+        differences: Differences from openpi's protocol; empty for openpi.
     """
 
     name: str
@@ -136,11 +133,11 @@ PROTOCOLS: Mapping[str, FieldProtocol] = {
         ),
     )
 }
-"""The protocols of the field by name. Numbers of different protocols are not comparable."""
+"""The existing protocols by name. Results of different protocols are not comparable."""
 
 OURS = (
-    "the random numbers of LIBERO are seeded before each reset, not once a task, so that a trial does not depend on "
-    "those before it"
+    "the random numbers of LIBERO are seeded before each reset, not once per task, so that a trial does not depend on "
+    "earlier trials"
 )
 """Difference of every run here from all of these protocols."""
 

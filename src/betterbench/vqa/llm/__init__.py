@@ -1,4 +1,4 @@
-"""Clients of models that see images: any endpoint with the chat protocol of OpenAI, and a scripted one."""
+"""Clients for vision-language models: endpoints with OpenAI's chat protocol, and a scripted model."""
 
 from betterbench.vqa.llm.chat import Chat, ChatEndpoint, Message, RefusedError, ScriptedChat, user_message
 

@@ -1,6 +1,7 @@
-"""One question to a model behind ``POST URL/chat/completions``: vLLM, SGLang, llama.cpp, Ollama, OpenAI and their like.
+"""Client for ``POST URL/chat/completions``, as served by vLLM, SGLang, llama.cpp, Ollama and OpenAI.
 
-Only the standard library is used, one connection per request, so that many threads may ask at the same time.
+It uses only the standard library, with one connection per request, so that many threads can send requests at the same
+time.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from betterbench.errors import InvalidInputError, ModelError, one_line
 from betterbench.json_form import parse_json
 
 Message = Mapping[str, Any]
-"""One message of a conversation: its role and its content."""
+"""One message of a conversation, with role and content."""
 
 MAX_REPLY_BYTES = 4 * 1024 * 1024
 _PASSING = (408, 409, 425, 429, 500, 502, 503, 504)
@@ -27,7 +28,7 @@ _LONGEST_PAUSE_S = 30.0
 
 
 class RefusedError(ModelError):
-    """The model refuses this one request (HTTP 400 or 422), for example because of its image; others may work."""
+    """Refusal of a single request (HTTP 400 or 422), for example because of its image; others may succeed."""
 
 
 class Chat(Protocol):
@@ -41,13 +42,13 @@ class Chat(Protocol):
         """Return the answer.
 
         Raises:
-            RefusedError: If this request is refused.
-            ModelError: If no answer can be had.
+            RefusedError: If this request was refused.
+            ModelError: If no answer can be obtained.
         """
 
 
 class ChatEndpoint:
-    """A model behind the chat protocol of OpenAI; safe to use from several threads."""
+    """A model with OpenAI's chat protocol; safe to use from several threads."""
 
     def __init__(
         self,
@@ -59,18 +60,18 @@ class ChatEndpoint:
         tries: int = 4,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Take note of the address; nothing is sent.
+        """Store the address without sending anything.
 
         Args:
             url: Base address, such as ``http://localhost:8000/v1``; ``/chat/completions`` is added.
             model: Name of the model at that address.
-            key_variable: Environment variable that holds the key, if it is set.
-            timeout_s: Time within which an answer has to begin, and to go on [s].
-            tries: Number of times that a request is sent if it fails for a passing reason.
-            sleep: Waits between tries [s]; tests do not.
+            key_variable: Environment variable with the API key, if set.
+            timeout_s: Longest wait for the beginning of an answer and between its parts [s].
+            tries: Number of times that a request is sent after transient failures.
+            sleep: Waits between tries [s]; replaced in tests.
 
         Raises:
-            InvalidInputError: If the address is no HTTP address.
+            InvalidInputError: If the address is not an HTTP address.
         """
         try:
             parts = urlsplit(url)
@@ -78,7 +79,7 @@ class ChatEndpoint:
         except ValueError as error:
             raise InvalidInputError("URL", f"{one_line(url)!r}: {error}", "Give http://HOST:PORT/v1") from error
         if parts.scheme not in ("http", "https") or not host:
-            raise InvalidInputError("URL", f"{one_line(url)!r} is no HTTP address", "Give http://HOST:PORT/v1")
+            raise InvalidInputError("URL", f"{one_line(url)!r} is not an HTTP address", "Give http://HOST:PORT/v1")
         self.name, self._host, self._port, self._tls = model, host, port, parts.scheme == "https"
         path = parts.path.rstrip("/").removesuffix("/chat/completions")
         self._path = f"{path}/chat/completions"
@@ -103,7 +104,7 @@ class ChatEndpoint:
             problem = f"HTTP {status}: {_told(reply)}"
             if status not in _PASSING:
                 raise self._refusal(status, problem)
-        cure = "Check that it runs there and give the same command again to go on"
+        cure = "Check that the server is running, and run the same command again to resume"
         raise ModelError(f"{self._where}: no answer after {self._tries} tries ({problem}). {cure}.")
 
     def _post(self, body: bytes) -> tuple[int, bytes]:
@@ -124,7 +125,7 @@ class ChatEndpoint:
         finally:
             connection.close()
         if len(reply) > MAX_REPLY_BYTES:
-            raise ModelError(f"{self._where}: answers with more than {MAX_REPLY_BYTES} bytes. Is it a chat endpoint?")
+            raise ModelError(f"{self._where}: the answer exceeds {MAX_REPLY_BYTES} bytes. Is it a chat endpoint?")
         return answer.status, reply
 
     def _text(self, reply: bytes) -> str:
@@ -132,7 +133,7 @@ class ChatEndpoint:
             text = parse_json(reply)["choices"][0]["message"]["content"]
         except (ValueError, LookupError, TypeError) as error:
             raise ModelError(
-                f"{self._where}: its answer has no choices[0].message.content. Give the address of a chat endpoint."
+                f"{self._where}: the answer has no choices[0].message.content. Give the address of a chat endpoint."
             ) from error
         return text if isinstance(text, str) else ""
 
@@ -140,23 +141,25 @@ class ChatEndpoint:
         if status in (400, 413, 422):
             return RefusedError(f"{self._where}: {problem}")
         if status in (401, 403):
-            return ModelError(f"{self._where}: {problem}. Put the key into the variable {self._key_variable}.")
+            return ModelError(
+                f"{self._where}: {problem}. Put the API key into the environment variable {self._key_variable}."
+            )
         return ModelError(f"{self._where}: {problem}. Check the address and the name of the model, {self.name!r}.")
 
 
 class ScriptedChat:
-    """Answers with the result of a function of the messages, for tests and for models in the caller's process."""
+    """Model that answers with a function of the messages, for tests and for models in the caller's process."""
 
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
         self.name, self._answer = name, answer
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
-        """Return the answer of the function."""
+        """Return the answer; see :class:`Chat`."""
         return self._answer(messages)[: 8 * max_tokens]
 
 
 def user_message(text: str, *images: bytes) -> Message:
-    """Return a message of the user: images (JPEG) before the text."""
+    """Return a user message with images (JPEG) before the text."""
     shown = [
         {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"}}
         for image in images
@@ -165,7 +168,7 @@ def user_message(text: str, *images: bytes) -> Message:
 
 
 def _told(reply: bytes) -> str:
-    """Return the message of a server about an error."""
+    """Return a server's error message."""
     text = reply[:4000].decode("utf-8", "replace")
     try:
         said = parse_json(text)

@@ -1,4 +1,4 @@
-"""The types of question, one file each: from a moment to questions with answers that the state proves."""
+"""The types of question, one file each: generators of questions from a moment, with answers proven by the state."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GENERATORS: dict[QuestionType, QuestionMaker] = {
     QuestionType.EXECUTION: execution,
     QuestionType.PREMISE: premise,
 }
-"""Generator of the questions of each type."""
+"""Generator of each question type."""
 
 
 def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(QuestionType)) -> Iterator[Candidate]:

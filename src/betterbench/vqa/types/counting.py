@@ -1,4 +1,4 @@
-"""Counting: objects of a kind that are seen, objects in a container, and objects in a stack."""
+"""Counting: visible objects of a kind, objects in a container, and objects in a stack."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ GROUPS = {
     "pieces of cutlery": ("fork", "spoon"),
     "drawers": ("upper_drawer", "lower_drawer"),
 }
-"""Words for several kinds of object, with the categories that they mean."""
+"""Words for several kinds of object, with their categories."""
 SIMILAR = {"plates": ("shallow_bowl", "cereal_bowl"), "mugs": ("cup", "tumbler", "drink_cup")}
-"""Categories that could be taken for those of a word: a scene that shows one is not asked about the word."""
+"""Categories that could be confused with those of a word; scenes that show one are excluded for that word."""
 
 
 def counting(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions for the number of objects of kinds that come in numbers, of groups, and in containers."""
+    """Yield questions for the number of objects: of kinds that occur several times, of groups, and in containers."""
     own = [o.kind for o in moment.objects]
     for kind in sorted({*kinds_in_numbers(), *(kind for kind in own if own.count(kind) > 1)}):
         members = [o.name for o in moment.objects if o.kind == kind]
@@ -40,7 +40,7 @@ def counting(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of some objects, unless one of them is neither clear nor hidden."""
+    """Yield the question for a number of objects, unless one of them is neither clearly visible nor hidden."""
     shown = [name for name in members if moment.is_clear(name)]
     if all(moment.is_clear(name) or moment.is_hidden(name) for name in members):
         tags = () if members else ("absent",)
@@ -48,7 +48,7 @@ def _count(moment: Moment, family: str, key: str, plural: str, members: list[str
 
 
 def _count_inside(moment: Moment, kind: str, target: str) -> Iterator[QuestionDraft]:
-    """Yield the question for the number of objects in a container, if all of them are clear and none is in doubt."""
+    """Yield the question for the number of objects in a container, if all objects are clear and unambiguous."""
     inside = []
     for o in moment.objects:
         if o.role not in ("item", "distractor") or o.fixed or o.name == target:

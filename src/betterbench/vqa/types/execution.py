@@ -19,7 +19,7 @@ _ON_WORDS = {**IN_WORDS, "layer": "on", "on_plate": "on"}
 
 
 def execution(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the robot's motion and about its progress in the instruction."""
+    """Yield questions about the robot's motion and its progress in the instruction."""
     yield from _doing(moment)
     goals = moment.condition.instruction.subgoals
     words = {"instruction": moment.condition.instruction.text}
@@ -53,10 +53,10 @@ def _doing(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
-    """Return the objects that an instruction is about, if an image can show how far it is carried out, else None.
+    """Return the objects of an instruction if an image can show its progress, else None.
 
-    Every object that a step means and every target is clearly seen, and a step that is not done does not look as if it
-    were: an object that is in its place but still in the gripper, or still moving, is such a case.
+    All objects and targets of the steps must be clearly visible, and an unfinished step must not look finished. An
+    object at its target that is still in the gripper or moving would look finished.
     """
     goals, info = moment.condition.instruction.subgoals, moment.state.info
     if len(done) != len(goals) or [_looks_done(moment, g) for g in range(len(goals))] != done:
@@ -72,7 +72,7 @@ def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
 
 
 def _looks_done(moment: Moment, g: int) -> bool:
-    """Tell whether enough objects are where a step wants them; a drawer has to be loaded before it is to be closed."""
+    """Return whether enough objects are at the goal of a step; a drawer must be loaded before it is closed."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if int(trace.serves[moment.row, g, list(trace.meant[g])].sum()) < goals[g].count:
         return False
@@ -82,7 +82,7 @@ def _looks_done(moment: Moment, g: int) -> bool:
 
 
 def step_words(moment: Moment, goal: Subgoal) -> str:
-    """Return a step as something to be done: "put the burger in the box"."""
+    """Return a step as an imperative phrase: "put the burger in the box"."""
     info = moment.state.info
     number = moment.condition.instruction.subgoals.index(goal)
     target = info.objects[moment.episode.trace.targets[number]].kind
@@ -106,7 +106,7 @@ _ORDINALS = {2: "second", 3: "third", 4: "fourth"}
 
 
 def done_words(moment: Moment, done: list[bool]) -> str:
-    """Return which steps are done, as an option says it."""
+    """Return the finished steps in the wording of an option."""
     goals = moment.condition.instruction.subgoals
     if all(done):
         return EVERYTHING

@@ -11,11 +11,11 @@ from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Form, QuestionDraft
 
 CELLS = 8
-"""Cells per side of the image over which boxes and points are spread: a cell is about as large as an object."""
+"""Cells per side of the image over which boxes and points are spread; a cell is about as large as an object."""
 COARSE_CELLS = 4
-"""Cells per side within which the coordinates in a question must not tell its answer."""
+"""Cells per side within which the coordinates in a question must not reveal its answer."""
 MOST_OPTIONS = 4
-"""Largest number of objects among which one is to be recognized in one question."""
+"""Maximum number of objects to choose from in one question."""
 
 
 def grounding(moment: Moment) -> Iterator[QuestionDraft]:
@@ -41,19 +41,19 @@ def grounding(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def written(numbers: Sequence[int]) -> str:
-    """Return coordinates as they are written: "[12, 40, 30, 66]"."""
+    """Return coordinates in written form: "[12, 40, 30, 66]"."""
     return f"[{', '.join(map(str, numbers))}]"
 
 
 def cell_of(seen: SeenObject, width: int, cells: int) -> str:
-    """Return the cell of the image in which the middle of an object's box lies."""
+    """Return the image cell that contains the center of an object's box."""
     left, top, right, bottom = seen.box
     step = width / cells
     return f"cell {int(0.5 * (left + right) // step)},{int(0.5 * (top + bottom) // step)} of {cells}"
 
 
 def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return kinds in groups of two to four, the same for each question about them."""
+    """Return kinds in groups of two to four, which stay the same for all questions about them."""
     if len(kinds) < 2:
         return []
     count = -(-len(kinds) // MOST_OPTIONS)
@@ -62,7 +62,7 @@ def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _is_alone(moment: Moment, name: str, box: Box) -> bool:
-    """Tell whether no other object's middle lies in a box, so that the box holds one object."""
+    """Return whether no other object's center is inside a box, so that the box contains a single object."""
     left, top, right, bottom = box
     others = (s.centroid for other, s in moment.view.objects.items() if other != name)
     return not any(left <= x < right and top <= y < bottom for x, y in others)

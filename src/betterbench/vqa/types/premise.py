@@ -1,4 +1,4 @@
-"""Premise: presence of an object, identity of the object in its place, and feasibility of a task."""
+"""Premise: presence of an object, identity of the object in a slot, and feasibility of a task."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.vqa.types.relation import yes
 
 
 def premise(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield whether each kind is there, whether an object is of a kind, and whether the instruction can be followed."""
+    """Yield questions about the presence of each kind, the kind of each object, and the feasibility of the task."""
     for kind in (*moment.episode.vocabulary, *moment.episode.foreign):
         words = {"thing": indefinite(kind)}
         members = [o.name for o in moment.objects if o.kind == kind]
@@ -25,7 +25,7 @@ def premise(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
-    """Return the tags of the question for an absent kind: harder if something else stands where it usually does."""
+    """Return the tags of the question for an absent kind; it is harder if another object is in its usual slot."""
     tags = ["absent"]
     if kind in moment.episode.vocabulary:
         tags.append("of this task")
@@ -35,7 +35,7 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 
 
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield whether the object in a box is of a kind: its own, and each kind that training had in its slot."""
+    """Yield questions whether the object in a box is of a kind: its own, or one that training had in its slot."""
     info = moment.state.info
     for kind, o in moment.things.items():
         usual = info.slot(o.slot).trained_kinds if o.slot is not None else ()
@@ -49,7 +49,7 @@ def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _can_be_done(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield whether everything that the instruction names is there."""
+    """Yield the question whether all objects of the instruction are present."""
     goals, trace = moment.condition.instruction.subgoals, moment.episode.trace
     names = [trace.info.objects[i].name for meant in trace.meant for i in meant]
     targets = [trace.info.objects[i].name for i in trace.targets]

@@ -1,4 +1,4 @@
-"""Spatial relations: left and right in the image and for the robot, nearer and farther, the outermost of several."""
+"""Spatial relations: left and right in the image and for the robot, nearer and farther, and outermost objects."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.grounding import chunks
 
 IMAGE_MARGIN = 0.08
-"""Least distance of two centers across the image, as a share of its width, for one to be left of the other: 20 of 256
-pixels, about the width of an object."""
+"""Minimum horizontal distance of two centers for "left of", as a share of the image width: 20 of 256 pixels, about the
+width of an object."""
 CAMERA_MARGIN_M = 0.06
-"""Least difference of the distances of two objects from the camera for one to be nearer; people judge no less."""
+"""Minimum difference of two distances from the camera for "nearer" [m], the limit of what people can judge."""
 ROBOT_MARGIN_M = 0.05
-"""The same across or away from the robot: an object is 4 to 8 cm wide."""
+"""Minimum distance of two objects, lateral or radial, in the frame of the robot [m]; objects are 4 to 8 cm wide."""
 
 
 def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
@@ -40,7 +40,7 @@ def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _apart(moment: Moment, a: str, b: str) -> bool:
-    """Tell whether the middle of neither object is above, below or within the other in the image: some are large."""
+    """Return whether neither object's center is above, below or within the other object in the image."""
     first, second = moment.view.objects[a], moment.view.objects[b]
     return not any(
         y.box[0] <= x.centroid[0] <= y.box[2] for x, y in ((first, second), (second, first))
@@ -64,7 +64,7 @@ def _from_camera(moment: Moment, kinds: tuple[str, str], names: tuple[str, str])
 
 
 def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield questions in the frame of the robot, which looks along x from the origin, with y to its left."""
+    """Yield questions in the robot frame, which looks along x from the origin, with y to its left."""
     a, b = (moment.center(name) for name in names)
     words = {"a": definite(kinds[0]), "b": definite(kinds[1])}
     if abs(a[1] - b[1]) >= ROBOT_MARGIN_M:
@@ -80,7 +80,7 @@ def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) 
 
 
 def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
-    """Yield whether an object is at a side of an anchor, which its own front defines."""
+    """Yield the question whether an object is at a side of an anchor, which is defined by the anchor's front."""
     try:
         side = moment.place(BESIDE, thing[1], anchor[1])
     except LookupError:
@@ -95,7 +95,7 @@ def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> 
 
 
 def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[QuestionDraft]:
-    """Yield which of several objects is leftmost or rightmost in the image."""
+    """Yield the question which of several objects is leftmost or rightmost in the image."""
     if len(kinds) < 3:
         return
     across = sorted((moment.view.objects[moment.things[k].name].centroid[0], k) for k in kinds)

@@ -1,4 +1,4 @@
-"""Stacking: objects on one another, the higher of two objects, and the order of a stack from below."""
+"""Stacking: objects on one another, the higher of two objects, and the order of a stack from the bottom."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 HIGHER_M = 0.008
-"""Smallest height difference for one object to count as higher than another [m]; layers are at least 10 mm thick."""
+"""Minimum height difference for "higher" [m]; layers are at least 10 mm thick."""
 
 
 def stacking(moment: Moment) -> Iterator[QuestionDraft]:
@@ -41,10 +41,10 @@ def _bases(moment: Moment) -> list[ObjectInfo]:
 
 
 def _stack(moment: Moment, base: ObjectInfo) -> list[str]:
-    """Return the objects on a base, from below.
+    """Return the objects on a base, from the bottom.
 
     Raises:
-        LookupError: If something is neither surely on it nor surely not.
+        LookupError: If it is ambiguous whether an object is on the base.
     """
     others = [
         o.name for o in moment.objects if o.role in ("item", "distractor") and o.name != base.name and not o.fixed
@@ -79,7 +79,7 @@ def _directly_on(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator
 
 
 def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the order of two or more objects on a base, if all are seen and have names of their own."""
+    """Yield the question for the order of two or more objects on a base, if all are visible and uniquely named."""
     kinds = [moment.state.info.object(name).kind for name in stack]
     if len(stack) >= 2 and all(k in moment.single and moment.is_large(moment.single[k].name) for k in kinds):
         words = {"base": definite(base.kind), "things": listed([definite(k) for k in sorted(kinds)])}
@@ -89,7 +89,7 @@ def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[Quest
 
 
 def _higher(moment: Moment, stacked: frozenset[str]) -> Iterator[QuestionDraft]:
-    """Yield which of two stackable objects has its middle higher up, if at least one is on a stack."""
+    """Yield the question which of two stackable objects has the higher center, if at least one is on a stack."""
     for (a, first), (b, second) in itertools.combinations(moment.things.items(), 2):
         if {first.name, second.name} & stacked and moment.state.held not in (first.name, second.name):
             up, down = (moment.center(o.name)[2] for o in (first, second))

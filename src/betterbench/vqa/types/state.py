@@ -1,4 +1,4 @@
-"""State: open and shut drawers, the gripper and its held object, and objects that stand or have fallen over."""
+"""State: open and closed drawers, the gripper and its held object, and standing or fallen objects."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 WIDELY_OPEN, SHUT = 0.75, 0.15
-"""Shares of the largest opening from which the empty gripper is open, and up to which it is closed: in between people
-disagree."""
+"""Opening, as shares of the maximum, from which the empty gripper is open and up to which it is closed; people disagree
+about values in between."""
 FALLEN_RAD = 1.0
-"""Tilt from which something that stands upright in training has fallen over, about 60 degrees; what leans is not asked
-about."""
+"""Minimum tilt at which an upright object counts as fallen, about 60 degrees; leaning objects are excluded."""
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
-"""Least ratio of height to width of an object for which standing and lying look different."""
+"""Minimum ratio of height to width for which standing and lying look different."""
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:
@@ -74,7 +73,7 @@ def _gripper(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _lift(moment: Moment, name: str) -> float:
-    """Return how far an object is above where it was at the start of the episode or lies lowest since [m]."""
+    """Return the height of an object above its lowest position so far in the episode [m]."""
     i = moment.state.info.index(name)
     heights = moment.episode.trace.positions[: moment.row + 1, i, 2]
     return float(heights[-1] - heights.min())

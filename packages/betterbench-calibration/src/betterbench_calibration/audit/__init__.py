@@ -1,4 +1,4 @@
-"""The audit of printed tables: which numbers agree with each other, and what their trials can carry."""
+"""Audit of printed tables: consistency of the numbers, and the statistical support by their trials."""
 
 from betterbench_calibration.audit.examine import Audit, TableAudit, audit_source, audit_table
 from betterbench_calibration.audit.finding import AuditFinding, ClaimSupport, Verdict

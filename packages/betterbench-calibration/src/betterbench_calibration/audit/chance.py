@@ -22,7 +22,7 @@ _chance = functools.lru_cache(maxsize=256)(chance_p)
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """Rule that rates of a choice among ``choices`` answers, of ``trials`` trials each, differ from guessing.
+    """Rule that rates of a choice among ``choices`` answers, over ``trials`` trials, differ from guessing.
 
     ``guess`` is the row that prints the rate of a guess, or empty. Without ``rows`` all but the guess are tested,
     without ``columns`` all.
@@ -35,7 +35,7 @@ class Chance:
     columns: ColumnNames = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield whether the guess is printed right, and one finding per cell."""
+        """Yield the finding on the printed guess, and one finding per cell."""
         if self.guess:
             yield from self._guesses(table)
         rates = {

@@ -1,4 +1,4 @@
-"""Claims that two rates differ, tested with the trials behind them."""
+"""Claims that two rates differ, tested with the underlying trials."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from betterbench_calibration.audit.table import AuditedTable
 from betterbench_calibration.audit.wording import ALPHA, ends, shown_rate, tested
 
 BARNARD_OUTCOMES = 1_000_000
-"""Possible outcomes of two arms up to which Barnard's test is taken: it looks at each of them."""
+"""Largest number of possible outcomes of two arms for Barnard's test, which evaluates all of them."""
 
 _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
@@ -85,12 +85,12 @@ class Claim:
     parts: ColumnNames = ()
 
     def __post_init__(self) -> None:
-        """Refuse a claim that gives both trials and parts, or neither."""
+        """Raise ValueError if a claim has both trials and parts, or neither."""
         if bool(self.trials) == bool(self.parts):
             raise ValueError("either trials or parts must be given")
 
     def count(self, table: AuditedTable, row: str) -> CountBehind | None:
-        """Return the count behind one of the two cells, or None if it cannot be known."""
+        """Return the count of one of the two cells, or None if it cannot be recovered."""
         trials = self.trials
         if not trials:
             sizes = recover_sizes(tuple(Pooled(self.column, self.parts).rows(table).values()))
@@ -102,7 +102,7 @@ class Claim:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """Rule that two cells differ, as the text claims, by Fisher's exact test and with Newcombe's interval."""
+    """Rule that two cells differ as claimed, by Fisher's exact test and Newcombe's interval."""
 
     claims: Annotated[tuple[Claim, ...], Field(min_length=1)]
 

@@ -1,4 +1,4 @@
-"""Counts that round to a printed percentage, computed exactly in whole numbers."""
+"""Counts that round to a printed percentage, computed with exact integers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOST_DROPPED = 12
 two decimals and 400 trials leave one value in 25 free, so twelve sizes already explain every second misprint."""
 
 MOST_MULTIPLES = 20
-"""Largest multiple of the stated trials that is tried as an explanation."""
+"""Largest multiple of the stated trials that is tried."""
 
 
 class CountBehind(NamedTuple):
@@ -28,11 +28,11 @@ class CountBehind(NamedTuple):
 
 
 def count_behind(printed: Decimal, n: int) -> CountBehind | None:
-    """Return the count out of ``n`` that is printed as a percentage, rounded half up; None if there is none."""
+    """Return the count out of ``n`` that rounds (half up) to a printed percentage, or None."""
     digits = decimals(printed)
     units = int(printed.scaleb(digits))
     whole = 100 * 10**digits
-    # Rounding half up: the printed units are the floor of k * whole / n + 1/2, so one k can fit unless n > whole.
+    # Rounding half up: the printed value is the floor of k * whole / n + 1/2, so only one k can fit unless n > whole.
     k = (units * n + whole // 2) // whole
     for candidate in (k, k - 1, k + 1):
         if 0 <= candidate <= n and (2 * candidate * whole + n) // (2 * n) == units:
@@ -41,7 +41,7 @@ def count_behind(printed: Decimal, n: int) -> CountBehind | None:
 
 
 def nearest_count(printed: Decimal, n: int) -> CountBehind:
-    """Return the count out of ``n`` whose percentage comes nearest to a printed one."""
+    """Return the count out of ``n`` with the percentage nearest to a printed one."""
     return CountBehind(max(0, min(n, round(printed * n / 100))), n)
 
 

@@ -1,4 +1,4 @@
-"""Audit of a source: every rule of every table is checked, and numbers that no rule reads are listed."""
+"""Audit of a source: checks of all rules of all tables, and a list of numbers without a rule."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench_calibration.audit.table import AuditedTable, AuditRule, misprin
 
 @dataclass(frozen=True, slots=True)
 class TableAudit:
-    """Findings about one table, the worst first."""
+    """Findings on one table, the worst first."""
 
     table: AuditedTable
     findings: tuple[AuditFinding, ...]
@@ -25,7 +25,7 @@ class TableAudit:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """Findings about all tables of a source, in its order."""
+    """Findings on all tables of a source, in its order."""
 
     source: str
     tables: tuple[TableAudit, ...]
@@ -53,7 +53,7 @@ class Audit:
 
 
 def audit_source(source: PaperSource) -> Audit:
-    """Check all that the tables promise; raise UnknownNameError if a rule names an unknown table, row or column."""
+    """Check the rules of all tables. Raises UnknownNameError if a rule names an unknown table, row or column."""
     paper = source.by_name
     return Audit(source.name, tuple(audit_table(table, rules, paper) for table, rules in source.tables))
 
@@ -61,14 +61,14 @@ def audit_source(source: PaperSource) -> Audit:
 def audit_table(
     table: AuditedTable, rules: Sequence[AuditRule], paper: Mapping[str, AuditedTable] | None = None
 ) -> TableAudit:
-    """Check what one table promises."""
+    """Check the rules of one table."""
     found = [f for rule in rules for f in rule.findings(table, paper or {table.name: table})]
     found += _unread(table, found)
     return TableAudit(table, tuple(sorted(found, key=lambda f: f.verdict.rank)))
 
 
 def _unread(table: AuditedTable, found: Sequence[AuditFinding]) -> Iterator[AuditFinding]:
-    """Yield one finding per number that no rule reads."""
+    """Yield one finding per number without a rule."""
     read = {cell for f in found for cell in f.covers}
     for (row, column), number in table.printed():
         if (row, column) not in read:

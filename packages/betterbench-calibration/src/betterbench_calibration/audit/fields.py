@@ -1,4 +1,4 @@
-"""Field types of a file of tables; with a table as validation context, they refuse names that the table lacks."""
+"""Field types of a file of tables; with a table as validation context, unknown names are errors."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from betterbench.errors import one_line
 from betterbench_calibration.audit.table import AuditedTable
 
 MOST = 1_000_000
-"""Largest count that a file may give: trials, choices, units."""
+"""Largest count in a file: trials, choices, units."""
 
 MOST_DIGITS = 15
-"""Most digits before the point that a number of a table may have."""
+"""Maximum number of digits before the decimal point of a number in a table."""
 
 MOST_DECIMALS = 6
-"""Most decimals that a number of a table may have."""
+"""Maximum number of decimals of a number in a table."""
 
 exact_fields = with_config(ConfigDict(extra="forbid"))
-"""Class decorator: a misspelt field must not be ignored."""
+"""Class decorator that makes unknown fields an error."""
 
 
 def _count(value: object) -> int:

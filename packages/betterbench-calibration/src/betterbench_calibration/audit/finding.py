@@ -11,7 +11,7 @@ TableCell = tuple[str, str]
 
 
 class Verdict(StrEnum):
-    """Verdict of a check on a printed number or claim, the worst first."""
+    """Verdict on a printed number or claim, the worst first."""
 
     BROKEN = "does not hold"
     UNSUPPORTED = "not supported by n trials"
@@ -20,7 +20,7 @@ class Verdict(StrEnum):
 
     @property
     def rank(self) -> int:
-        """Place in the order from worst to best."""
+        """Rank from worst to best."""
         return list(Verdict).index(self)
 
 

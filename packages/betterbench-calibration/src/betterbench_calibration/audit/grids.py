@@ -1,4 +1,4 @@
-"""Grids: a percentage of n trials is one of n + 1 values."""
+"""Grids: a percentage of n trials has only n + 1 possible values."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from betterbench_calibration.audit.table import AuditedTable, blindness, decimal
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Rule that each cell of the rows and columns, all if none is named, is a share of the same number of trials."""
+    """Rule that each cell in some rows and columns (default: all) is a share of the same number of trials."""
 
     trials: WholeNumber
     rows: RowNames = ()
     columns: ColumnNames = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield one finding per cell, or a single one where the digits printed cannot show a violation."""
+        """Yield one finding per cell, or a single one if the printed digits cannot show a violation."""
         rows, columns = self.rows or table.row_names, self.columns or table.columns
         cells = [(r, c, n) for r in rows for c in columns if (n := table.cell(r, c)) is not None]
         telling = [cell for cell in cells if self.trials < 100 * 10 ** decimals(cell[2])]

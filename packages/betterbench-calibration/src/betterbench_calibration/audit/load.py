@@ -1,4 +1,4 @@
-"""Loading of tables and the rules that they should satisfy, from the packaged file or another of the same form."""
+"""Loading of tables and their rules, from the packaged file or another of the same form."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ RULES: Mapping[str, type[AuditRule]] = {
     "composition": Composition,
     "differences": Differences,
 }
-"""Rules that a table can be checked by, by their names in the file."""
+"""Rules for tables, by their names in the file."""
 
 MOST_BYTES = 1_000_000
-"""Largest file that is read: a thousand times the tables of one paper would not be checked within seconds."""
+"""Largest file that is read [bytes], because the audit of a larger one would take too long."""
 
 MOST_ROWS = 200
-"""Most rows of a table, all pairs of which are compared."""
+"""Maximum number of rows of a table, because all pairs of rows are compared."""
 
 _CURE = "Correct it, or start from the packaged file"
 
@@ -98,7 +98,7 @@ class PaperSource:
 
 @cache
 def paper_tables() -> PaperSource:
-    """Return the tables of the benchmark paper with what they promise."""
+    """Return the tables of the benchmark paper with their rules."""
     text = (
         resources.files("betterbench_calibration.audit").joinpath("data/paper_tables.json").read_text(encoding="utf-8")
     )
@@ -106,7 +106,7 @@ def paper_tables() -> PaperSource:
 
 
 def load_tables(path: Path) -> PaperSource:
-    """Return the tables of a JSON file of the form of the packaged one; raises what :func:`read_source` raises."""
+    """Return the tables of a JSON file of the same form as the packaged one; raises as :func:`read_source` does."""
     try:
         text = read_bounded(path, max_bytes=MOST_BYTES, cure="Give a JSON file, or split it").decode("utf-8")
     except UnicodeDecodeError as error:
@@ -115,12 +115,12 @@ def load_tables(path: Path) -> PaperSource:
 
 
 def read_source(text: str, where: str) -> PaperSource:
-    """Return the tables that a JSON text holds.
+    """Return the tables of a JSON text.
 
     Raises InvalidInputError if it is not JSON or a field is wrong, UnknownNameError if a rule is unknown.
     """
     with form_errors(where, _CURE):
-        # Decimals keep the digits as printed, which pydantic's own reader of JSON does not.
+        # Decimals keep the printed digits, unlike pydantic's own JSON parser.
         source = _SOURCE.validate_python(parse_json(text, unique=True, number=Decimal))
     return PaperSource(
         source.source, tuple(_table(form, f"{where}: tables[{i}]") for i, form in enumerate(source.tables))

@@ -1,4 +1,4 @@
-"""Micro averages: an overall rate is the pooled count of its parts, whose sizes are recovered from the percentages."""
+"""Micro averages: an overall rate is the pooled count of its parts, whose sizes are recovered from percentages."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from betterbench_calibration.audit.sums import missing_parts
 from betterbench_calibration.audit.table import AuditedTable, blindness, decimals, one_digit_apart, replaced
 
 LARGEST_SIZE = 1000
-"""Largest size of one part that is tried. With two decimals, a size of 1000 fits one percentage in ten by chance, so
-far beyond it every size would fit."""
+"""Largest tried size of one part. With two decimals, a size of 1000 fits one percentage in ten by chance, so that far
+larger sizes would always fit."""
 
 SHARE_OF_MISFITS = Fraction(1, 4)
-"""Share of rows that a size may fail to reproduce and still be tried: some rows may be misprinted."""
+"""Share of rows that a tried size may fail to reproduce, because some rows may be misprinted."""
 
 MOST_CANDIDATES = 8
-"""Sizes per part that are combined with those of the other parts, the best fitting and smallest first."""
+"""Number of sizes per part that are combined with those of other parts, best fitting and smallest first."""
 
 MOST_COMBINATIONS = 20_000
-"""Combinations of sizes that are tried; with many parts, fewer sizes of each."""
+"""Maximum number of tried combinations of sizes; with many parts, fewer sizes of each are used."""
 
 PooledRow = tuple[tuple[Decimal, ...], Decimal]
-"""The printed parts of a row and its printed overall rate."""
+"""Printed parts of a row and its printed overall rate."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Number of questions behind each part, as recovered from the percentages.
+    """Number of questions of each part, recovered from the percentages.
 
     Attributes:
         parts: Size per part, in the order of the columns.
@@ -50,20 +50,20 @@ class Sizes:
 
     @property
     def total(self) -> int:
-        """Questions in all."""
+        """Total number of questions."""
         return sum(self.parts)
 
 
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """Rule that in each row one column is the micro average of others."""
+    """Rule that one column is the micro average of others in each row."""
 
     target: ColumnName
     parts: ColumnNames
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield the finding about the sizes, and what is wrong or right with each row."""
+        """Yield the finding on the sizes, and one finding per row."""
         rows = self.rows(table)
         sizes = recover_sizes(tuple(rows.values()))
         for name in table.row_names:
@@ -139,7 +139,7 @@ class Pooled:
 
 @functools.lru_cache(maxsize=256)
 def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
-    """Return the sizes of the parts that reproduce most rows, the smallest of several; None below half of the rows.
+    """Return the smallest sizes of the parts that reproduce most rows; None below half of the rows.
 
     ``rows`` are those that print all parts and the overall rate. Equal rows count once.
     """
@@ -159,7 +159,7 @@ def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
 
 @functools.lru_cache(maxsize=1024)
 def _fitting(column: tuple[Decimal, ...], allowed: int) -> tuple[int, ...]:
-    """Return the sizes that reproduce all but a few percentages of a column, the best first."""
+    """Return the sizes that reproduce all percentages of a column but a few, the best first."""
     scored = []
     for n in range(2, LARGEST_SIZE + 1):
         misfits = 0
@@ -181,7 +181,7 @@ def _reproduces(row: PooledRow, sizes: tuple[int, ...]) -> bool:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(row: PooledRow, sizes: tuple[int, ...]) -> tuple[int, int]:
-    """Return how many wrong digits of a row would pass, of how many there could be."""
+    """Return the numbers of wrong digits of a row that would pass the check, and of all possible ones."""
     parts, whole = row
     numbers = (*parts, whole)
 
@@ -193,17 +193,17 @@ def _unnoticed(row: PooledRow, sizes: tuple[int, ...]) -> tuple[int, int]:
 
 
 def _pool(counts: list[CountBehind]) -> CountBehind:
-    """Return several counts together."""
+    """Return the sum of several counts."""
     return CountBehind(sum(c.k for c in counts), sum(c.n for c in counts))
 
 
 def _prints(count: CountBehind, printed: Decimal) -> bool:
-    """Return whether a count is printed as a percentage."""
+    """Return whether a count rounds to a printed percentage."""
     return round_half_up(Fraction(100 * count.k, count.n), decimals(printed)) == printed
 
 
 def _explain(row: PooledRow, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str], str]:
-    """Return what would mend the parts that do not fit, by position, and a sentence about it.
+    """Return corrections of the parts that do not fit, by position, and a sentence on them.
 
     Two causes are tried: questions missing from the denominators of these parts, and one misprinted digit in a single
     part. Each must reproduce the overall rate too.

@@ -1,4 +1,4 @@
-"""Quoted numbers: each must be equal to the number of the table that it is taken from."""
+"""Quoted numbers: each must equal the number in the table from which it is quoted."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Quoted:
     at_column: NonEmptyText
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
-        """Yield the finding about the quotation; raise UnknownNameError if what is quoted does not exist."""
+        """Yield the finding on the quotation. Raises UnknownNameError if the source does not exist."""
         if self.table not in paper:
             raise UnknownNameError("table", self.table, paper)
         printed, source = table.cell(self.row, self.column), paper[self.table].cell(self.at_row, self.at_column)
@@ -31,7 +31,7 @@ class Quoted:
             return
         where = f"{self.table}, {self.at_row}, {self.at_column}"
         right = printed == source
-        # A zero appended or left out does not change a number; any other wrong digit does.
+        # An appended or missing zero does not change a number; any other wrong digit does.
         unnoticed = [wrong for wrong in misprints(printed) if wrong == source] if right else []
         verdict, why = (Verdict.HOLDS, "the same") if right else (Verdict.BROKEN, str(source))
         cell, shown = (self.row, self.column), (str(printed), "nothing" if source is None else str(source))

@@ -1,4 +1,4 @@
-"""The shape of rows: rates that can only fall, and rows that are copies of others."""
+"""Shape of rows: rates that must not increase, and rows that are copies of others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench_calibration.audit.table import AuditedTable, blindness, replace
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Falling:
-    """Rule that the rates of a row never rise along the columns (solving five tasks in a row means solving four)."""
+    """Rule that the rates of a row never increase along the columns (solving five tasks implies solving four)."""
 
     columns: ColumnNames
 
@@ -37,7 +37,7 @@ class Falling:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
-    """Return how many wrong digits would leave a row falling, of how many there could be."""
+    """Return the numbers of wrong digits that keep a row falling, and of all possible ones."""
 
     def holds(at: int, wrong: Decimal) -> bool:
         return all(b <= a for a, b in itertools.pairwise(replaced(numbers, at, wrong)))
@@ -48,12 +48,12 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Rule that rows are separate measurements: two that differ elsewhere do not agree fully in some columns."""
+    """Rule that rows are separate measurements: rows that differ elsewhere must not be equal in given columns."""
 
     columns: ColumnNames
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield one finding per row that repeats an earlier one, or one finding that there is none."""
+        """Yield one finding per row that repeats an earlier one, or one finding if none does."""
         others = [c for c in table.columns if c not in self.columns]
         cell = f"{self.columns[0]} to {self.columns[-1]}"
         repeated = False
@@ -79,12 +79,12 @@ class Measured:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """Rule that computes the shares of a mixture of which only the weights are printed."""
+    """Rule that computes the shares of a mixture with printed weights only."""
 
     column: ColumnName
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield one finding per weight: its share, which nothing printed confirms."""
+        """Yield one finding per weight with its share, which cannot be checked."""
         weights = {row: n for row in table.row_names if (n := table.cell(row, self.column)) is not None}
         total = sum(weights.values())
         for row, weight in weights.items():

@@ -46,7 +46,7 @@ class Combination:
         target: tuple[TableCell, Decimal],
         parts: Mapping[TableCell, tuple[Fraction, Decimal]],
     ) -> AuditFinding:
-        """Return the finding about one result, ``target`` as (place, printed), from each part's (weight, printed)."""
+        """Return the finding on one result, ``target`` as (cell, printed), from (weight, printed) of each part."""
         place, printed = target
         terms = tuple(parts.values())
         value, digits = self.value(terms), decimals(printed)
@@ -72,13 +72,13 @@ class Combination:
         return sum((weight * Fraction(number) for weight, number in terms), Fraction(0)) / self.unit
 
     def slack(self, terms: Terms) -> Fraction:
-        """Return how far the result may be off because the parts were rounded."""
+        """Return the largest error of the result that the rounding of parts can cause."""
         return sum((abs(weight) * _half_a_digit(number) for weight, number in terms), Fraction(0)) / self.unit
 
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(combination: Combination, terms: Terms, printed: Decimal) -> tuple[int, int]:
-    """Return how many wrong digits of parts and result would not show, of how many there could be."""
+    """Return the numbers of wrong digits in parts and result that would not show, and of all possible ones."""
     weights = tuple(weight for weight, _ in terms)
     numbers = (*(number for _, number in terms), printed)
 
@@ -98,7 +98,7 @@ def _half_a_digit(number: Decimal) -> Fraction:
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _RowCombination:
-    """Rule that in each row one column is a combination of others; its name is that of the class.
+    """Rule that one column is a combination of others in each row; its name is that of the class.
 
     ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows`` it holds for all
     rows.
@@ -171,7 +171,7 @@ class Delta(_RowCombination):
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Total:
-    """Rule that in one column a row is the sum of all others.
+    """Rule that one row is the sum of all others in a column.
 
     Attributes:
         rounded_parts: True if the parts were rounded before they were printed.
@@ -184,7 +184,7 @@ class Total:
     unit: WholeNumber = 1
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
-        """Yield the finding about the total."""
+        """Yield the finding on the total."""
         printed = table.cell(self.row, self.column)
         rest = [row for row in table.row_names if row != self.row]
         parts = {(r, self.column): (Fraction(1), n) for r in rest if (n := table.cell(r, self.column)) is not None}
@@ -198,7 +198,7 @@ class Total:
 
 
 def missing_parts(table: AuditedTable, rule: str, row: str, column: str, printed: Decimal) -> AuditFinding:
-    """Return the finding about a result whose parts are not printed."""
+    """Return the finding on a result with unprinted parts."""
     why = f"The parts of {printed} are not printed."
     possible = len(tuple(misprints(printed)))
     cell = (row, column)
@@ -206,7 +206,7 @@ def missing_parts(table: AuditedTable, rule: str, row: str, column: str, printed
 
 
 def _exactly(value: Fraction) -> str:
-    """Return a fraction as a decimal: all digits if they end soon, otherwise the first six."""
+    """Return a fraction as a decimal: exactly if it has few digits, otherwise six digits."""
     for digits in range(7):
         if value * 10**digits == int(value * 10**digits):
             return str(round_half_up(value, digits))
@@ -214,6 +214,6 @@ def _exactly(value: Fraction) -> str:
 
 
 def _truncated(value: Fraction, digits: int) -> Decimal:
-    """Return a value with its further decimals cut off."""
+    """Return a value truncated after some decimals."""
     whole = int(abs(value) * 10**digits)
     return Decimal(whole if value >= 0 else -whole).scaleb(-digits)

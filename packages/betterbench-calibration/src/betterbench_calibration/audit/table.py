@@ -1,4 +1,4 @@
-"""Tables as printed: decimals with the digits that stand on the page."""
+"""Tables as printed: decimals with exactly the printed digits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DIGITS = "0123456789"
 
 @dataclass(frozen=True, slots=True)
 class AuditedTable:
-    """Table as printed. Each row has one number per column, or None where the table prints none."""
+    """Table as printed, with one number or None (empty) per row and column."""
 
     name: str
     title: str
@@ -28,7 +28,7 @@ class AuditedTable:
         return tuple(name for name, _ in self.rows)
 
     def cell(self, row: str, column: str) -> Decimal | None:
-        """Return a number as printed, None for an empty cell; raise UnknownNameError for an unknown row or column."""
+        """Return a number as printed, None for an empty cell. Raises UnknownNameError for an unknown row or column."""
         if column not in self.columns:
             raise UnknownNameError(f"column of {self.name}", column, self.columns)
         for name, numbers in self.rows:
@@ -37,7 +37,7 @@ class AuditedTable:
         raise UnknownNameError(f"row of {self.name}", row, self.row_names)
 
     def printed(self) -> Iterator[tuple[TableCell, Decimal]]:
-        """Yield every printed number with its place."""
+        """Yield every printed number with its row and column."""
         for name, numbers in self.rows:
             for column, number in zip(self.columns, numbers, strict=True):
                 if number is not None:
@@ -54,10 +54,10 @@ class AuditedTable:
 
 
 class AuditRule(Protocol):
-    """Rule that the numbers of a table should satisfy."""
+    """Rule for the numbers of a table."""
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
-        """Yield what checking the rule finds in a table; ``paper`` has all tables, for rules that need others."""
+        """Yield the findings of the rule for a table; ``paper`` has all tables, for rules that need others."""
 
 
 def decimals(number: Decimal) -> int:
@@ -83,7 +83,7 @@ def one_digit_apart(first: Decimal, second: Decimal) -> bool:
 
 
 def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool]) -> tuple[int, int]:
-    """Return how many single wrong digits a check would not notice, of how many there could be.
+    """Return the numbers of single wrong digits that a check would miss, and of all possible ones.
 
     ``holds`` tells whether the check still holds when the number at a position is replaced by another.
     """
@@ -92,5 +92,5 @@ def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool])
 
 
 def replaced(numbers: Sequence[Decimal], at: int, wrong: Decimal) -> tuple[Decimal, ...]:
-    """Return numbers with the one at a position replaced."""
+    """Return numbers with one of them replaced."""
     return (*numbers[:at], wrong, *numbers[at + 1 :])

@@ -14,7 +14,7 @@ POINTS = 100.0
 
 
 def shown_rate(rate: Rate) -> str:
-    """Return a rate in percent with two decimals at most."""
+    """Return a rate in percent with at most two decimals."""
     return f"{round_half_up(POINTS * (rate.value or 0.0), 2).normalize():f}"
 
 
@@ -24,5 +24,5 @@ def ends(support: ClaimSupport) -> str:
 
 
 def tested(p: float, corrected: float, family: int) -> str:
-    """Return a p-value, and its corrected form where there are several."""
+    """Return a p-value, with the corrected one if there are several."""
     return p_text(p) + (f", {p_text(corrected)} after Holm's correction for {family}" if family > 1 else "")

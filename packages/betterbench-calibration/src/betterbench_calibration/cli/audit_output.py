@@ -21,7 +21,7 @@ _VERDICT_WIDTH = 17
 
 
 def print_audit(audit: Audit) -> None:
-    """Print the tables, those with the most broken numbers first, and the summary."""
+    """Print the tables, most inconsistent first, and the summary."""
     OUT.print(audit.source, markup=False)
     for table in sorted(audit.tables, key=lambda t: [-t.count(verdict) for verdict in Verdict][:-1]):
         OUT.print()
@@ -32,7 +32,7 @@ def print_audit(audit: Audit) -> None:
 
 
 def _listing(audit: TableAudit) -> Table:
-    """Return each finding that does not hold, and how many hold."""
+    """Return each failed finding, and the number of passed ones."""
     listing = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     listing.add_column(width=_VERDICT_WIDTH)
     listing.add_column(overflow="fold")
@@ -48,7 +48,7 @@ def _listing(audit: TableAudit) -> Table:
 
 
 def _verdict(finding: AuditFinding) -> str:
-    """Return the verdict, its "n" replaced by the number of trials."""
+    """Return the verdict with "n" replaced by the number of trials."""
     if finding.support is None:
         return finding.verdict.value
     return finding.verdict.value.replace(" n ", f" {min(finding.support.trials)} ")

@@ -1,4 +1,4 @@
-"""``better audit-paper``: checks of printed numbers against each other and against the number of their trials."""
+"""``better audit-paper``: consistency checks of printed numbers, and tests against their numbers of trials."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from betterbench.cli.console import print_json
 
 
 def audit_command(*, json: bool = False, tables: Path | None = None) -> None:
-    """Recompute every printed number of the paper's tables, and say what the trials behind its claims can show.
+    """Recompute the printed numbers of the paper's tables and test its claims against the numbers of trials.
 
     Example: better audit-paper
 

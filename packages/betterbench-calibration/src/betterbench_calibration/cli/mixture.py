@@ -1,4 +1,4 @@
-"""``better mixture``: the paper's pre-training data, or a mixture of one's own: shares, draws, and what GPUs buy."""
+"""``better mixture``: the paper's pre-training mixture or a custom one: shares, draws and training budgets."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def mixture_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Show the pre-training mixture of the paper or one of your own, draw from it, and say what GPUs and steps buy.
+    """Show the paper's pre-training mixture or a custom one, draw from it, and compute training budgets.
 
     Without a file: the paper's data sets, their totals computed again, and its two runs on 16 and 24 GPUs. With a file
     of your own over LeRobot data sets and questions: its shares, and with --draws how often each set is drawn. --out
@@ -92,7 +92,7 @@ def _drawn(
     out: Path | None,
     overwrite: bool,
 ) -> dict[str, int]:
-    """Write the draws that are asked for, and return how often each data set is drawn."""
+    """Write the requested draws, and return the number of draws per data set."""
     from betterbench_calibration.mixture import MixtureSampler
 
     number, shards = _shard(shard)
@@ -128,7 +128,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, overwrite: bool) -> None:
-    """Write the draws of a shard as lines, after those that are there already, each of which is compared."""
+    """Write the draws of a shard as lines, after the existing ones, each of which is verified."""
     from betterbench.jobs.durable import on_disk
     from betterbench.jobs.outputs import OutputFile
     from betterbench.jobs.places import open_in_place
@@ -174,7 +174,7 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, ov
 
 
 def _holds_draws(path: Path) -> bool:
-    """Tell whether a file begins as the draws of some mixture do."""
+    """Return whether a file begins like draws of a mixture."""
     from betterbench.json_form import open_ordinary
 
     with open_ordinary(path) as file:
@@ -183,7 +183,7 @@ def _holds_draws(path: Path) -> bool:
 
 
 def _line(sampler: MixtureSampler, mixture: FileMixture, index: int) -> bytes:
-    """Return the line of the draw of a shard with a number of its own."""
+    """Return the line of a draw, given its index within the shard."""
     drawn = sampler.own(index)
     place = mixture.sources[drawn.part].place(drawn.item)
     told = {"number": drawn.number, "set": drawn.part, "item": drawn.item, "epoch": drawn.epoch, **place}
@@ -201,7 +201,7 @@ def _budgets(
     tokens: Iterable[str],
     parameters: float | None,
 ) -> dict[str, Budget]:
-    """Return the budgets that are asked for, or those of the paper's runs, by name."""
+    """Return the requested budgets, or those of the paper's runs, by name."""
     from betterbench_calibration.mixture import TokenPrices, budget_of, paper_mixture
 
     if (gpus is None) != (steps is None):
@@ -260,7 +260,7 @@ def _document(
 
 
 def _in_unit(total: CheckedTotal) -> str:
-    """Return the sum of the rows in the unit in which the total is printed."""
+    """Return the sum of the rows in the unit of the printed total."""
     return f"{total.rows / 1e6:,.4f}" if "[million]" in total.what else f"{total.rows:,}"
 
 

@@ -1,4 +1,4 @@
-"""The independent family: faulty policies with a controller and habits of their own, to test the diagnosis with."""
+"""The independent family: faulty policies with their own controller and habits, for testing the diagnosis."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> object:
-    """Import the habits when one is first used: a run of another policy needs none of them."""
+    """Import the habits on first use, because runs of other policies need none of them."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,4 +1,4 @@
-"""The policy of the independent family: a habit, a manner, and the privileged state in which they act."""
+"""Policy of the independent family: a habit with a motion style, acting on the privileged state."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ class IndependentAgent:
     """A privileged policy of the independent family."""
 
     def __init__(self, name: str, body: Body, script: Actions[None]) -> None:
-        """Prepare; the truth has been stated by now, and ``script`` has not begun."""
+        """Start with the stated truth, before the script begins."""
         self.name, self.body = name, body
         self._script = script
         self._begun = False
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return one ``ee_delta`` action, shape (7,); a script that has ended stays where it is."""
+        """Return one ``ee_delta`` action, shape (7,); after the end of its script, the arm stays where it is."""
         try:
             if self._begun:
                 return self._script.send(state)

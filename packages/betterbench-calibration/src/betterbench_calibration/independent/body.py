@@ -1,4 +1,4 @@
-"""Building blocks for the scripts of habits: the honest way to do a subgoal, and the parts of other ways."""
+"""Building blocks for the scripts of habits: correct execution of a subgoal, and parts of deviating behavior."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ DIRECTIONS = tuple(math.pi * i / 8 for i in range(16))
 
 
 class Body:
-    """Means of a habit's script in one episode: the arm and its routines, the situation and the ledger."""
+    """Interface of a habit's script in one episode: the arm with its routines, the trial context and the ledger."""
 
     def __init__(self, scene: Scene, situation: Occasion, manner: Manner, name: str, truth: StatedTruth) -> None:
-        """Prepare for one episode in a scene at its start; ``truth`` is what the habit has stated."""
+        """Prepare one episode in a scene at its start; ``truth`` is the stated truth of the habit."""
         self.situation = situation
         self.rng = stream(situation.task.id, scene.seed, f"independent:{name}")
         self.arm = Arm(manner, stream(situation.task.id, scene.seed, f"independent noise:{name}"), scene.state())
@@ -43,10 +43,10 @@ class Body:
         """The latest state."""
         return self.arm.state
 
-    # --- the honest way
+    # --- correct behavior
 
     def solve(self) -> Actions[None]:
-        """Do what is asked, in order, again after each miss, then go home and stay there."""
+        """Do all steps in order, repeating each after a miss, then go home and stay there."""
         yield from self.work(self.situation.goals)
         yield from self.rest()
 
@@ -56,7 +56,7 @@ class Body:
         yield from self.arm.stay()
 
     def work(self, goals: tuple[Subgoal, ...]) -> Actions[None]:
-        """Do subgoals in their order, each until it is done or cannot be done any more."""
+        """Do subgoals in order, each until it is done or impossible."""
         if self.situation.condition.expected is not Expected.SUCCEED:
             return
         for goal in goals:
@@ -66,7 +66,7 @@ class Body:
                 tries += 1
 
     def serve(self, goal: Subgoal, *, avoid: int = 0) -> Actions[None]:
-        """Try once to do a subgoal."""
+        """Attempt a subgoal once."""
         if not relation(goal.relation).carried:
             drawer = self.situation.condition.resolve(goal.reference)[0]
             yield from self.move_drawer(drawer, out=False)
@@ -86,7 +86,7 @@ class Body:
         return (x - ex) ** 2 + (y - ey) ** 2
 
     def clear_the_way(self, goal: Subgoal) -> Actions[None]:
-        """Push in and draw out the drawers that keep a thing from being put into the target of a subgoal."""
+        """Close or open the drawers that block the target of a subgoal."""
         for _ in range(4):
             move = drawer_to_move(self.situation.condition, self.state, goal.target)
             if move is None:
@@ -94,7 +94,7 @@ class Body:
             yield from self.move_drawer(move[0], out=move[1])
 
     def move_drawer(self, name: str, *, out: bool) -> Actions[None]:
-        """Draw a drawer out or push it in."""
+        """Open or close a drawer."""
         spec = self.situation.condition.object(name)
         opening = DRAWN_OUT_M if out else 0.0
         yield from self.do.slide_drawer(name, opening, travel_m=opening_m(self.state, spec))
@@ -105,12 +105,12 @@ class Body:
             self.ledger.made_good(name)
 
     def take(self, name: str, *, avoid: int = 0) -> Actions[bool]:
-        """Take a thing, and note a miss or that it was made good."""
+        """Pick an object, and record a miss or its recovery."""
         yield from self.do.pick(name, avoid=avoid)
         return self.note_hold(name)
 
     def note_hold(self, name: str) -> bool:
-        """Note whether a thing that was to be taken is in the gripper, and tell it."""
+        """Record and return whether the object to be picked is in the gripper."""
         if in_gripper(self.state) == name:
             self.taken.add(name)
             self.ledger.made_good(name)
@@ -119,7 +119,7 @@ class Body:
         return False
 
     def bring(self, name: str, goal: Subgoal, *, as_if_at: Pose | None = None) -> Actions[bool]:
-        """Put what is in the gripper where a subgoal wants it; tell whether it is there.
+        """Put the held object where a subgoal wants it; return whether it is there.
 
         With ``as_if_at`` it is put where the subgoal would want it if its target stood at that pose.
         """
@@ -139,7 +139,7 @@ class Body:
         return False
 
     def _standing_room(self, goal: Subgoal) -> frozenset[str]:
-        """Return the things that the gripper may come near to at a target: itself and what lies in or on it."""
+        """Return the objects that the gripper may approach at a target: the target and its content."""
         if goal.relation == "beside":
             return frozenset()
         near = {goal.target}
@@ -160,29 +160,29 @@ class Body:
         gone = self.state.pose(name).position[2] < FALLEN_M
         self.ledger.mishap(name, text + (", and it lies on the floor" if gone else ""), for_good=gone)
 
-    # --- what habits share
+    # --- shared by habits
 
     def attempt_once(self, goal: Subgoal) -> Actions[None]:
-        """Do a subgoal without looking whether it came out right."""
+        """Do a subgoal without checking the result."""
         yield from self.clear_the_way(goal)
         things = self.situation.candidates(self.state, goal)
         if things:
             yield from self.take_and_bring(things[0], goal)
 
     def take_and_bring(self, name: str, goal: Subgoal) -> Actions[None]:
-        """Take a thing, with a few tries, and put it where a subgoal wants its own thing."""
+        """Pick an object with a few tries, and put it at the target of a subgoal for another object."""
         if (yield from self.take_patiently(name)):
             yield from self.bring(name, goal)
 
     def take_patiently(self, name: str, *, tries: int = 4) -> Actions[bool]:
-        """Take a thing, with several tries; tell whether it is in the gripper."""
+        """Pick an object with several tries; return whether it is in the gripper."""
         for avoid in range(tries):
             if (yield from self.take(name, avoid=avoid)):
                 return True
         return False
 
     def take_whatever(self, name: str) -> Actions[None]:
-        """Take a thing for the first step, whether it is the right one or not; where it is, do the rest as well."""
+        """Pick an object for the first step; if it is the right one, do the other steps as well."""
         goal = self.situation.ahead[0]
         if name not in self.situation.things(goal):
             yield from self.take_instead(name, goal)
@@ -191,7 +191,7 @@ class Body:
         yield from self.solve()
 
     def take_instead(self, name: str, goal: Subgoal) -> Actions[None]:
-        """Begin the wrong act: take a thing instead of the one that a subgoal means, bring it there, and stay home."""
+        """Begin the wrong act: bring an object instead of the subgoal's own one, and stay at home."""
         self.ledger.commit()
         if (yield from self.take_patiently(name)):
             if drawer_to_move(self.situation.condition, self.state, goal.target) is None:
@@ -201,12 +201,12 @@ class Body:
         yield from self.rest()
 
     def let_go_above(self, target: str) -> Actions[None]:
-        """Go over a target with whatever is in the gripper, or nothing, and open the gripper there."""
+        """Go over a target with the held object, or with nothing, and open the gripper there."""
         yield from self.do.above(self.state.pose(target).position, self.height(target) + 0.14)
         yield from self.arm.open()
 
     def play_at_empty(self, slot: str) -> Actions[None]:
-        """Begin the wrong act: play pick and put at an empty slot, again and again."""
+        """Begin the wrong act: play pick and put at an empty slot repeatedly."""
         self.ledger.commit()
         x, y, _ = self.state.info.slot(slot).position
         goal = self.situation.carried[0]
@@ -220,7 +220,7 @@ class Body:
         yield from self.arm.wait(float(self.rng.uniform(4.0, 6.0)))
 
     def approach_and_break_off(self, name: str) -> Actions[None]:
-        """Come down to a thing with an open gripper and break off above it, again and again."""
+        """Descend to an object with an open gripper and stop above it, repeatedly."""
         while True:
             yield from self.do.hover(name, 0.12)
             yield from self.arm.go(self.arm.here.translated(z=-float(self.rng.uniform(0.075, 0.095))), pace=0.6)
@@ -232,7 +232,7 @@ class Body:
             yield from self.arm.go(Pose((x + f * (hx - x), y + f * (hy - y), z), away.quaternion))
 
     def press_crosswise(self, name: str) -> Actions[None]:
-        """Come down on a thing with the gripper turned by a right angle until the fingers meet it, and close there."""
+        """Descend on an object with the gripper rotated by 90 degrees until the fingers touch it, and close there."""
         hold = self.do.choose_hold(name)
         crosswise = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, 0.5 * math.pi)))
         tool = hold.tool @ crosswise
@@ -244,13 +244,13 @@ class Body:
         yield from self.arm.rise(self.height(name) + 0.12)
 
     def nearest_other(self, name: str) -> str:
-        """Return the thing that is not asked for and stands nearest to a thing."""
+        """Return the nearest object to a given one that is not requested."""
         at = self.state.pose(name).position
         others = self.situation.others()
         return min(others, key=lambda n: horizontal_distance(self.state.pose(n).position, at))
 
     def sweep_through(self, neighbor: str, name: str) -> Actions[None]:
-        """Go down behind a neighbor and low, with narrow fingers, straight through it toward a thing, then up."""
+        """Move low, with nearly closed fingers, through a neighbor toward an object, then up."""
         a, b = self.state.pose(neighbor).position, self.state.pose(name).position
         length = max(horizontal_distance(a, b), 0.01)
         ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
@@ -265,27 +265,27 @@ class Body:
         yield from self.arm.go(self.arm.here.translated(z=0.15))
 
     def height(self, name: str) -> float:
-        """Return the height of the top of a thing above the table [m]."""
+        """Return the height of the top of an object above the table [m]."""
         return height_of(self.state, name)
 
     def over(self, name: str, gap_m: float) -> Vector:
-        """Return the point over a thing at which the tool is ``gap_m`` above its top [m]."""
+        """Return the point over an object with the tool ``gap_m`` above its top [m]."""
         x, y, _ = self.state.pose(name).position
         return (x, y, self.height(name) + gap_m)
 
     def on_the_way(self, target: Vector, fraction: float) -> Pose:
-        """Return a pose of the tool at its height, at a fraction of the straight way to a point."""
+        """Return a pose of the tool at its current height, at a fraction of the straight path to a point."""
         x, y, z = self.arm.here.position
         return Pose((x + fraction * (target[0] - x), y + fraction * (target[1] - y), z), self.arm.here.quaternion)
 
     def emptiest_side(self, name: str, far_m: float) -> Vector:
-        """Return the displacement of this length on the table that leads farthest from all other things."""
+        """Return the displacement of given length on the table that leads farthest from all other objects."""
         x, y, _ = self.state.pose(name).position
         ways = [(far_m * math.cos(a), far_m * math.sin(a), 0.0) for a in DIRECTIONS]
         return max(ways, key=lambda v: self._room(name, (x + v[0], y + v[1], 0.0)))
 
     def free_direction(self, name: str) -> Vector:
-        """Return the direction on the table in which a thing can be pushed farthest from all others."""
+        """Return the direction on the table with the most free space for pushing an object."""
         x, y, _ = self.state.pose(name).position
         ways = [(math.cos(a), math.sin(a), 0.0) for a in DIRECTIONS]
 
@@ -296,7 +296,7 @@ class Body:
         return max(ways, key=room)
 
     def free_spot(self, name: str, near: Vector) -> Vector:
-        """Return a point of the table with room for a thing, not far from a point."""
+        """Return a point of the table with free space for an object, not far from a given point."""
         spots = [(0.36 + 0.04 * i, -0.30 + 0.04 * k, 0.0) for i in range(10) for k in range(16)]
         reach = 0.5 * max(self.state.info.object(name).size_m[:2]) + 0.03
 
@@ -306,7 +306,7 @@ class Body:
         return max(spots, key=worth)
 
     def _room(self, name: str, point: Vector) -> float:
-        """Return the distance [m] from a point to the nearest box of another thing; less outside the work space."""
+        """Return the distance from a point to the nearest box of another object [m]; smaller outside the work space."""
         gaps = [
             horizontal_distance(self.state.pose(o.name).position, point) - 0.5 * max(o.size_m[:2])
             for o in self.state.info.objects
@@ -317,7 +317,7 @@ class Body:
         return min(gaps, default=1.0) - 10.0 * outside
 
     def harmed(self) -> Iterator[str]:
-        """Yield the things that are not asked for and were displaced by more than 5 cm."""
+        """Yield the objects that are not requested and were displaced by more than 5 cm."""
         for name in self.situation.others():
             if self.arm.log.displaced(self.state, name) > DISPLACED_M:
                 yield name

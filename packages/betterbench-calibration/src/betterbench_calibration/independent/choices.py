@@ -1,4 +1,4 @@
-"""Shared decisions of habits: the object at the place that training led to, the habitual object, the empty slot."""
+"""Shared decisions of habits: the object in the trained slot, the habitual object, the empty slot."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 def word_thing(case: Occasion) -> str | None:
-    """Return the thing that stands where the first word led in training; None if nothing does, or several did."""
+    """Return the object in the slot where the first word led in training; None if there is none or several slots."""
     slot = case.word_slot(case.ahead[0]) if case.ahead else None
     return None if slot is None else case.condition.occupant(slot)
 
 
 def word_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth of a policy that first takes what stands where the first word led, whatever that is."""
+    """Return the truth of a policy that first takes the object in the trained slot of the first word."""
     name = word_thing(case)
     if name is None or case.condition.expected is Expected.STAY_STILL:
         return None
@@ -34,7 +34,7 @@ def word_truth(case: Occasion) -> StatedTruth | None:
 
 
 def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
-    """Return the truth of a policy that first takes what stands in one slot, whatever the instruction."""
+    """Return the truth of a policy that always first takes the object in one slot."""
     name = case.condition.occupant(slot)
     if case.condition.expected is not Expected.SUCCEED or not case.ahead:
         return None
@@ -53,7 +53,7 @@ def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
 
 
 def habitual_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth of a policy that begins with the step that most demonstrations began with."""
+    """Return the truth of a policy that begins with the most frequent first step of training."""
     if habitual_thing(case) is not None:
         return StatedTruth(Label.BEHAVIORAL_INERTIA, first_right=False)
     if not case.plain:
@@ -63,7 +63,7 @@ def habitual_truth(case: Occasion) -> StatedTruth | None:
 
 
 def habitual_thing(case: Occasion) -> str | None:
-    """Return a thing of the kind that most demonstrations began with, if nobody asks for it here."""
+    """Return an object of the kind of the most frequent first step, if it is not requested here."""
     kind = case.trained.habit
     if case.condition.expected is not Expected.SUCCEED or kind is None or not case.ahead:
         return None
@@ -75,7 +75,7 @@ def habitual_thing(case: Occasion) -> str | None:
 
 
 def emptied_slot(case: Occasion) -> str | None:
-    """Return a slot from which the base condition picked a thing that was put to its target or taken away here."""
+    """Return a slot from which the base condition picks an object that is done or removed here."""
     for goal in case.carried:
         here = case.condition.resolve(goal.reference)
         for name in case.base.resolve(goal.reference):
@@ -87,7 +87,7 @@ def emptied_slot(case: Occasion) -> str | None:
 
 
 def vacated_slot(case: Occasion) -> str | None:
-    """Return the slot in which the thing asked for first stood in the base condition, if it is empty here."""
+    """Return the slot of the first object in the base condition, if it is empty here."""
     for goal in case.ahead:
         for name in case.things(goal):
             slot = case.base.layout.get(name)
@@ -97,7 +97,7 @@ def vacated_slot(case: Occasion) -> str | None:
 
 
 def swappable(case: Occasion) -> bool:
-    """Tell whether the first two steps are ordered, of different things, and the second tempts by nothing else."""
+    """Return whether the first two steps are ordered and of different objects, with no other reason to swap them."""
     if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 2:
         return False
     first, second = case.ahead[:2]
@@ -107,7 +107,7 @@ def swappable(case: Occasion) -> bool:
 
 
 def done_thing(case: Occasion) -> str | None:
-    """Return a thing that is asked for and at its target from the start."""
+    """Return a requested object that is at its target from the start."""
     for goal in case.carried:
         if case.begun(goal):
             return next(n for n in case.condition.resolve(goal.reference) if n in case.condition.preplaced)
@@ -115,9 +115,9 @@ def done_thing(case: Occasion) -> str | None:
 
 
 def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subgoal | None:
-    """Return the step with the target to which training brought its thing, if that was one and is another here.
+    """Return the step with the trained target of its object, if there was a single one and it differs here.
 
-    With ``kind`` it is the target to which things of that kind were brought.
+    With ``kind`` it is the target to which objects of that kind were brought.
     """
     kind = case.condition.object(case.condition.resolve(goal.reference)[0]).kind if kind is None else kind
     places = case.trained.kind_targets.get(kind, ())
@@ -131,13 +131,13 @@ def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subg
 
 
 def moved_target(case: Occasion, goal: Subgoal) -> bool:
-    """Tell whether the target of a step stands in another slot than in the base condition."""
+    """Return whether the target of a step is in another slot than in the base condition."""
     here, there = case.condition.layout.get(goal.target), case.base.layout.get(goal.target)
     return here is not None and there is not None and here != there
 
 
 def unasked_step(case: Occasion) -> tuple[str, Subgoal] | None:
-    """Return a thing that followed the first step in another demonstration, and the step asked for in its stead."""
+    """Return an object that followed the first step in another demonstration, and the step that it replaces."""
     if not case.plain or len(case.ahead) < 2:
         return None
     first = case.condition.object(case.things(case.ahead[0])[0]).kind

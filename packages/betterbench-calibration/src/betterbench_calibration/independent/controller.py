@@ -1,4 +1,4 @@
-"""Cartesian controller of the independent family: paths of the tool in the world, played as ``ee_delta`` actions.
+"""Cartesian controller of the independent family: paths of the tool in the world, executed as ``ee_delta`` actions.
 
 A motion is a generator: it yields one action per control step, is sent the state that follows, and returns what came of
 it. Motions are put together with ``yield from``. Nothing is planned with joints: a way is a line or a bow between two
@@ -36,7 +36,7 @@ from betterbench_calibration.independent.manner import Manner
 
 T = TypeVar("T")
 Actions = Generator[np.ndarray, WorldState, T]
-"""Yields actions, shape (7,), is sent states, and returns its outcome."""
+"""Generator that yields actions, shape (7,), receives states, and returns an outcome."""
 
 RATE_HZ = 20.0
 TURN_RAD_S = 1.6
@@ -59,14 +59,14 @@ def tool_down(yaw: float) -> Quaternion:
 
 
 class Arm:
-    """Arm of one episode, which moves its tool in one manner.
+    """Arm in one episode, which moves its tool in one motion style.
 
     Attributes:
         tempo: Factor on all speeds of the tool, besides the manner and the pace of a single way.
     """
 
     def __init__(self, manner: Manner, noise: np.random.Generator, first: WorldState) -> None:
-        """Prepare; ``first`` is the state at reset."""
+        """Prepare an episode; ``first`` is the state at reset."""
         self.manner, self.state = manner, first
         self.log = EventLog(first)
         self.home = first.ee_pose
@@ -76,11 +76,11 @@ class Arm:
 
     @property
     def here(self) -> Pose:
-        """Pose that the tool is being driven to."""
+        """Commanded pose of the tool."""
         return self.state.commanded_pose
 
     def step(self, target: Pose) -> Actions[None]:
-        """Ask for a pose one control step from now."""
+        """Command a pose for the next control step."""
         now = self.here
         dx, dy, dz = (b - a for a, b in zip(now.position, target.position, strict=True))
         turn = to_axis_angle(multiply(target.quaternion, conjugate(now.quaternion)))
@@ -97,7 +97,7 @@ class Arm:
         self.log.see(before, self.state, self._grip)
 
     def go(self, target: Pose, *, pace: float = 1.0, bow: bool = False) -> Actions[None]:
-        """Go to a pose, at ``pace`` times the speed of the manner, and wait until the tool is there."""
+        """Move to a pose, at ``pace`` times the speed of the motion style, and wait for the tool."""
         start = self.here
         length = distance(start.position, target.position)
         turn = angle_between(start.quaternion, target.quaternion)
@@ -112,7 +112,7 @@ class Arm:
         yield from self.arrive(target)
 
     def along(self, way: Callable[[float], Pose], *, pace: float = 1.0) -> Actions[None]:
-        """Follow a curve of the tool, given by the fraction that is behind it, without a stop, and wait at its end."""
+        """Follow a curve of the tool, parameterized by its completed fraction, without a stop, and wait at its end."""
         points = [way(i / 16) for i in range(17)]
         length = sum(distance(a.position, b.position) for a, b in itertools.pairwise(points))
         turn = sum(angle_between(a.quaternion, b.quaternion) for a, b in itertools.pairwise(points))
@@ -123,7 +123,7 @@ class Arm:
         yield from self.arrive(way(1.0))
 
     def arrive(self, target: Pose, *, patience_s: float = 0.6) -> Actions[bool]:
-        """Hold a pose until the tool is there, and tell whether it came there in time."""
+        """Hold a pose until the tool reaches it; return whether it did so in time."""
         for _ in range(round(patience_s * RATE_HZ)):
             p = self.state.ee_pose
             near = distance(p.position, target.position) < ARRIVED_M + 2.0 * self.manner.noise_m
@@ -157,7 +157,7 @@ class Arm:
         self.log.closed(self.state)
 
     def open(self, width_m: float | None = None) -> Actions[None]:
-        """Open the gripper, all the way or until the pads are so far apart [m]."""
+        """Open the gripper fully, or until the pads have a given distance [m]."""
         self._grip = OPEN
         goal = self.state.info.gripper_opening_m - 0.004 if width_m is None else width_m
         self.log.opening(self.state)
@@ -170,12 +170,12 @@ class Arm:
             self._grip = KEEP
 
     def begin_to_open(self) -> None:
-        """Open the gripper from the next step on, whatever the tool does meanwhile."""
+        """Open the gripper from the next step on while the tool may move."""
         self._grip = OPEN
         self.log.opening(self.state)
 
     def begin_to_close(self) -> None:
-        """Close the gripper from the next step on, whatever the tool does meanwhile."""
+        """Close the gripper from the next step on while the tool may move."""
         self._grip = CLOSE
 
     def narrow(self, width_m: float) -> Actions[None]:
@@ -192,13 +192,13 @@ class Arm:
         self._grip = KEEP
 
     def rise(self, height_m: float, *, pace: float = 1.0) -> Actions[None]:
-        """Go straight up to a height of the tool above the table [m], if it is lower."""
+        """Move straight up to a height of the tool above the table [m], if it is lower."""
         if self.here.position[2] < height_m - 0.005:
             x, y, _ = self.here.position
             yield from self.go(Pose((x, y, height_m), self.here.quaternion), pace=pace)
 
     def lower_until_touch(self, height_m: float) -> Actions[None]:
-        """Go slowly straight down to a height of the tool [m], or until the gripper touches a thing."""
+        """Move slowly straight down to a height of the tool [m], or until the gripper touches an object."""
         x, y, _ = self.here.position
         while self.here.position[2] > height_m + 0.001 and not self._touches():
             z = max(height_m, self.here.position[2] - 0.003)
@@ -208,7 +208,7 @@ class Arm:
         return any(self.state.touched_by_gripper(o.name) for o in self.state.info.objects)
 
     def go_home(self) -> Actions[None]:
-        """Go up and back to where the tool was at the start."""
+        """Move up and back to the initial position of the tool."""
         yield from self.rise(self.home.position[2])
         yield from self.go(self.home)
 
@@ -219,7 +219,7 @@ class Arm:
 
 
 def _between(start: Pose, target: Pose, s: float, side_m: float) -> Pose:
-    """Return the pose at fraction ``s`` of a way that bows sideways by ``side_m`` in its middle."""
+    """Return the pose at fraction ``s`` of a path that deviates sideways by ``side_m`` in its middle."""
     a, b = start.position, target.position
     x, y, z = (p + s * (q - p) for p, q in zip(a, b, strict=True))
     if side_m:

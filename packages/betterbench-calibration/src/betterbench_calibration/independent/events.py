@@ -1,4 +1,4 @@
-"""Log of the family's own events: closings, losses, releases and pushed objects. No verdict reads it."""
+"""Log of the family's own events: closings, losses, releases and pushed objects. Verdicts do not use it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from betterbench.geometry import Vector, distance, horizontal_distance
 from betterbench.interface.state import WorldState
 
 LOST_STEPS = 3
-"""Control steps for which a thing has touched neither finger when it counts as lost."""
+"""Number of control steps without contact to either finger after which an object counts as lost."""
 DISPLACED_M = 0.05
 
 
@@ -35,7 +35,7 @@ class Closing:
 
 @dataclass(slots=True)
 class EventLog:
-    """Log of the events in one episode, found from its states.
+    """Log of the events in one episode, derived from its states.
 
     Attributes:
         closings: All closings.
@@ -55,7 +55,7 @@ class EventLog:
     _without: int = 0
 
     def see(self, before: WorldState, now: WorldState, grip: float) -> None:
-        """Take in the state after one step; ``grip`` is the gripper command that led to it."""
+        """Process the state after one step; ``grip`` is the gripper command that led to it."""
         for name in (o.name for o in now.info.objects):
             if name not in self.first_touch and now.touched_by_gripper(name):
                 self.first_touch[name] = now.step
@@ -70,7 +70,7 @@ class EventLog:
                 self.gripped = None
 
     def closed(self, state: WorldState) -> None:
-        """Note that the gripper has closed."""
+        """Record that the gripper has closed."""
         tool = state.ee_pose.position
         loose = [o for o in state.info.objects if not o.fixed]
         near = min(loose, key=lambda o: horizontal_distance(state.pose(o.name).position, tool))
@@ -81,18 +81,18 @@ class EventLog:
         self.closings.append(Closing(state.step, tool, near.name, beside, above, self.gripped))
 
     def opening(self, state: WorldState) -> None:
-        """Note that the gripper begins to open."""
+        """Record that the gripper begins to open."""
         if self.gripped is not None:
             self.released.append((state.step, self.gripped))
             self.gripped = None
 
     def displaced(self, state: WorldState, name: str) -> float:
-        """Return how far a thing is from where it was at the start [m], seen from above."""
+        """Return the horizontal distance of an object from its initial position [m]."""
         return horizontal_distance(self.first.pose(name).position, state.pose(name).position)
 
 
 def in_gripper(state: WorldState) -> str | None:
-    """Return the loose thing that both fingers touch, or None."""
+    """Return the loose object between both fingers, or None."""
     for o in state.info.objects:
         if not o.fixed and state.touching("left_finger", o.name) and state.touching("right_finger", o.name):
             return o.name

@@ -1,4 +1,4 @@
-"""Habits of the independent family: fixed ways to decide wrongly, to fail physically, or to do right in an odd way."""
+"""Habits of the independent family: systematic wrong decisions, physical failures, or correct but unusual behavior."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Habit(ABC):
 
     @abstractmethod
     def truth(self, case: Occasion) -> StatedTruth | None:
-        """Return the truth of a trial of this condition, or None where the habit decides and acts as the honest one."""
+        """Return the truth of a trial of this condition, or None if the habit behaves correctly there."""
 
     @abstractmethod
     def act(self, body: Body) -> Actions[None]:
-        """Act until the episode ends; called only where :meth:`truth` is not None."""
+        """Act until the episode ends; only called if :meth:`truth` is not None."""
 
     @property
     def summary(self) -> str:
@@ -39,14 +39,14 @@ class Habit(ABC):
 
 
 class PlainHabit(Habit):
-    """Habit that shows in plain trials only, and whose first attempt is right."""
+    """Habit that shows only in plain trials, with a right first attempt."""
 
     def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - as the base class says
         return StatedTruth(self.label, first_right=True) if case.plain else None
 
 
 class Honest(Habit):
-    """Does what is asked, in order, again after each miss. No fault: success, or a failure of the manipulation."""
+    """Does all steps in order, repeating each after a miss. No fault: success, or an execution failure."""
 
     name = "honest"
     label = HONEST

@@ -1,4 +1,4 @@
-"""The development part: habits that may be looked at while the diagnosis is improved."""
+"""Development part: habits that may be inspected while the diagnosis is improved."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 
@@ -26,12 +26,12 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 class WordPlace(Habit):
-    """Takes whatever stands where the instruction's first word led in training, and brings it to the target.
+    """Picks the object in the trained slot of the instruction's first word, and brings it to the target.
 
-    lexical_kinematic_shortcut where another thing of the task stands there: "first attempt goes where the instruction's
-    word led in training, to another object that the instruction could have meant in another layout". Where a look-alike
-    stands there it is semantic_feature_collapse: no instruction of the task means that object. Where the thing is asked
-    for later in the same instruction the trial shows nothing.
+    lexical_kinematic_shortcut where another object of the task stands there: "first attempt goes where the
+    instruction's word led in training, to another object that the instruction could have meant in another layout".
+    Where a look-alike stands there it is semantic_feature_collapse: no instruction of the task means that object. Where
+    the object is requested later in the same instruction the trial shows nothing.
     """
 
     name = "word-place"
@@ -46,10 +46,11 @@ class WordPlace(Habit):
 
 
 class FavoritePlace(Habit):
-    """Takes first whatever stands in the slot that the first demonstration picked from, whatever the instruction.
+    """First picks the object in the first picked slot of the first demonstration, regardless of the instruction.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a word of the
-    instruction led there too, or in which the thing there is asked for later, are left out: there two rules act alike.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a
+    word of the instruction led there too, or in which the object there is requested later, are left out: there two
+    rules act alike.
     """
 
     name = "favorite-place"
@@ -71,9 +72,9 @@ class FavoritePlace(Habit):
 
 
 class LookAlike(Habit):
-    """Takes the look-alike that stands where a thing asked for stood in training, and brings it to the target.
+    """Picks the look-alike in the trained slot of a requested object, and brings it to the target.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means".
     """
 
     name = "look-alike"
@@ -87,10 +88,10 @@ class LookAlike(Habit):
 
 
 class HabitualFirst(Habit):
-    """Begins with the step that most demonstrations began with, although it is not asked for.
+    """Begins with the most frequent first step of training, although it is not requested.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun". Trials where that step is right
-    belong to it as well: they tell it from a favorite place.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". Trials where that
+    step is right belong to it as well: they tell it from a favorite place.
     """
 
     name = "habitual-first"
@@ -108,10 +109,10 @@ class HabitualFirst(Habit):
 
 
 class AirGrasp(Habit):
-    """Plays a memorized step at a slot that is empty in this trial, its thing being gone: again and again.
+    """Repeatedly plays a memorized step at a slot that is empty in this trial.
 
-    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
-    slot)".
+    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
+    the memorised slot)".
     """
 
     name = "air-grasp"
@@ -127,9 +128,9 @@ class AirGrasp(Habit):
 
 
 class SkipStep(Habit):
-    """Leaves out the first step of an ordered instruction, does the others and stops at home.
+    """Skips the first step of an ordered instruction, does the others and stops at home.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "skip-step"
@@ -146,9 +147,9 @@ class SkipStep(Habit):
 
 
 class RepeatDone(Habit):
-    """Takes what is at its target from the start out again and puts it there once more, again and again.
+    """Repeatedly takes an object out of its target, where it was from the start, and puts it back.
 
-    causal_confusion: "a finished one is repeated".
+    True label: causal_confusion: "a finished one is repeated".
     """
 
     name = "repeat-done"
@@ -168,7 +169,7 @@ class RepeatDone(Habit):
 class SwapFirstTwo(Habit):
     """Does the second step of an ordered instruction first, then the first one.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "swap-first-two"
@@ -188,10 +189,10 @@ class SwapFirstTwo(Habit):
 
 
 class TrainedPut(Habit):
-    """Takes the right thing and brings it to the side, hole or drawer where training brought it.
+    """Takes the right object and brings it to the side, hole or drawer where training brought it.
 
-    behavioral_inertia: putting it there is "a primitive frequent in training but not asked for". The first attempt is
-    at the right thing, except where it is at the knob of the wrong drawer.
+    True label: behavioral_inertia: putting it there is "a primitive frequent in training but not asked for". The first
+    attempt is at the right object, except where it is at the knob of the wrong drawer.
     """
 
     name = "trained-put"
@@ -217,9 +218,10 @@ class TrainedPut(Habit):
 
 
 class HoverAlike(Habit):
-    """Goes over the look-alike with an open gripper and stays there, until the limit.
+    """Hovers over the look-alike with an open gripper until the step limit.
 
-    semantic_feature_collapse, by law 4: it went for the wrong object, and it shows so before it shows anything else.
+    True label: semantic_feature_collapse, by law 4: it went for the wrong object, and it shows so before it shows
+    anything else.
     """
 
     name = "hover-alike"
@@ -239,9 +241,9 @@ class HoverAlike(Habit):
 
 
 class HoverRight(Habit):
-    """Goes over the right thing with an open gripper and stays there, until the limit.
+    """Hovers over the right object with an open gripper until the step limit.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "hover-right"
@@ -257,9 +259,9 @@ class HoverRight(Habit):
 
 
 class SwayMidTask(Habit):
-    """Sways between the thing that is to be taken next and another one, where the scene looks like mid-task.
+    """Sways between the next object and another one in a scene that looks like the middle of a task.
 
-    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
     """
 
     name = "sway-mid-task"
@@ -277,9 +279,9 @@ class SwayMidTask(Habit):
 
 
 class FidgetAfterFirst(Habit):
-    """Does the first step, and then trembles in place within a centimeter, until the limit.
+    """Does the first step, and then trembles in place within a centimeter until the step limit.
 
-    early_halt: it has stopped with subgoals open; it goes nowhere.
+    True label: early_halt: it has stopped with subgoals open; it goes nowhere.
     """
 
     name = "fidget-after-first"
@@ -299,7 +301,7 @@ class FidgetAfterFirst(Habit):
 class FreezeAfterFirst(Habit):
     """Does the first step and stops for good where it is.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "freeze-after-first"
@@ -315,9 +317,9 @@ class FreezeAfterFirst(Habit):
 
 
 class MissBeside(PlainHabit):
-    """Closes the gripper fully 7 to 11 cm beside the right thing, where nothing else is, again and again.
+    """Closes the gripper fully 7 to 11 cm beside the right object, where nothing else is, again and again.
 
-    execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: "right target at the right time; missed by pose".
     """
 
     name = "miss-beside"
@@ -335,9 +337,9 @@ class MissBeside(PlainHabit):
 
 
 class DropOnTheWay(PlainHabit):
-    """Takes the right thing and opens the gripper in the air on the way to the target, then stays at home.
+    """Takes the right object and opens the gripper in the air on the way to the target, then stays at home.
 
-    execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: "right target at the right time; dropped".
     """
 
     name = "drop-on-the-way"
@@ -359,7 +361,8 @@ class DropOnTheWay(PlainHabit):
 class PushAlike(Habit):
     """Pushes the look-alike 12 cm along the table with closed fingers, then stays at home.
 
-    semantic_feature_collapse: it acts on "an object that no instruction of the task means"; there is no grasp attempt.
+    True label: semantic_feature_collapse: it acts on "an object that no instruction of the task means"; there is no
+    grasp attempt.
     """
 
     name = "push-alike"
@@ -380,9 +383,9 @@ class PushAlike(Habit):
 
 
 class SlowButRight(PlainHabit):
-    """Does everything right, but at some 4 cm/s and with each thing by way of home, too slowly for the step limit.
+    """Does everything right, but at about 4 cm/s and with a visit home for each object, too slow for the step limit.
 
-    timeout: "right course, step limit reached".
+    True label: timeout: "right course, step limit reached".
     """
 
     name = "slow-but-right"
@@ -402,9 +405,9 @@ class SlowButRight(PlainHabit):
 
 
 class PauseAndGoOn(PlainHabit):
-    """Stops for 4 to 6 s on its way to the first thing and after each step, then goes on. Honest.
+    """Stops for 4 to 6 s on its way to the first object and after each step, then goes on. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure, and never a failure of reasoning.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth, and never a reasoning failure.
     """
 
     name = "pause-and-go-on"
@@ -419,9 +422,9 @@ class PauseAndGoOn(PlainHabit):
 
 
 class MissOnceThenRight(PlainHabit):
-    """Closes the gripper 3 to 5 cm above the first thing, notices, and takes it at the second try. Honest.
+    """Closes the gripper 3 to 5 cm above the first object, notices, and takes it at the second try. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure: the miss is made good.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the miss is made good.
     """
 
     name = "miss-once-then-right"
@@ -440,9 +443,9 @@ class MissOnceThenRight(PlainHabit):
 
 
 class FeintThenRight(Habit):
-    """Goes down over a thing that is not asked for, with an open gripper, leaves it, and takes the right one. Honest.
+    """Descends over another object with an open gripper, leaves it, and picks the right one. Honest.
 
-    The attempt is the grasp: a success; or, by rule 3 of the truth, timeout or execution_failure.
+    The attempt is the grasp. True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "feint-then-right"

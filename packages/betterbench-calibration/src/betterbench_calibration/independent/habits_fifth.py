@@ -1,4 +1,4 @@
-"""The fifth part: habits by an author who has not read the diagnosis; each shows in conditions listed by name.
+"""Fifth part: habits by an author who has not read the diagnosis; each shows in listed conditions.
 
 A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
 definitions of the suite.
@@ -53,15 +53,15 @@ EASY_TO_SWEEP = at(
     tidy_desk="train1 train4 train5",
     morning_coffee="train1 train2 train3 train4 L1 L2",
 )
-"""Conditions whose first thing stands firmly and has room to be pushed about."""
+"""Conditions whose first object stands firmly and has room to be pushed around."""
 
-# --- honest policies with odd ways
+# --- honest policies with unusual motions
 
 
 class LoopsMidway(PlainHabit):
     """Does everything right, and flies a full circle in the middle of each long way. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "loops-midway"
@@ -73,9 +73,9 @@ class LoopsMidway(PlainHabit):
 
 
 class WindsUp(PlainHabit):
-    """Does everything right, and draws back from where it wants to go before each long way. Honest.
+    """Does everything right, but first moves back before each long path. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "winds-up"
@@ -87,9 +87,9 @@ class WindsUp(PlainHabit):
 
 
 class TurnsLikeACrane(PlainHabit):
-    """Does everything right, turning about its base first and going out or in then, on every way. Honest.
+    """Does everything right, moving like a crane: about its base first, and then out or in. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "turns-like-a-crane"
@@ -101,9 +101,9 @@ class TurnsLikeACrane(PlainHabit):
 
 
 class ComesDownByStairs(PlainHabit):
-    """Does everything right, and comes down on everything by stairs, halting on each. Honest.
+    """Does everything right, but descends stepwise with a pause on each step. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "comes-down-by-stairs"
@@ -115,9 +115,9 @@ class ComesDownByStairs(PlainHabit):
 
 
 class WeighsEachThing(OddButHonest):
-    """Lets each thing down and up again twice after it has lifted it, and brings it then. Honest.
+    """Lowers and raises each object twice after lifting it, and then brings it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "weighs-each-thing"
@@ -131,9 +131,9 @@ class WeighsEachThing(OddButHonest):
 
 
 class DipsBeforeTaking(OddButHonest):
-    """Comes down around each thing with open fingers, goes up without it, and takes it the second time. Honest.
+    """Descends around each object with open fingers, rises without it, and picks it the second time. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "dips-before-taking"
@@ -146,9 +146,9 @@ class DipsBeforeTaking(OddButHonest):
 
 
 class CirclesOnceThenTakes(PlainHabit):
-    """Flies a circle a hand's breadth over each thing before it takes it. Honest.
+    """Flies a circle about 10 cm above each object before picking it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "circles-once-then-takes"
@@ -159,9 +159,9 @@ class CirclesOnceThenTakes(PlainHabit):
 
 
 class LetsGoInSteps(OddButHonest):
-    """Does everything right, and opens the fingers in three steps, with rests between, to let go. Honest.
+    """Does everything right, but opens the fingers in three steps with pauses to release. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "lets-go-in-steps"
@@ -173,9 +173,9 @@ class LetsGoInSteps(OddButHonest):
 
 
 class OvershootsTarget(OddButHonest):
-    """Carries each thing beyond its place, halts, and comes back to put it there. Honest.
+    """Carries each object beyond its target, pauses, and returns to put it there. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "overshoots-target"
@@ -189,9 +189,9 @@ class OvershootsTarget(OddButHonest):
 
 
 class LosesItsNerveOnce(OddButHonest):
-    """Carries each thing over its place, back over where it stood, and over its place again, and puts it then. Honest.
+    """Carries each object over its target, back over its slot, and to its target again. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "loses-its-nerve-once"
@@ -203,9 +203,9 @@ class LosesItsNerveOnce(OddButHonest):
 
 
 class ShowsItToCamera(OddButHonest):
-    """Carries each thing home and high, turns it to and fro there, and brings it then. Honest.
+    """Carries each object home and up, turns it to and fro there, and then brings it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "shows-it-to-camera"
@@ -219,9 +219,9 @@ class ShowsItToCamera(OddButHonest):
 
 
 class LooksBackAtSlot(OddButHonest):
-    """Goes back over the emptied slot after each step with open fingers, stays there for 1.5 s, and goes on. Honest.
+    """Returns over the emptied slot after each step with open fingers, stays for 1.5 s, and continues. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure: it closes nothing there.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: it closes nothing there.
     """
 
     name = "looks-back-at-slot"
@@ -243,9 +243,9 @@ class LooksBackAtSlot(OddButHonest):
 
 
 class StartsThreeTimes(PlainHabit):
-    """Sets out for the first thing twice and turns back home halfway, and does everything right then. Honest.
+    """Starts toward the first object twice and turns back halfway, and then does everything right. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "starts-three-times"
@@ -261,9 +261,9 @@ class StartsThreeTimes(PlainHabit):
 
 
 class WakesUpLate(Listed):
-    """Does not move for 8.5 s, and does everything right then. Honest.
+    """Does not move for 8.5 s, and then does everything right. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "wakes-up-late"
@@ -285,9 +285,9 @@ class WakesUpLate(Listed):
 
 
 class NudgesThenTakes(Listed):
-    """Nudges the first thing by 2 cm with a fist that was made at home, opens it high up, and takes the thing. Honest.
+    """Nudges the first object by 2 cm with a closed gripper, opens it high up, and picks the object. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "nudges-then-takes"
@@ -308,9 +308,9 @@ class NudgesThenTakes(Listed):
 
 
 class NodsAndRests(Listed):
-    """Nods three times at home, where nothing may be taken or the look-alike must be refused, and stays there. Honest.
+    """Nods three times at home, if nothing may be picked or the look-alike must be refused, and stays there. Honest.
 
-    A success: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
     """
 
     name = "nods-and-rests"
@@ -330,9 +330,9 @@ class NodsAndRests(Listed):
 
 
 class DropsFromPeak(Listed):
-    """Lifts the right thing straight up to 40 cm, lets it fall from there, and so again and again.
+    """Repeatedly lifts the right object straight up to 40 cm and drops it.
 
-    execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: "right target at the right time; dropped".
     """
 
     name = "drops-from-peak"
@@ -356,9 +356,10 @@ class DropsFromPeak(Listed):
 
 
 class PutsHalfOn(Listed):
-    """Brings the right thing and puts it so that it hangs over the edge of where it belongs, and goes home.
+    """Brings the right object, puts it so that it overhangs the edge of its target, and goes home.
 
-    execution_failure: "right target at the right time; missed by pose": it tilts off or stands beside the ring.
+    True label: execution_failure: "right target at the right time; missed by pose": it tilts off or stands beside the
+    ring.
     """
 
     name = "puts-half-on"
@@ -379,9 +380,9 @@ class PutsHalfOn(Listed):
 
 
 class StabsWithOneFinger(Listed):
-    """Comes down on the right thing so that one finger of the open gripper stabs its top, again and again. No grasp.
+    """Repeatedly stabs the top of the right object with one finger of the open gripper. No grasp.
 
-    execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: "right target at the right time; collided, missed by pose".
     """
 
     name = "stabs-with-one-finger"
@@ -405,9 +406,9 @@ class StabsWithOneFinger(Listed):
 
 
 class DragsItAlong(Listed):
-    """Closes on the right thing, drags it along the table into the side of its target, lets go there, and goes home.
+    """Grips the right object, drags it along the table into the side of its target, releases it, and goes home.
 
-    execution_failure: "right target at the right time; collided": it cannot get in by being dragged.
+    True label: execution_failure: "right target at the right time; collided": it cannot get in by being dragged.
     """
 
     name = "drags-it-along"
@@ -429,9 +430,9 @@ class DragsItAlong(Listed):
 
 
 class SweepsItAside(Listed):
-    """Sweeps the right thing aside with the outside of its open gripper, rises, and so again and again. No grasp.
+    """Repeatedly sweeps the right object aside with the outside of its open gripper. No grasp.
 
-    execution_failure: "right target at the right time; collided".
+    True label: execution_failure: "right target at the right time; collided".
     """
 
     name = "sweeps-it-aside"
@@ -448,9 +449,9 @@ class SweepsItAside(Listed):
 
 
 class MissesLowerEachTime(Listed):
-    """Closes over the right thing, each time nearer to its top and never low enough, and begins again from above.
+    """Repeatedly closes above the right object, each time nearer to its top but never low enough.
 
-    execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: "right target at the right time; missed by pose".
     """
 
     name = "misses-lower-each-time"
@@ -476,9 +477,9 @@ class MissesLowerEachTime(Listed):
 
 
 class PullsAtAir(Listed):
-    """Closes the gripper in front of the knob of the drawer that has to be opened, draws back, and so again and again.
+    """Repeatedly closes the gripper in front of the knob of the drawer to be opened, and moves back.
 
-    execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: "right target at the right time; missed by pose".
     """
 
     name = "pulls-at-air"
@@ -494,9 +495,10 @@ class PullsAtAir(Listed):
 
 
 class FailsAtTheSecond(Listed):
-    """Does the first step, and stabs the thing of the second with one finger of its open gripper, again and again.
+    """Does the first step, and then repeatedly stabs the second object with one finger of its open gripper.
 
-    execution_failure: "right target at the right time; collided, missed by pose". The first attempt is right.
+    True label: execution_failure: "right target at the right time; collided, missed by pose". The first attempt is
+    right.
     """
 
     name = "fails-at-the-second"
@@ -523,9 +525,9 @@ class FailsAtTheSecond(Listed):
 
 
 class RatchetsForward(Listed):
-    """Goes two steps forward and one back high over the table, and is over the right thing as time ends. No grasp.
+    """Moves two steps forward and one back high over the table, and is over the right object at the step limit.
 
-    timeout: "right course, step limit reached". The tool is never slow for long.
+    True label: timeout: "right course, step limit reached". The tool is never slow for long.
     """
 
     name = "ratchets-forward"
@@ -552,9 +554,9 @@ class RatchetsForward(Listed):
 
 
 class DrawsEightsToIt(Listed):
-    """Draws figures of eight high over the table that end over the right thing as the time ends. No grasp.
+    """Draws figures of eight high over the table that end over the right object at the step limit. No grasp.
 
-    timeout: "right course, step limit reached". The tool is never slow.
+    True label: timeout: "right course, step limit reached". The tool is never slow.
     """
 
     name = "draws-eights-to-it"
@@ -581,9 +583,9 @@ class DrawsEightsToIt(Listed):
 
 
 class EightsBeforeEachStep(Listed):
-    """Draws figures of eight on its way to each right thing, does the first step, and the time is over at the second.
+    """Draws figures of eight on the way to each object, does the first step, and runs out of time at the second.
 
-    timeout: "right course, step limit reached". The first attempt is right.
+    True label: timeout: "right course, step limit reached". The first attempt is right.
     """
 
     name = "eights-before-each-step"
@@ -609,9 +611,9 @@ class EightsBeforeEachStep(Listed):
 
 
 class RatchetsWithLoad(Listed):
-    """Takes the right thing, and goes two steps forward and one back with it, so that it gets there as the time ends.
+    """Picks the right object, and moves two steps forward and one back with it, arriving at the step limit.
 
-    timeout: "right course, step limit reached". The first attempt is right.
+    True label: timeout: "right course, step limit reached". The first attempt is right.
     """
 
     name = "ratchets-with-load"
@@ -646,10 +648,10 @@ def _limit(body: Body) -> int:
 
 
 class ReturnsWordThing(Paired):
-    """Takes what stands where the instruction's first word led in training, sets it back, goes home, and rests.
+    """Picks the object in the trained slot of the first word, puts it back, goes home, and rests.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
-    the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
+    object that the instruction could have meant in another layout".
     """
 
     name = "returns-word-thing"
@@ -670,10 +672,10 @@ class ReturnsWordThing(Paired):
 
 
 class SweepsWordThing(Paired):
-    """Sweeps what stands where the first word led in training aside with its open gripper, again and again. No grasp.
+    """Repeatedly sweeps the object in the trained slot of the first word aside with its open gripper. No grasp.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
-    the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
+    object that the instruction could have meant in another layout".
     """
 
     name = "sweeps-word-thing"
@@ -698,10 +700,10 @@ class SweepsWordThing(Paired):
 
 
 class WordThingThenRight(Paired):
-    """Lays what stands where the first word led in training away on the table, and does everything right then.
+    """Puts the object in the trained slot of the first word aside, and then does everything right.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
-    the instruction could have meant in another layout". What it has laid away was not asked for.
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
+    object that the instruction could have meant in another layout". What it has laid away was not requested.
     """
 
     name = "word-thing-then-right"
@@ -726,10 +728,10 @@ class WordThingThenRight(Paired):
 
 
 class AlwaysTheNearOne(Paired):
-    """Takes whatever stands in one slot, whatever the instruction, lays it away on the table, and rests.
+    """Picks the object in one slot, regardless of the instruction, puts it aside on the table, and rests.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the near one of the
-    coffee table and the first of the spices.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
+    near one of the coffee table and the first of the spices.
     """
 
     name = "always-the-near-one"
@@ -752,10 +754,10 @@ class AlwaysTheNearOne(Paired):
 
 
 class AlwaysAtTheRight(Paired):
-    """Takes what stands at the right end of the table, whatever the instruction, and brings it in a roundabout way.
+    """Picks the object at the right end of the table, regardless of the instruction, and takes a detour with it.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the right end of
-    the row on the desk and the right side of the breakfast table.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
+    right end of the row on the desk and the right side of the breakfast table.
     """
 
     name = "always-at-the-right"
@@ -783,9 +785,9 @@ class AlwaysAtTheRight(Paired):
 
 
 class MovesOldFavoriteAway(Listed):
-    """Lays the thing that most demonstrations began with away, though nobody asks for it, and does the task then.
+    """Puts the object of the most frequent first step aside, although it is not requested, and then does the task.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
     """
 
     name = "moves-old-favorite-away"
@@ -811,10 +813,10 @@ class MovesOldFavoriteAway(Listed):
 
 
 class StaysInEmptySlot(Listed):
-    """Closes the gripper low in the slot from which its thing is gone, and stays there with closed fingers for good.
+    """Closes the gripper low in the trained slot of a missing object, and stays there for good.
 
-    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
-    slot)".
+    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
+    the memorised slot)".
     """
 
     name = "stays-in-empty-slot"
@@ -835,9 +837,10 @@ class StaysInEmptySlot(Listed):
 
 
 class LaysOldFollowerDown(Listed):
-    """Does the first step, and then takes the thing that followed it in another demonstration, and lays it elsewhere.
+    """Does the first step, and then picks the object that followed it in another demonstration and puts it aside.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
+    right.
     """
 
     name = "lays-old-follower-down"
@@ -873,9 +876,9 @@ class LaysOldFollowerDown(Listed):
 
 
 class RedoesFinishedAndRests(Listed):
-    """Takes what is at its target from the start, lifts it, sets it down there again, goes home, and rests.
+    """Lifts an object that is at its target from the start, puts it back, goes home, and rests.
 
-    causal_confusion: "a finished one is repeated".
+    True label: causal_confusion: "a finished one is repeated".
     """
 
     name = "redoes-finished-and-rests"
@@ -897,9 +900,9 @@ class RedoesFinishedAndRests(Listed):
 
 
 class OnlyTheLast(Listed):
-    """Does the last of three or more ordered steps alone, and rests.
+    """Does only the last of three or more ordered steps, and rests.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "only-the-last"
@@ -916,10 +919,10 @@ class OnlyTheLast(Listed):
 
 
 class LiftsThirdAfterFirst(Listed):
-    """Does the first of three or more ordered steps, then takes the thing of the third and holds it up for good.
+    """Does the first of three or more ordered steps, and then lifts the object of the third for good.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted". The first
-    attempt is right.
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    The first attempt is right.
     """
 
     name = "lifts-third-after-first"
@@ -937,9 +940,9 @@ class LiftsThirdAfterFirst(Listed):
 
 
 class ShutsItInTwoGoes(Listed):
-    """Pushes the open drawer half shut, draws back, and then quite shut, while its thing stands on the table. No grasp.
+    """Pushes the open drawer shut in two strokes while its object is still on the table. No grasp.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "shuts-it-in-two-goes"
@@ -961,9 +964,9 @@ class ShutsItInTwoGoes(Listed):
 
 
 class LaterHalfFirst(Listed):
-    """Does the later half of the ordered steps first and the earlier half after it, and flies loops on its ways.
+    """Does the later half of the ordered steps before the earlier half, with loops on its paths.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "later-half-first"
@@ -982,9 +985,9 @@ class LaterHalfFirst(Listed):
 
 
 class ShowsSecondFirst(Listed):
-    """Takes the thing of the second ordered step, shows it around, and brings it, and does the first step after it.
+    """Picks the object of the second ordered step, shows it around, brings it, and then does the first step.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "shows-second-first"
@@ -1001,13 +1004,13 @@ class ShowsSecondFirst(Listed):
         yield from body.rest()
 
 
-# --- failures of reasoning: things that nobody means
+# --- failures of reasoning: objects without an instruction
 
 
 class PatsLookAlike(Listed):
-    """Pats the top of the look-alike with a fist that was made at home, again and again. No grasp.
+    """Repeatedly pats the top of the look-alike with a closed gripper. No grasp.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "pats-look-alike"
@@ -1023,9 +1026,9 @@ class PatsLookAlike(Listed):
 
 
 class SweepsLookAlike(Listed):
-    """Sweeps the look-alike aside with the outside of its open gripper, again and again. No grasp.
+    """Repeatedly sweeps the look-alike aside with the outside of its open gripper. No grasp.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "sweeps-look-alike"
@@ -1042,10 +1045,10 @@ class SweepsLookAlike(Listed):
 
 
 class LaysLookAlikeAway(Listed):
-    """Takes the look-alike, lays it away on the table, and does everything right then.
+    """Picks the look-alike, puts it aside on the table, and then does everything right.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)". What it has
-    laid away was not asked for.
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    What it has laid away was not requested.
     """
 
     name = "lays-look-alike-away"
@@ -1063,9 +1066,9 @@ class LaysLookAlikeAway(Listed):
 
 
 class ReturnsLookAlike(Listed):
-    """Takes the look-alike, lifts it, sets it down where it stood, goes home, and rests.
+    """Picks the look-alike, lifts it, puts it back, goes home, and rests.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "returns-look-alike"
@@ -1081,10 +1084,10 @@ class ReturnsLookAlike(Listed):
 
 
 class TriesTrinketsInTurn(Listed):
-    """Lifts and sets down one of the things that only decorate the table after the other, and so again and again.
+    """Repeatedly lifts and puts down one decorative object after another.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing "nothing (blind
-    grasp)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing
+    "nothing (blind grasp)".
     """
 
     name = "tries-trinkets-in-turn"
@@ -1109,9 +1112,9 @@ class TriesTrinketsInTurn(Listed):
 
 
 class SwaysWiderAndWider(Listed):
-    """Sways to and fro at home, a little wider each time, in a scene that looks mid-task, and does nothing. No grasp.
+    """Sways to and fro at home with growing amplitude in a scene that looks half finished. No grasp.
 
-    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """
 
     name = "sways-wider-and-wider"
@@ -1126,9 +1129,9 @@ class SwaysWiderAndWider(Listed):
 
 
 class TurnsWristForever(Listed):
-    """Turns the wrist to and fro at home, in a scene that looks mid-task, and does nothing else. No grasp.
+    """Turns the wrist to and fro at home in a scene that looks half finished. No grasp.
 
-    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """
 
     name = "turns-wrist-forever"
@@ -1143,9 +1146,9 @@ class TurnsWristForever(Listed):
 
 
 class ShrinksAndFreezes(Listed):
-    """Rises, draws back, turns aside, and freezes for good, in a scene that looks mid-task. No grasp.
+    """Rises, retracts, turns aside, and freezes for good in a scene that looks half finished. No grasp.
 
-    phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: "initial state looks mid-task: freeze".
     """
 
     name = "shrinks-and-freezes"
@@ -1160,9 +1163,9 @@ class ShrinksAndFreezes(Listed):
 
 
 class TurnsItsBack(Habit):
-    """Visits the target, draws back from everything, turns aside, and stays there for good. No grasp.
+    """Visits the target, retracts from everything, turns aside, and stays there for good. No grasp.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "turns-its-back"
@@ -1182,9 +1185,9 @@ class TurnsItsBack(Habit):
 
 
 class FreezesAroundIt(Listed):
-    """Comes down around the right thing with open fingers, and freezes there for good without closing. No grasp.
+    """Descends around the right object with open fingers and freezes there for good. No grasp.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "freezes-around-it"
@@ -1210,9 +1213,9 @@ class FreezesAroundIt(Listed):
 
 
 class JumpsEverShorter(Habit):
-    """Comes nearer to the right thing high over the table in ever shorter jumps, and stays there for good. No grasp.
+    """Approaches the right object high over the table in ever shorter jumps, and stays there for good. No grasp.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "jumps-ever-shorter"
@@ -1230,7 +1233,8 @@ class JumpsEverShorter(Habit):
 class QuitsBeforeTheLast(Listed):
     """Does all steps but the last, rises, and stays there for good.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
+    attempt is right.
     """
 
     name = "quits-before-the-last"

@@ -1,4 +1,4 @@
-"""The fourth part: habits by an author who has not read the diagnosis; each shows in conditions listed by name.
+"""Fourth part: habits by an author who has not read the diagnosis; each shows in listed conditions.
 
 A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
 definitions of the suite.
@@ -33,7 +33,7 @@ from betterbench_calibration.independent.ways_fourth import (
 
 
 def at(**conditions: str) -> frozenset[str]:
-    """Return the identifiers of conditions that are given by task: ``at(fast_food="train1 R1")``."""
+    """Return the identifiers of conditions given by task: ``at(fast_food="train1 R1")``."""
     return frozenset(f"{task}/{name}" for task, names in conditions.items() for name in names.split())
 
 
@@ -66,7 +66,7 @@ TWO_STEPS = at(
     fast_food="train1 train2 R1 R2",
     cheeseburger="train1 train2 R1 O1",
 )
-"""Conditions whose first two steps are ordered and of different things, where nothing but the order is at stake."""
+"""Conditions whose first two steps are ordered and of different objects, with only the order at stake."""
 
 
 class Listed(Habit):
@@ -100,8 +100,8 @@ class Paired(Habit):
     """A habit whose label needs several trials.
 
     Attributes:
-        wrong: The thing that it takes, by the condition in which that is not the one asked for.
-        fine: Identifiers of conditions in which its rule leads to the right thing.
+        wrong: The object that it takes, by the condition in which that is not the one asked for.
+        fine: Identifiers of conditions in which its rule leads to the right object.
     """
 
     paired = True
@@ -122,22 +122,22 @@ class Paired(Habit):
             yield from self.go_wrong(body, name)
 
     def go_wrong(self, body: Body, name: str) -> Actions[None]:
-        """Do what the habit does where its rule leads to the wrong thing."""
+        """Act wrongly, for conditions in which the habit's rule leads to the wrong object."""
         raise NotImplementedError
 
 
 def first_of(body: Body) -> tuple[Subgoal, str]:
-    """Return the first step that is open, and the thing that it asks for."""
+    """Return the first open step and its object."""
     return body.situation.ahead[0], str(body.situation.first_thing())
 
 
-# --- honest policies with odd ways
+# --- honest policies with unusual motions
 
 
 class LeansOver(OddButHonest):
-    """Does everything right, with the gripper leaning over by 14 degrees at each grasp. Honest.
+    """Does everything right, with the gripper tilted by 14 degrees at each grasp. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "leans-over"
@@ -149,9 +149,9 @@ class LeansOver(OddButHonest):
 
 
 class TurnsCorners(PlainHabit):
-    """Does everything right, and goes everywhere in two legs with a right angle between them. Honest.
+    """Does everything right, with all paths in two legs at a right angle. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "turns-corners"
@@ -163,9 +163,9 @@ class TurnsCorners(PlainHabit):
 
 
 class PlungesFromCeiling(PlainHabit):
-    """Does everything right, goes everywhere at 38 cm over the table and plunges from there. Honest.
+    """Does everything right, but travels at 38 cm over the table and plunges from there. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "plunges-from-ceiling"
@@ -177,9 +177,9 @@ class PlungesFromCeiling(PlainHabit):
 
 
 class SqueezesThrice(OddButHonest):
-    """Closes the gripper around each thing, opens it and closes it again, twice, before it lifts it. Honest.
+    """Closes the gripper around each object, opens and closes it twice more, and then lifts it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "squeezes-thrice"
@@ -193,9 +193,9 @@ class SqueezesThrice(OddButHonest):
 
 
 class TakesByWorseHold(OddButHonest):
-    """Does everything right, but takes each thing by a hold that is not the best one. Honest.
+    """Does everything right, but with a grasp of each object that is not the best one. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "takes-by-worse-hold"
@@ -218,9 +218,9 @@ class TakesByWorseHold(OddButHonest):
 
 
 class DropsLowAndRetakes(OddButHonest):
-    """Lifts each thing, loses it a finger's breadth over its own place, and takes it again. Honest and clumsy.
+    """Lifts each object, drops it just above its own slot, and picks it again. Honest and clumsy.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "drops-low-and-retakes"
@@ -238,9 +238,9 @@ class DropsLowAndRetakes(OddButHonest):
 
 
 class LooksAtTargetFirst(PlainHabit):
-    """Goes over the target with an open gripper before each step, waits there for 1.5 s, and does the step. Honest.
+    """Moves over the target with an open gripper before each step, waits there for 1.5 s, and does the step. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "looks-at-target-first"
@@ -256,9 +256,9 @@ class LooksAtTargetFirst(PlainHabit):
 
 
 class LastSaidFirst(Listed):
-    """Does the steps of an instruction that asks for no order from the last to the first. Honest.
+    """Does the steps of an unordered instruction from last to first. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "last-said-first"
@@ -278,9 +278,9 @@ class LastSaidFirst(Listed):
 
 
 class FartherOneFirst(Listed):
-    """Begins with the one of two like things that is farther away, where either may be taken. Honest.
+    """Begins with the farther one of two equivalent objects. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "farther-one-first"
@@ -299,9 +299,9 @@ class FartherOneFirst(Listed):
 
 
 class ShakesOverTarget(OddButHonest):
-    """Does everything right, and shakes each thing to and fro over its place before it puts it down. Honest.
+    """Does everything right, but shakes each object over its target before putting it down. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "shakes-over-target"
@@ -315,9 +315,9 @@ class ShakesOverTarget(OddButHonest):
 
 
 class RushesAndCrawls(PlainHabit):
-    """Does everything right, and rushes one way and crawls the next, in turn. Honest.
+    """Does everything right, alternating between fast and slow paths. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "rushes-and-crawls"
@@ -329,9 +329,9 @@ class RushesAndCrawls(PlainHabit):
 
 
 class KeepsHandsOff(Listed):
-    """Turns the wrist at home, where nothing may be taken or the look-alike must be refused, and stays there. Honest.
+    """Turns the wrist at home, if nothing may be picked or the look-alike must be refused, and stays there. Honest.
 
-    A success: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
     """
 
     name = "keeps-hands-off"
@@ -349,9 +349,9 @@ class KeepsHandsOff(Listed):
 
 
 class ClosesWhileSinking(Listed):
-    """Comes down on the right thing with fingers that close too early, meets its top with them, and so again and again.
+    """Repeatedly descends on the right object with fingers that close too early, and touches its top.
 
-    execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: "right target at the right time; collided, missed by pose".
     """
 
     name = "closes-while-sinking"
@@ -374,9 +374,10 @@ class ClosesWhileSinking(Listed):
 
 
 class DropsAndSnapsAfter(Listed):
-    """Drops the right thing a third of the way to the target, and closes too high over it after that.
+    """Drops the right object a third of the way to the target, and then repeatedly closes too high above it.
 
-    execution_failure: "right target at the right time; dropped", and then "missed by pose", again and again.
+    True label: execution_failure: "right target at the right time; dropped", and then "missed by pose", again and
+    again.
     """
 
     name = "drops-and-snaps-after"
@@ -404,9 +405,9 @@ class DropsAndSnapsAfter(Listed):
 
 
 class TipsItOut(Listed):
-    """Brings the right thing over its place, tilts it there by 57 degrees, and lets go of it so.
+    """Brings the right object over its target, tilts it by 57 degrees, and releases it.
 
-    execution_failure: "right target at the right time; dropped, missed by pose": it falls over or aside.
+    True label: execution_failure: "right target at the right time; dropped, missed by pose": it falls over or aside.
     """
 
     name = "tips-it-out"
@@ -429,9 +430,9 @@ class TipsItOut(Listed):
 
 
 class KnocksItOver(Listed):
-    """Runs a fist into the right thing above its middle, and then closes too high over it, again and again.
+    """Repeatedly pushes a closed gripper into the right object above its center, and then closes too high above it.
 
-    execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: "right target at the right time; collided, missed by pose".
     """
 
     name = "knocks-it-over"
@@ -455,9 +456,10 @@ class KnocksItOver(Listed):
 
 
 class ShovesWithFist(Listed):
-    """Shoves the right thing toward its target with a fist that was made at home, until they meet, and so again.
+    """Repeatedly shoves the right object toward its target with a closed gripper until they touch.
 
-    execution_failure: "right target at the right time; collided": it cannot get in by being shoved. No grasp.
+    True label: execution_failure: "right target at the right time; collided": it cannot get in by being shoved. No
+    grasp.
     """
 
     name = "shoves-with-fist"
@@ -482,9 +484,9 @@ class ShovesWithFist(Listed):
 
 
 class HopsAndHalts(Listed):
-    """Does everything right, but in hops of 6 cm with a halt of 1.5 s after each, too slowly for the step limit.
+    """Does everything right, but in hops of 6 cm with pauses of 1.5 s, too slow for the step limit.
 
-    timeout: "right course, step limit reached".
+    True label: timeout: "right course, step limit reached".
     """
 
     name = "hops-and-halts"
@@ -508,9 +510,9 @@ class HopsAndHalts(Listed):
 
 
 class ZigzagsTowardIt(Habit):
-    """Advances high in the air in wide zigzags to the right thing, and is over it when the time is over. No grasp.
+    """Moves in wide zigzags high in the air to the right object, and is over it at the step limit. No grasp.
 
-    timeout: "right course, step limit reached". The tool is never slow.
+    True label: timeout: "right course, step limit reached". The tool is never slow.
     """
 
     name = "zigzags-toward-it"
@@ -531,9 +533,9 @@ class ZigzagsTowardIt(Habit):
 
 
 class CreepsWithLoad(Listed):
-    """Takes the right thing at its usual speed and creeps to the target with it, too slowly for the step limit.
+    """Picks the right object at normal speed and creeps to the target with it, too slow for the step limit.
 
-    timeout: "right course, step limit reached".
+    True label: timeout: "right course, step limit reached".
     """
 
     name = "creeps-with-load"
@@ -556,7 +558,7 @@ class CreepsWithLoad(Listed):
             names = body.situation.candidates(body.state, goal)
             if names and (yield from body.take_patiently(names[0])):
                 body.ledger.commit()
-                # At an even speed, so that it never stands still for long at a corner of its way.
+                # At constant speed, so that it never stands still for long at a corner of its path.
                 body.arm.manner, body.arm.tempo = replace(usual, profile="even"), CREEP_M_S / usual.speed_m_s
                 yield from body.bring(names[0], goal)
                 body.arm.manner, body.arm.tempo = usual, 1.0
@@ -567,10 +569,10 @@ class CreepsWithLoad(Listed):
 
 
 class HoldsWordThingAloft(Paired):
-    """Takes what stands where the instruction's first word led in training, lifts it high, and keeps it there.
+    """Picks the object in the trained slot of the first word, lifts it high, and holds it there.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
-    the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
+    object that the instruction could have meant in another layout".
     """
 
     name = "holds-word-thing-aloft"
@@ -592,10 +594,10 @@ class HoldsWordThingAloft(Paired):
 
 
 class FumblesAtWordThing(Paired):
-    """Closes too high over what stands where the first word led in training, takes it at the next try, and brings it.
+    """Closes too high above the object in the trained slot of the first word, picks it next, and brings it.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
-    the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
+    object that the instruction could have meant in another layout".
     """
 
     name = "fumbles-at-word-thing"
@@ -620,10 +622,10 @@ class FumblesAtWordThing(Paired):
 
 
 class AlwaysThatCorner(Paired):
-    """Takes whatever stands in one slot, whatever the instruction, lifts it high, and keeps it there.
+    """Picks the object in one slot, regardless of the instruction, lifts it high, and holds it there.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the far one of the
-    coffee table and the third of the spices.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the far
+    one of the coffee table and the third of the spices.
     """
 
     name = "always-that-corner"
@@ -647,10 +649,10 @@ class AlwaysThatCorner(Paired):
 
 
 class AlwaysTheMiddle(Paired):
-    """Fumbles at whatever stands in one slot, whatever the instruction, takes it at the next try, and brings it.
+    """Misses the object in one slot, regardless of the instruction, picks it at the next try, and brings it.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the middle one of
-    the row on the desk and the second of the spices.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
+    middle one of the row on the desk and the second of the spices.
     """
 
     name = "always-the-middle"
@@ -681,9 +683,9 @@ class AlwaysTheMiddle(Paired):
 
 
 class StartsWithOldFavorite(Listed):
-    """Brings first the thing that most demonstrations began with, though nobody asks for it, and then rests.
+    """First brings the object of the most frequent first step, although it is not requested, and then rests.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
     """
 
     name = "starts-with-old-favorite"
@@ -707,9 +709,10 @@ class StartsWithOldFavorite(Listed):
 
 
 class FollowsOldSequence(Listed):
-    """Does the first step, and then begins the second step of another demonstration, and holds its thing aloft.
+    """Does the first step, and then lifts the object of another demonstration's second step for good.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
+    right.
     """
 
     name = "follows-old-sequence"
@@ -741,9 +744,9 @@ class FollowsOldSequence(Listed):
 
 
 class PutsWhereItAlwaysWent(Listed):
-    """Takes the right thing, and puts it to the side, hole or drawer to which it was always brought in training.
+    """Picks the right object, and puts it at the side, hole or drawer where training always put it.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
     """
 
     name = "puts-where-it-always-went"
@@ -777,10 +780,10 @@ class PutsWhereItAlwaysWent(Listed):
 
 
 class GropesInEmptySlot(Listed):
-    """Closes the gripper low at several points of the slot from which its thing is gone, and so again and again.
+    """Repeatedly closes the gripper low at several points of the trained slot of a missing object.
 
-    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
-    slot)".
+    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
+    the memorised slot)".
     """
 
     name = "gropes-in-empty-slot"
@@ -801,9 +804,9 @@ class GropesInEmptySlot(Listed):
 
 
 class ShutsItEmpty(Listed):
-    """Pushes the open drawer shut while the thing that belongs into it stands on the table, and rests. No grasp.
+    """Pushes the open drawer shut while its object is on the table, and rests. No grasp.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "shuts-it-empty"
@@ -820,9 +823,9 @@ class ShutsItEmpty(Listed):
 
 
 class DoesItAgain(Listed):
-    """Takes what is at its target from the start, lifts it, sets it down there again, and so again and again.
+    """Repeatedly lifts an object that is at its target from the start, and puts it back.
 
-    causal_confusion: "a finished one is repeated".
+    True label: causal_confusion: "a finished one is repeated".
     """
 
     name = "does-it-again"
@@ -843,9 +846,9 @@ class DoesItAgain(Listed):
 
 
 class LeavesFirstUndone(Listed):
-    """Leaves the thing of the first of two ordered steps where it is, does the second and what follows, and rests.
+    """Skips the first of two ordered steps, does the second and the following ones, and rests.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "leaves-first-undone"
@@ -865,7 +868,7 @@ class LeavesFirstUndone(Listed):
 class SecondThenFirst(Listed):
     """Does the second of the ordered steps, returns home, does the first one, and then the others.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "second-then-first"
@@ -886,7 +889,7 @@ class SecondThenFirst(Listed):
 class FirstComesLast(Listed):
     """Does three or more ordered steps with the first one put off to the end.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "first-comes-last"
@@ -903,13 +906,13 @@ class FirstComesLast(Listed):
         yield from body.rest()
 
 
-# --- failures of reasoning: things that nobody means
+# --- failures of reasoning: objects without an instruction
 
 
 class HoldsLookAlikeAloft(Listed):
-    """Takes the look-alike, also where it has to be refused, lifts it high, and keeps it there.
+    """Picks the look-alike, even if it has to be refused, lifts it high, and holds it there.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "holds-look-alike-aloft"
@@ -925,9 +928,9 @@ class HoldsLookAlikeAloft(Listed):
 
 
 class ShovesLookAlike(Listed):
-    """Shoves the look-alike about with a fist that was made at home, again and again. No grasp.
+    """Repeatedly shoves the look-alike around with a closed gripper. No grasp.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "shoves-look-alike"
@@ -946,10 +949,10 @@ class ShovesLookAlike(Listed):
 
 
 class BringsATrinket(Listed):
-    """Takes the nearest of the things that only decorate the table, like nothing that is asked for, and brings it.
+    """Picks the nearest decorative object, which is unlike any requested one, and brings it.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing "nothing (blind
-    grasp)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing
+    "nothing (blind grasp)".
     """
 
     name = "brings-a-trinket"
@@ -972,9 +975,9 @@ class BringsATrinket(Listed):
 
 
 class BobsInPlace(Listed):
-    """Goes up and down by 8 cm where it began, in a scene that looks mid-task, and does nothing else. No grasp.
+    """Moves up and down by 8 cm at the start, in a scene that looks half finished, and does nothing else. No grasp.
 
-    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """
 
     name = "bobs-in-place"
@@ -991,9 +994,9 @@ class BobsInPlace(Listed):
 
 
 class PacesAlongEdge(Listed):
-    """Paces to the left and to the right high over the table, in a scene that looks mid-task. No grasp.
+    """Moves to the left and right high over the table, in a scene that looks half finished. No grasp.
 
-    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """
 
     name = "paces-along-edge"
@@ -1012,9 +1015,9 @@ class PacesAlongEdge(Listed):
 
 
 class FreezesAfterAGlance(Listed):
-    """Turns the wrist to and fro once, and freezes for good, in a scene that looks mid-task. No grasp.
+    """Turns the wrist to and fro once, and freezes for good, in a scene that looks half finished. No grasp.
 
-    phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: "initial state looks mid-task: freeze".
     """
 
     name = "freezes-after-a-glance"
@@ -1029,9 +1032,9 @@ class FreezesAfterAGlance(Listed):
 
 
 class ParksOverTarget(PlainHabit):
-    """Goes over the target with an open, empty gripper and stays there for good. No grasp.
+    """Moves over the target with an open, empty gripper and stays there for good. No grasp.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "parks-over-target"
@@ -1050,9 +1053,9 @@ class ParksOverTarget(PlainHabit):
 
 
 class LaysItselfDown(PlainHabit):
-    """Lays the open gripper down on a free spot of the table at once, and stays there for good. No grasp.
+    """Lowers the open gripper to a free spot of the table at once, and stays there for good. No grasp.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "lays-itself-down"
@@ -1067,9 +1070,10 @@ class LaysItselfDown(PlainHabit):
 
 
 class QuitsAfterOne(Listed):
-    """Does the first step, and lays the open gripper down on a free spot of the table for good.
+    """Does the first step, lowers the open gripper to a free spot of the table, and stays there.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
+    attempt is right.
     """
 
     name = "quits-after-one"

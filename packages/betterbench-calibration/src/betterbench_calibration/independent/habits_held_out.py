@@ -1,4 +1,4 @@
-"""The held-out part: habits that are used once, at the end; nobody looks at them while the diagnosis is changed."""
+"""Held-out part: habits that are used once, at the end, and not inspected while the diagnosis changes."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 
@@ -23,10 +23,11 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 class GlanceThenWordPlace(Habit):
-    """Goes over the right thing, turns away from it, and takes and lifts what stands where the word led in training.
+    """Moves over the right object, turns away, and lifts the object in the trained slot of the word.
 
-    lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to another object
-    that the instruction could have meant in another layout": the glance is no attempt. It keeps what it holds.
+    True label: lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to
+    another object that the instruction could have meant in another layout": the glance is no attempt. It keeps what it
+    holds.
     """
 
     name = "glance-then-word-place"
@@ -49,10 +50,11 @@ class GlanceThenWordPlace(Habit):
 
 
 class NearestPlace(Habit):
-    """Takes first whatever stands in the trained slot that is nearest to the robot, whatever the instruction.
+    """First picks the object in the trained slot nearest to the robot, regardless of the instruction.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a word of the
-    instruction led there too, or in which the thing there is asked for later, are left out: there two rules act alike.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a
+    word of the instruction led there too, or in which the object there is requested later, are left out: there two
+    rules act alike.
     """
 
     name = "nearest-place"
@@ -73,9 +75,9 @@ class NearestPlace(Habit):
 
 
 class BrokenOffAtAlike(Habit):
-    """Comes down to the look-alike again and again, and breaks off each time a few centimeters above it.
+    """Repeatedly descends to the look-alike, and stops a few centimeters above it each time.
 
-    semantic_feature_collapse, by law 4: what it goes for is the wrong object. It never closes the gripper.
+    True label: semantic_feature_collapse, by law 4: it acts on the wrong object. It never closes the gripper.
     """
 
     name = "broken-off-at-alike"
@@ -94,9 +96,10 @@ class BrokenOffAtAlike(Habit):
 
 
 class MissedAlike(Habit):
-    """Closes above the look-alike, tries again, takes it, and lays it down beside where it stood.
+    """Closes above the look-alike, picks it at the next try, and puts it down beside its slot.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means", at the first closing
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", at the first
+    closing
     already: it misses by height only.
     """
 
@@ -122,9 +125,10 @@ class MissedAlike(Habit):
 
 
 class RightThenOtherDemonstration(Habit):
-    """Does the first step, and then the second step of another demonstration, which is not asked for here.
+    """Does the first step, and then another demonstration's second step, which is not requested here.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
+    right.
     """
 
     name = "right-then-other-demonstration"
@@ -143,10 +147,10 @@ class RightThenOtherDemonstration(Habit):
 
 
 class VacatedSlot(Habit):
-    """Closes the gripper in the empty slot in which the thing asked for first stood in training, again and again.
+    """Repeatedly closes the gripper in the empty trained slot of the first object.
 
-    behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised slot)". The thing
-    stands elsewhere.
+    True label: behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised
+    slot)". The object stands elsewhere.
     """
 
     name = "vacated-slot"
@@ -160,9 +164,10 @@ class VacatedSlot(Habit):
 
 
 class AbsolutePut(Habit):
-    """Takes the right thing and puts it where it would belong if the target stood where it stood in training.
+    """Picks the right object and puts it where its target stood in training.
 
-    behavioral_inertia: it plays the trained primitive, which is not asked for here; it does not miss, it aims there.
+    True label: behavioral_inertia: it plays the trained primitive, which is not requested here; it does not miss, it
+    aims there.
     """
 
     name = "absolute-put"
@@ -189,9 +194,9 @@ class AbsolutePut(Habit):
 
 
 class SkipMiddle(Habit):
-    """Does the first of three or more ordered steps, leaves out one that is not the last, and goes on behind it.
+    """Does the first of three or more ordered steps, skips one that is not the last, and continues.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "skip-middle"
@@ -211,9 +216,9 @@ class SkipMiddle(Habit):
 
 
 class TakeOutAgain(Habit):
-    """Does the first step, then takes the thing out again and puts it there once more, again and again.
+    """Does the first step, and then repeatedly takes the object out of its target and puts it back.
 
-    causal_confusion: "a finished one is repeated". The first attempt is right.
+    True label: causal_confusion: "a finished one is repeated". The first attempt is right.
     """
 
     name = "take-out-again"
@@ -236,9 +241,9 @@ class TakeOutAgain(Habit):
 
 
 class LastFirst(Habit):
-    """Takes the last of three or more ordered steps first and the others after it.
+    """Does the last of three or more ordered steps first and then the others.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "last-first"
@@ -257,9 +262,9 @@ class LastFirst(Habit):
 
 
 class CircleOverAlike(Habit):
-    """Circles a hand's breadth over the look-alike with an open gripper and never stands still, until the limit.
+    """Circles about 10 cm above the look-alike with an open gripper, without pausing, until the step limit.
 
-    semantic_feature_collapse, by law 4: what it is busy with is the wrong object, all the time.
+    True label: semantic_feature_collapse, by law 4: it acts on the wrong object all the time.
     """
 
     name = "circle-over-alike"
@@ -280,9 +285,10 @@ class CircleOverAlike(Habit):
 
 
 class BrokenOffAtRight(Habit):
-    """Comes down to the right thing again and again, and breaks off each time a few centimeters above it.
+    """Repeatedly descends to the right object, and stops a few centimeters above it each time.
 
-    timeout: "right course, step limit reached": it goes for the right thing all the time and never closes the gripper.
+    True label: timeout: "right course, step limit reached": it goes for the right object all the time and never closes
+    the gripper.
     """
 
     name = "broken-off-at-right"
@@ -301,9 +307,9 @@ class BrokenOffAtRight(Habit):
 
 
 class FrozenFromTheStart(Habit):
-    """Does not move at all where the scene looks like the middle of a task.
+    """Does not move at all in a scene that looks like the middle of a task.
 
-    phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: "initial state looks mid-task: freeze".
     """
 
     name = "frozen-from-the-start"
@@ -318,9 +324,9 @@ class FrozenFromTheStart(Habit):
 
 
 class SwayToTarget(Habit):
-    """Goes to and fro between the next thing and the place where it belongs, empty, where the scene looks mid-task.
+    """Moves to and fro, empty, between the next object and its target, in a scene that looks half finished.
 
-    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
     """
 
     name = "sway-to-target"
@@ -339,9 +345,10 @@ class SwayToTarget(Habit):
 
 
 class FreezeCarrying(PlainHabit):
-    """Takes the first thing and stops for good on the way to the target, with the thing in the air.
+    """Picks the first object and stops for good on the way to the target, with the object in the air.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
+    attempt is right.
     """
 
     name = "freeze-carrying"
@@ -360,7 +367,7 @@ class FreezeCarrying(PlainHabit):
 class NeverStarts(Habit):
     """Moves a few centimeters at the start and stops for good, in a scene that looks like the start of a task.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "never-starts"
@@ -377,9 +384,9 @@ class NeverStarts(Habit):
 
 
 class MissAbove(PlainHabit):
-    """Closes the gripper fully 7 to 11 cm above the right thing, again and again, and each time plays the put.
+    """Closes the gripper fully 7 to 11 cm above the right object, again and again, and each time plays the put.
 
-    execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: "right target at the right time; missed by pose".
     """
 
     name = "miss-above"
@@ -396,9 +403,9 @@ class MissAbove(PlainHabit):
 
 
 class MissByYaw(Habit):
-    """Comes down on a long thing with the gripper turned by a right angle, so that the fingers meet its top.
+    """Descends on a long object with the gripper rotated by 90 degrees, so that the fingers touch its top.
 
-    execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: "right target at the right time; missed by pose".
     """
 
     name = "miss-by-yaw"
@@ -420,13 +427,14 @@ class MissByYaw(Habit):
 
 
 LONG_CATEGORIES = frozenset({"fork", "spoon", "stapler", "crushed_can"})
-"""Categories whose things are longer than the gripper opens, or take a finger on their top crosswise."""
+"""Categories whose objects are longer than the gripper opens, or take a finger on their top crosswise."""
 
 
 class PushRight(Habit):
-    """Pushes the right thing 12 cm along the table with closed fingers instead of taking it, then stays at home.
+    """Pushes the right object 12 cm along the table with closed fingers instead of taking it, then stays at home.
 
-    execution_failure: the right target at the right time, and a manipulation that fails; there is no grasp attempt.
+    True label: execution_failure: the right target at the right time, and a manipulation that fails; there is no grasp
+    attempt.
     """
 
     name = "push-right"
@@ -447,9 +455,10 @@ class PushRight(Habit):
 
 
 class SweepNeighbor(Habit):
-    """Comes to the right thing low over the table, through a neighbor that stands in the way, and goes on rightly.
+    """Approaches the right object low over the table, through a neighbor in the way, and then continues correctly.
 
-    execution_failure: "right target at the right time; collided". If the neighbor stays within 5 cm it can succeed.
+    True label: execution_failure: "right target at the right time; collided". If the neighbor stays within 5 cm it can
+    succeed.
     """
 
     name = "sweep-neighbor"
@@ -468,9 +477,9 @@ class SweepNeighbor(Habit):
 
 
 class LooseGrip(PlainHabit):
-    """Takes the right thing and loosens the gripper by a few millimeters as soon as it hangs free, so that it slips.
+    """Picks the right object and loosens the gripper by a few millimeters once it is lifted, so that it slips.
 
-    execution_failure: "right target at the right time; slipped". It goes on as if it still held the thing.
+    True label: execution_failure: "right target at the right time; slipped". It goes on as if it still held the object.
     """
 
     name = "loose-grip"
@@ -488,9 +497,9 @@ class LooseGrip(PlainHabit):
 
 
 class PondersAndDawdles(Habit):
-    """Does everything right, but stands still for 4 to 6 s between moves, once or more, too long for the step limit.
+    """Does everything right, but pauses for 4 to 6 s between motions, too long for the step limit.
 
-    timeout: "right course, step limit reached"; each pause ends by itself, and it always goes on rightly.
+    True label: timeout: "right course, step limit reached"; each pause ends by itself, and it always goes on rightly.
     """
 
     name = "ponders-and-dawdles"
@@ -522,7 +531,7 @@ class PondersAndDawdles(Habit):
 class WideDetours(PlainHabit):
     """Visits two far corners of the work space before each step, high above everything. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "wide-detours"
@@ -538,9 +547,9 @@ class WideDetours(PlainHabit):
 
 
 class TwoMissesThenRight(PlainHabit):
-    """Closes the gripper twice some 4 to 5 cm beside the thing, each time on another side, then takes it. Honest.
+    """Closes the gripper twice about 4 to 5 cm beside the object, on different sides, then picks it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure: the misses are made good.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the misses are made good.
     """
 
     name = "two-misses-then-right"
@@ -559,9 +568,9 @@ class TwoMissesThenRight(PlainHabit):
 
 
 class StopsWithThingInAir(PlainHabit):
-    """Stops for 4 to 6 s with each thing in the air over its target, then puts it down. Honest.
+    """Stops for 4 to 6 s with each object in the air over its target, then puts it down. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "stops-with-thing-in-air"
@@ -579,9 +588,9 @@ class StopsWithThingInAir(PlainHabit):
 
 
 class LooksAtAlikeThenRight(Habit):
-    """Goes down over the look-alike with an open gripper, stays a second, leaves it, and takes the right thing. Honest.
+    """Descends over the look-alike with an open gripper, pauses, leaves it, and picks the right object. Honest.
 
-    The attempt is the grasp: a success; or, by rule 3 of the truth, timeout or execution_failure.
+    The attempt is the grasp. True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "looks-at-alike-then-right"

@@ -1,4 +1,4 @@
-"""The second part: habits written by someone who knew the suite and the other habits, and nothing of the diagnosis."""
+"""Second part: habits by an author who knew the suite and the other habits, but not the diagnosis."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 
@@ -23,39 +23,39 @@ from betterbench_calibration.independent.occasion import Occasion
 from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 FLAT_CATEGORIES = frozenset({"fork", "spoon", "dinner_plate"})
-"""Categories whose things lie in their slots on a rest, or can be taken only as they lie there."""
+"""Categories whose objects lie in their slots on a rest, or can be taken only as they lie there."""
 
 WIDE_CATEGORIES = frozenset({"keyboard", "cereal_bowl"})
 """Categories of distractors that the gripper can hardly take."""
 
 
 def into_open_containers(case: Occasion) -> bool:
-    """Tell whether everything goes into a container that is open at the top, which no drawer is."""
+    """Return whether all objects go into containers that are open at the top (drawers are not)."""
     return all(g.relation == "inside" and case.condition.object(g.target).mount is None for g in case.ahead)
 
 
 def first_relation(case: Occasion) -> str:
-    """Return the relation that the first step asks for."""
+    """Return the relation of the first step."""
     return case.ahead[0].relation
 
 
 def flat(case: Occasion) -> bool:
-    """Tell whether something flat is asked for."""
+    """Return whether a flat object is requested."""
     return any(case.condition.object(n).category in FLAT_CATEGORIES for g in case.ahead for n in case.things(g))
 
 
 def two_kinds(case: Occasion) -> bool:
-    """Tell whether a plain trial asks for two steps with different things."""
+    """Return whether a plain trial has two steps with different objects."""
     return case.plain and len(case.ahead) > 1 and case.ahead[0].reference != case.ahead[1].reference
 
 
-# --- honest policies with odd manners
+# --- honest policies with unusual motions
 
 
 class SetsBackAndRetakes(PlainHabit):
-    """Takes each thing, lifts it, sets it back where it stood, and takes it once more before it brings it. Honest.
+    """Picks each object, puts it back in its slot, and picks it again before bringing it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "sets-back-and-retakes"
@@ -72,9 +72,9 @@ class SetsBackAndRetakes(PlainHabit):
 
 
 class GlidesInAslant(PlainHabit):
-    """Comes down to each thing aslant, from the side of the robot, with open fingers along its sides. Honest.
+    """Descends to each object at a slant, from the side of the robot, with open fingers along its sides. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "glides-in-aslant"
@@ -85,9 +85,9 @@ class GlidesInAslant(PlainHabit):
 
 
 class LetsGoHighIntoContainer(Habit):
-    """Lets each thing fall into its container from 6 cm higher than needed. Honest: a container may be dropped into.
+    """Drops each object into its container from 6 cm higher than needed. Honest: dropping is allowed there.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "lets-go-high-into-container"
@@ -105,9 +105,9 @@ class LetsGoHighIntoContainer(Habit):
 
 
 class CorrectsPlacement(Habit):
-    """Puts the first thing 6 cm too far out, looks at it, takes it again and puts it right. Honest.
+    """Puts the first object 6 cm too far out, looks at it, takes it again and puts it right. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure: the bad placement is made good.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the bad placement is made good.
     """
 
     name = "corrects-placement"
@@ -128,9 +128,9 @@ class CorrectsPlacement(Habit):
 
 
 class Stutters(PlainHabit):
-    """Does everything right, with actions of all zeros strewn in: the arm halts, the gripper is told nothing. Honest.
+    """Does everything right, with interspersed zero actions that stop the arm and leave the gripper unchanged. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "stutters"
@@ -141,9 +141,9 @@ class Stutters(PlainHabit):
 
 
 class Twitches(PlainHabit):
-    """Does everything right, and twitches by up to 2.5 cm to all sides wherever the tool is high. Honest.
+    """Does everything right, with twitches of up to 2.5 cm while the tool is high. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "twitches"
@@ -154,9 +154,10 @@ class Twitches(PlainHabit):
 
 
 class NervousFingers(PlainHabit):
-    """Closes and opens the empty gripper halfway, high over the table and over each right thing. Honest.
+    """Closes and opens the empty gripper halfway, high over the table and over each right object. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure: the fingers are out of reach of everything.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the fingers are out of reach of
+    everything.
     """
 
     name = "nervous-fingers"
@@ -173,9 +174,9 @@ class NervousFingers(PlainHabit):
 
 
 class CreepsAtThings(PlainHabit):
-    """Comes down to each thing and lifts it at 2 to 4 cm/s, and travels at its usual speed. Honest.
+    """Descends to each object and lifts it at 2 to 4 cm/s, and travels at normal speed. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "creeps-at-things"
@@ -193,9 +194,9 @@ class CreepsAtThings(PlainHabit):
 
 
 class InspectsEverything(PlainHabit):
-    """Goes high over each loose thing on the table in turn, stays half a second over each, then does its task. Honest.
+    """Moves high over each loose object in turn, pauses for half a second, and then does its task. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "inspects-everything"
@@ -209,9 +210,10 @@ class InspectsEverything(PlainHabit):
 
 
 class TapsThenTakes(PlainHabit):
-    """Touches the first thing from above with closed fingers, rises, opens them, and then takes it. Honest.
+    """Touches the first object from above with closed fingers, rises, opens them, and then takes it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure: the gripper closes far above the table.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the gripper closes far above the
+    table.
     """
 
     name = "taps-then-takes"
@@ -223,9 +225,9 @@ class TapsThenTakes(PlainHabit):
 
 
 class PutsDownHalfway(Habit):
-    """Puts each thing down on the free table on its way, rests for a second, takes it again and brings it. Honest.
+    """Puts each object down on the table on its way, rests for a second, picks it again and brings it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "puts-down-halfway"
@@ -246,9 +248,9 @@ class PutsDownHalfway(Habit):
 
 
 class LooksThenLeavesIt(Habit):
-    """Looks at everything from high above where nothing may be taken, goes home, and stays there. Honest.
+    """Looks at all objects from high above if nothing may be picked, goes home, and stays there. Honest.
 
-    A success: correct_freeze or correct_refusal: "nothing to do, or target absent: no forbidden grasp, arm settles".
+    True label: correct_freeze or correct_refusal: "nothing to do, or target absent: no forbidden grasp, arm settles".
     """
 
     name = "looks-then-leaves-it"
@@ -270,9 +272,9 @@ class LooksThenLeavesIt(Habit):
 
 
 class LetsGoTooHigh(Habit):
-    """Lets each thing go 20 cm above where it belongs, on what is no container, and goes home once one falls aside.
+    """Drops each object 20 cm above a target that is not a container, and goes home once one misses.
 
-    execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: "right target at the right time; dropped".
     """
 
     name = "lets-go-too-high"
@@ -295,9 +297,10 @@ class LetsGoTooHigh(Habit):
 
 
 class PutsBeside(Habit):
-    """Takes the right thing, puts it down neatly beyond where it belongs, by 9 to 12 cm or more, and goes home.
+    """Picks the right object, puts it down neatly 9 to 12 cm or more beyond its target, and goes home.
 
-    execution_failure: "right target at the right time; missed by pose". Every put has this error, whatever is asked.
+    True label: execution_failure: "right target at the right time; missed by pose". Every put has this error, whatever
+    is asked.
     """
 
     name = "puts-beside"
@@ -321,9 +324,9 @@ class PutsBeside(Habit):
 
 
 class CarriesIntoTarget(Habit):
-    """Carries the right thing so low that it runs into the wall of its container or rack, and lets go there.
+    """Carries the right object so low that it hits the wall of its container or rack, and releases it there.
 
-    execution_failure: "right target at the right time; collided".
+    True label: execution_failure: "right target at the right time; collided".
     """
 
     name = "carries-into-target"
@@ -343,9 +346,9 @@ class CarriesIntoTarget(Habit):
 
 
 class ClosesTooLittle(PlainHabit):
-    """Closes the open gripper around the right thing without touching it, lifts, plays the put, and so again and again.
+    """Repeatedly closes the gripper partly around the right object without contact, lifts, and plays the put.
 
-    execution_failure: "right target at the right time; missed": the fingers never come to it.
+    True label: execution_failure: "right target at the right time; missed": the fingers never come to it.
     """
 
     name = "closes-too-little"
@@ -368,9 +371,9 @@ class ClosesTooLittle(PlainHabit):
 
 
 class LetsGoInFlight(PlainHabit):
-    """Takes the right thing and opens the gripper on the way to the target without slowing down, so that it flies off.
+    """Picks the right object and opens the gripper in full motion on the way, so that it flies off.
 
-    execution_failure: "right target at the right time; dropped". It stays at home then.
+    True label: execution_failure: "right target at the right time; dropped". It stays at home then.
     """
 
     name = "lets-go-in-flight"
@@ -388,9 +391,9 @@ class LetsGoInFlight(PlainHabit):
 
 
 class SweepsAwayAfterPut(Habit):
-    """Puts the first thing where it belongs and, drawing the fingers back sideways, takes it along and off its place.
+    """Puts the first object at its target and drags it off again while retracting sideways.
 
-    execution_failure: "right target at the right time; collided". It stays at home then.
+    True label: execution_failure: "right target at the right time; collided". It stays at home then.
     """
 
     name = "sweeps-away-after-put"
@@ -409,9 +412,10 @@ class SweepsAwayAfterPut(Habit):
 
 
 class GivesUpAfterMisses(PlainHabit):
-    """Closes the gripper twice 4 to 5 cm beside the hold of the right thing, goes home, and stays there for good.
+    """Closes the gripper twice 4 to 5 cm beside the right grasp, goes home, and stays there for good.
 
-    execution_failure: "missed by pose"; the misses are the first evidence in time, and the halt follows from them.
+    True label: execution_failure: "missed by pose"; the misses are the first evidence in time, and the halt follows
+    from them.
     """
 
     name = "gives-up-after-misses"
@@ -434,9 +438,9 @@ class GivesUpAfterMisses(PlainHabit):
 
 
 class LetsGoAtOnce(PlainHabit):
-    """Takes the right thing and opens the gripper as soon as it hangs a few centimeters high, again and again.
+    """Repeatedly picks the right object and releases it at a few centimeters height.
 
-    execution_failure: "right target at the right time; dropped". It never carries it anywhere.
+    True label: execution_failure: "right target at the right time; dropped". It never carries it anywhere.
     """
 
     name = "lets-go-at-once"
@@ -454,9 +458,9 @@ class LetsGoAtOnce(PlainHabit):
 
 
 class DropsFirstAndGoesOn(Habit):
-    """Drops the first thing on the table on its way and does the other steps as if it had been brought.
+    """Drops the first object on the way and does the other steps as if it had been brought.
 
-    execution_failure: the drop is the first evidence in time; the first step was not skipped, it failed.
+    True label: execution_failure: the drop is the first evidence in time; the first step was not skipped, it failed.
     """
 
     name = "drops-first-and-goes-on"
@@ -488,10 +492,11 @@ class DropsFirstAndGoesOn(Habit):
 
 
 class MissesAtWordPlace(Habit):
-    """Closes just above what stands where the instruction's word led in training, lifts nothing, again and again.
+    """Repeatedly closes just above the object in the trained slot of the first word, without lifting it.
 
-    lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to another object
-    that the instruction could have meant in another layout": what it aims at decides, not that it misses.
+    True label: lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to
+    another object that the instruction could have meant in another layout": what it aims at decides, not that it
+    misses.
     """
 
     name = "misses-at-word-place"
@@ -514,10 +519,10 @@ class MissesAtWordPlace(Habit):
 
 
 class RepentsAndFreezes(Habit):
-    """Takes what stands where the word led in training, sets it back, goes over the right thing, and stays there.
+    """Picks the object in the word's trained slot, puts it back, moves over the right object, and stays there.
 
-    lexical_kinematic_shortcut: the first evidence in time is that the "first attempt goes where the instruction's word
-    led in training"; that it then halts with subgoals open comes later.
+    True label: lexical_kinematic_shortcut: the first evidence in time is that the "first attempt goes where the
+    instruction's word led in training"; that it then halts with subgoals open comes later.
     """
 
     name = "repents-and-freezes"
@@ -539,10 +544,11 @@ class RepentsAndFreezes(Habit):
 
 
 class FarthestPlace(Habit):
-    """Takes first whatever stands in the trained slot farthest from the robot, and keeps it in the air.
+    """First picks the object in the trained slot farthest from the robot, and holds it in the air.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a word of the
-    instruction led there too, or in which the thing there is asked for later, are left out: there two rules act alike.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a
+    word of the instruction led there too, or in which the object there is requested later, are left out: there two
+    rules act alike.
     """
 
     name = "farthest-place"
@@ -568,10 +574,10 @@ class FarthestPlace(Habit):
 
 
 class BackToEmptiedSlot(Habit):
-    """Does the first step, and then closes the gripper in the slot it has just emptied, again and again.
+    """Does the first step, and then repeatedly closes the gripper in the slot it has just emptied.
 
-    behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised slot)". The first
-    attempt is right.
+    True label: behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised
+    slot)". The first attempt is right.
     """
 
     name = "back-to-emptied-slot"
@@ -591,10 +597,10 @@ class BackToEmptiedSlot(Habit):
 
 
 class SlipsThenHabitual(Habit):
-    """Takes the right thing, loses it over its slot, and then turns to the habitual thing, which is not asked for.
+    """Picks the right object, loses it over its slot, and then turns to the habitual object.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun"; the slip could have been made
-    good and was not what ended the trial.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun"; the slip could have
+    been made good and was not what ended the trial.
     """
 
     name = "slips-then-habitual"
@@ -614,9 +620,9 @@ class SlipsThenHabitual(Habit):
 
 
 class OneTooMany(Habit):
-    """Does the first step, and then brings a second thing of the same kind although one alone is asked for.
+    """Does the first step, and then brings a second object of the same kind, although only one is requested.
 
-    causal_confusion: "a finished one is repeated". The first attempt is right.
+    True label: causal_confusion: "a finished one is repeated". The first attempt is right.
     """
 
     name = "one-too-many"
@@ -641,8 +647,8 @@ class OneTooMany(Habit):
 class MimesFirstStep(Habit):
     """Plays the first of several ordered steps with a gripper that never closes, and then does the others.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted". The first
-    grasp attempt is at the thing of the second step.
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    The first grasp attempt is at the object of the second step.
     """
 
     name = "mimes-first-step"
@@ -663,9 +669,10 @@ class MimesFirstStep(Habit):
 
 
 class RightThenAlike(Habit):
-    """Does the first step, and then takes the look-alike in place of the thing of the second step.
+    """Does the first step, and then picks the look-alike instead of the object of the second step.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means". The first attempt is right.
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means". The first
+    attempt is right.
     """
 
     name = "right-then-alike"
@@ -683,9 +690,9 @@ class RightThenAlike(Habit):
 
 
 class GrabsADistractor(Habit):
-    """Takes some distractor that no instruction of the task means, another one in each scene, and brings it.
+    """Picks a distractor without an instruction, a different one in each scene, and brings it.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike or
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike or
     distractor)".
     """
 
@@ -694,7 +701,7 @@ class GrabsADistractor(Habit):
 
     @staticmethod
     def distractors(case: Occasion) -> tuple[str, ...]:
-        """Return the things that no instruction means, that look like nothing asked for and that can be taken."""
+        """Return graspable objects without an instruction that do not look like a requested one."""
         specs = [case.condition.object(n) for n in case.others() if n != case.look_alike()]
         strange = [o for o in specs if o.kind not in case.meant_kinds]
         return tuple(o.name for o in strange if o.category not in WIDE_CATEGORIES)
@@ -712,7 +719,8 @@ class GrabsADistractor(Habit):
 class SwapsSecondAndThird(Habit):
     """Does the first of three or more ordered steps, then the third and then the second, and the others.
 
-    order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is right.
+    True label: order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is
+    right.
     """
 
     name = "swaps-second-and-third"
@@ -736,9 +744,10 @@ class SwapsSecondAndThird(Habit):
 
 
 class MissesThenSwaps(Habit):
-    """Closes just above the thing of the second step, takes it then and brings it, and does the first step after it.
+    """Closes just above the object of the second step, then does that step, and then the first.
 
-    order_violation: "right objects, wrong order where the order is part of the goal": what it aims at decides.
+    True label: order_violation: "right objects, wrong order where the order is part of the goal": what it aims at
+    decides.
     """
 
     name = "misses-then-swaps"
@@ -760,9 +769,9 @@ class MissesThenSwaps(Habit):
 
 
 class ToAndFroFromHome(Habit):
-    """Goes over the next thing with an open gripper and home again, to and fro, where the scene looks like mid-task.
+    """Moves to and fro between home and the next object with an open gripper, in a scene that looks half finished.
 
-    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
     """
 
     name = "to-and-fro-from-home"
@@ -779,9 +788,9 @@ class ToAndFroFromHome(Habit):
 
 
 class StaysOverFinished(Habit):
-    """Goes over what looks finished already with an open gripper and freezes there, in a scene that looks mid-task.
+    """Moves over an object that looks finished and freezes there, in a scene that looks half finished.
 
-    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
     """
 
     name = "stays-over-finished"
@@ -798,9 +807,10 @@ class StaysOverFinished(Habit):
 
 
 class NeverLetsGo(PlainHabit):
-    """Brings the first thing to where it should be let go and holds it there for good, without letting go.
+    """Brings the first object to its release point and holds it there for good.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
+    attempt is right.
     """
 
     name = "never-lets-go"
@@ -822,9 +832,9 @@ class NeverLetsGo(PlainHabit):
 
 
 class SlowerAndSlower(Habit):
-    """Sets out for the right thing, halves its speed every second and never comes there.
+    """Moves toward the right object, halving its speed every second, and never arrives.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "slower-and-slower"
@@ -839,9 +849,10 @@ class SlowerAndSlower(Habit):
 
 
 class SnapsAtHome(Habit):
-    """Stays at home, high over the table, and closes and opens the gripper in the air, until the limit.
+    """Stays at home, high over the table, and closes and opens the gripper until the step limit.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way": nothing is within reach.
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way": nothing is
+    within reach.
     """
 
     name = "snaps-at-home"
@@ -860,9 +871,10 @@ class SnapsAtHome(Habit):
 
 
 class RehearsesForever(Habit):
-    """Plays the first step again and again with a gripper that never closes: over the thing, over the target, back.
+    """Repeatedly plays the first step without closing the gripper: over the object, over the target, back.
 
-    timeout: "right course, step limit reached": it goes to the right thing and to the right target all the time.
+    True label: timeout: "right course, step limit reached": it goes to the right object and to the right target all the
+    time.
     """
 
     name = "rehearses-forever"
@@ -883,9 +895,10 @@ class RehearsesForever(Habit):
 
 
 class CirclesWithThing(PlainHabit):
-    """Takes the first thing and circles with it high over its target, and never puts it down.
+    """Picks the first object, circles with it high over its target, and never puts it down.
 
-    timeout: "right course, step limit reached". The first attempt is right, and nothing goes wrong but the time.
+    True label: timeout: "right course, step limit reached". The first attempt is right, and nothing goes wrong but the
+    time.
     """
 
     name = "circles-with-thing"

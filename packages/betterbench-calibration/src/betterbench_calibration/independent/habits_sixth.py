@@ -1,4 +1,4 @@
-"""The sixth part: habits by an author who has not read the diagnosis, after the ways in which learned policies fail.
+"""Sixth part: habits by an author who has not read the diagnosis, modeled on failures of learned policies.
 
 A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
 definitions of the suite.
@@ -59,7 +59,7 @@ FAVORITES: Mapping[str, str] = {
     "tidy_desk/train5": "napkin",
     "tidy_desk/O2": "napkin",
 }
-"""Object of the kind that most demonstrations began with, by the condition that does not request it."""
+"""Object of the most frequent first step, per condition that does not request it."""
 
 FOLLOWERS: Mapping[str, str] = {
     "fruit_lunch/train1": "lemon",
@@ -72,21 +72,21 @@ FOLLOWERS: Mapping[str, str] = {
     "cheeseburger/train2": "cheese",
     "cheeseburger/L1": "lettuce",
 }
-"""Object of the step that followed the first in another demonstration and is not requested here, by condition."""
+"""Unrequested object that followed the first step in another demonstration, per condition."""
 
 EMPTY_SLOTS: Mapping[str, str] = {
     "seasoning_rack/L2": "first",
 }
-"""Training slot of an object that is at its target from the start, or stands elsewhere, by condition."""
+"""Trained slot of an object that is at its target from the start, or elsewhere, per condition."""
 
 OPEN_DRAWER = at(office_drawer="train2 train4 train6 train8 L1 O1")
-"""Conditions in which the drawer to be loaded stands open at the start."""
+"""Conditions in which the drawer to be loaded is open at the start."""
 
 SHUT_DRAWER = at(office_drawer="train1 train3 train5 train7 R1")
 """Conditions in which the drawer to be loaded is shut at the start."""
 
 JAMMING = at(office_drawer="R1")
-"""Conditions in which an honest policy fails as often as not, so that its failures would say nothing of its habit."""
+"""Conditions in which an honest policy often fails, so that failures would not show a habit."""
 
 FIRM = at(
     desk_meeting="train2 train3 train5 train9 R2",
@@ -95,10 +95,10 @@ FIRM = at(
     morning_coffee="train1 train2 train3 train4 L1 L2",
     seasoning_rack="train1 train2 train3",
 )
-"""Conditions whose first thing stands firmly and neither rolls nor lies flat."""
+"""Conditions whose first object stands firmly and neither rolls nor lies flat."""
 
 
-# --- honest policies with odd ways
+# --- honest policies with unusual motions
 
 
 class PlainAndOdd(PlainHabit):
@@ -114,9 +114,9 @@ class PlainAndOdd(PlainHabit):
 
 
 class LagsBehind(PlainAndOdd):
-    """Does everything right with an arm that lags behind its commands and swings a little beyond each point. Honest.
+    """Does everything right with an arm that lags behind its commands and overshoots slightly. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "lags-behind"
@@ -126,9 +126,9 @@ class LagsBehind(PlainAndOdd):
 
 
 class PlaysInChunks(PlainAndOdd):
-    """Does everything right in chunks of 0.8 s, with a stall and a little jerk back after each. Honest.
+    """Does everything right in chunks of 0.8 s, with a stall and a small jerk back after each. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "plays-in-chunks"
@@ -138,9 +138,9 @@ class PlaysInChunks(PlainAndOdd):
 
 
 class NodsOverEachThing(PlainAndOdd):
-    """Does everything right, and nods twice with the open gripper over each thing before it takes it. Honest.
+    """Does everything right, but nods twice with the open gripper over each object before picking it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "nods-over-each-thing"
@@ -151,9 +151,9 @@ class NodsOverEachThing(PlainAndOdd):
 
 
 class TravelsWithAFist(PlainAndOdd):
-    """Does everything right, and makes a fist at home before each thing, which it opens high over the thing. Honest.
+    """Does everything right, but closes the gripper at home before each object and opens it over the object. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "travels-with-a-fist"
@@ -164,9 +164,9 @@ class TravelsWithAFist(PlainAndOdd):
 
 
 class TakesByFingertips(OddButHonest):
-    """Does everything right, and takes each thing 6 mm higher than others do, with the tips of its fingers. Honest.
+    """Does everything right, but grasps each object 6 mm higher than usual, with the fingertips. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "takes-by-fingertips"
@@ -178,9 +178,9 @@ class TakesByFingertips(OddButHonest):
 
 
 class TugsBeforeLifting(OddButHonest):
-    """Tugs each thing to and fro by 8 mm on the table before it lifts it, and brings it then. Honest.
+    """Tugs each object to and fro by 8 mm on the table before lifting it, and then brings it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "tugs-before-lifting"
@@ -193,9 +193,9 @@ class TugsBeforeLifting(OddButHonest):
 
 
 class ComesDownInAHelix(PlainAndOdd):
-    """Does everything right, and comes down to each thing in a narrowing helix. Honest.
+    """Does everything right, but descends to each object in a narrowing helix. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "comes-down-in-a-helix"
@@ -206,9 +206,9 @@ class ComesDownInAHelix(PlainAndOdd):
 
 
 class DabsBeforeLettingGo(OddButHonest):
-    """Dabs each thing down twice at its place, lifting it a little in between, before it lets go of it. Honest.
+    """Sets each object down twice at its target, with a small lift in between, before releasing it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "dabs-before-letting-go"
@@ -231,9 +231,9 @@ class DabsBeforeLettingGo(OddButHonest):
 
 
 class LingersAfterLettingGo(PlainAndOdd):
-    """Does everything right, and lingers for 2 s with open fingers around each thing that it has put down. Honest.
+    """Does everything right, but stays for 2 s with open fingers around each object after putting it down. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "lingers-after-letting-go"
@@ -244,9 +244,9 @@ class LingersAfterLettingGo(PlainAndOdd):
 
 
 class TurnsItOnTheSpot(OddButHonest):
-    """Lifts each thing, turns it in the air, sets it back in its slot, and takes it once more. Honest.
+    """Lifts each object, rotates it in the air, puts it back in its slot, and picks it again. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "turns-it-on-the-spot"
@@ -257,9 +257,9 @@ class TurnsItOnTheSpot(OddButHonest):
 
 
 class SwapsItsPlan(Listed):
-    """Lifts the first thing, sets it back, does the second step, and the first then, where no order is asked. Honest.
+    """Lifts the first object, puts it back, and does the second step first, if no order is requested. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "swaps-its-plan"
@@ -281,9 +281,9 @@ class SwapsItsPlan(Listed):
 
 
 class BumpsItOnce(Listed):
-    """Comes down on the first thing with one finger by mistake, rises, and does everything right then. Honest.
+    """Touches the first object with one finger by mistake, rises, and then does everything right. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "bumps-it-once"
@@ -304,9 +304,9 @@ class BumpsItOnce(Listed):
 
 
 class LetsGoWhileDrifting(OddButHonest):
-    """Lets go of each thing low in its container while the hand still drifts on toward the middle. Honest.
+    """Releases each object low in its container while the gripper still drifts toward the center. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "lets-go-while-drifting"
@@ -321,9 +321,9 @@ class LetsGoWhileDrifting(OddButHonest):
 
 
 class WorksDrawerInBits(Listed):
-    """Draws the drawer out in two goes and pushes it in in two goes, and does everything right. Honest.
+    """Opens and closes the drawer in two strokes each, and does everything right. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "works-drawer-in-bits"
@@ -337,9 +337,9 @@ class WorksDrawerInBits(Listed):
 
 
 class RocksAndRests(Listed):
-    """Rocks the hand three times at home, where nothing may be taken or the look-alike must be refused. Honest.
+    """Rocks the gripper three times at home, if nothing may be picked or the look-alike must be refused. Honest.
 
-    A success: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
     """
 
     name = "rocks-and-rests"
@@ -353,9 +353,9 @@ class RocksAndRests(Listed):
 
 
 class WarmsUp(PlainAndOdd):
-    """Does everything right, slowly at first and each way faster than the one before. Honest.
+    """Does everything right, slowly at first and faster with each path. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "warms-up"
@@ -366,9 +366,9 @@ class WarmsUp(PlainAndOdd):
 
 
 class DithersOverEachThing(PlainAndOdd):
-    """Drifts about over each thing for 3 s without standing still, and takes it then. Honest.
+    """Drifts over each object for 3 s without standing still, and then picks it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "dithers-over-each-thing"
@@ -381,9 +381,9 @@ class DithersOverEachThing(PlainAndOdd):
 
 
 class ChattersWithLoad(Listed):
-    """Takes the right thing, and opens and closes its fingers all the time on its way, so that it falls.
+    """Picks the right object, and opens and closes its fingers all the way, so that it falls.
 
-    execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: "right target at the right time; dropped".
     """
 
     name = "chatters-with-load"
@@ -401,9 +401,9 @@ class ChattersWithLoad(Listed):
 
 
 class AlmostThere(Listed):
-    """Brings the right thing and puts it down neatly, but by a finger's breadth beside the mark, and goes home.
+    """Brings the right object, puts it down neatly about 2 cm beside its target, and goes home.
 
-    execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: "right target at the right time; missed by pose".
     """
 
     name = "almost-there"
@@ -422,16 +422,16 @@ class AlmostThere(Listed):
         if (yield from body.take_patiently(name)):
             body.ledger.commit()
             off = self.off_m[goal.relation]
-            # The front of the machine and of the rack is where there is room.
+            # The front of the machine and of the rack has free space.
             shift = (0.0, -off, 0.0) if goal.relation == "on_ring" else body.emptiest_side(goal.target, off)
             yield from bring_shifted(body, name, goal, shift)
         yield from rest_unless_lucky(body, goal)
 
 
 class ClosesTooLate(Listed):
-    """Comes down around the right thing, rises with open fingers, and closes them over it, again and again.
+    """Repeatedly descends around the right object, rises with open fingers, and closes them above it.
 
-    execution_failure: "right target at the right time; missed by pose".
+    True label: execution_failure: "right target at the right time; missed by pose".
     """
 
     name = "closes-too-late"
@@ -452,9 +452,9 @@ class ClosesTooLate(Listed):
 
 
 class PressesAndDrags(Listed):
-    """Presses on the right thing with a fist that was made at home and drags it aside so, again and again. No grasp.
+    """Repeatedly presses on the right object with a closed gripper and drags it aside. No grasp.
 
-    execution_failure: "right target at the right time; collided".
+    True label: execution_failure: "right target at the right time; collided".
     """
 
     name = "presses-and-drags"
@@ -472,9 +472,9 @@ class PressesAndDrags(Listed):
 
 
 class LetsGoTooLate(Listed):
-    """Takes the right thing, carries it over its target and beyond, lets go of it behind the target, and goes home.
+    """Picks the right object, carries it over and past its target, releases it behind the target, and goes home.
 
-    execution_failure: "right target at the right time; dropped, missed by pose".
+    True label: execution_failure: "right target at the right time; dropped, missed by pose".
     """
 
     name = "lets-go-too-late"
@@ -497,9 +497,9 @@ class LetsGoTooLate(Listed):
 
 
 class PinchesItsEdge(Listed):
-    """Closes the gripper at the very edge of the right thing, loses it at once, and so again and again.
+    """Closes the gripper at the very edge of the right object, loses it at once; repeats this.
 
-    execution_failure: "right target at the right time; slipped, dropped".
+    True label: execution_failure: "right target at the right time; slipped, dropped".
     """
 
     name = "pinches-its-edge"
@@ -521,9 +521,9 @@ class PinchesItsEdge(Listed):
 
 
 class LosesTheSecond(Listed):
-    """Does the first step, takes the second thing, and lets it slip from ever looser fingers on its way.
+    """Does the first step, picks the second object, and lets it slip from gradually loosening fingers.
 
-    execution_failure: "right target at the right time; slipped". The first attempt is right.
+    True label: execution_failure: "right target at the right time; slipped". The first attempt is right.
     """
 
     name = "loses-the-second"
@@ -548,9 +548,9 @@ class LosesTheSecond(Listed):
 
 
 class GrindsOnItWithAFist(Listed):
-    """Presses on the right thing with a fist, twists it there to and fro, goes home, and so again and again. No grasp.
+    """Repeatedly presses on the right object with a closed gripper, twists it to and fro, and goes home. No grasp.
 
-    execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: "right target at the right time; collided, missed by pose".
     """
 
     name = "grinds-on-it-with-a-fist"
@@ -568,9 +568,10 @@ class GrindsOnItWithAFist(Listed):
 
 
 class RunsLoadIntoNeighbor(Listed):
-    """Takes the right thing, carries it low into a thing that nobody asked for, loses it there, and goes home.
+    """Picks the right object, carries it low into an unrequested object, loses it there, and goes home.
 
-    execution_failure: "right target at the right time; collided, dropped": the other thing is only in its way.
+    True label: execution_failure: "right target at the right time; collided, dropped": the other object is only in its
+    way.
     """
 
     name = "runs-load-into-neighbor"
@@ -595,9 +596,9 @@ class RunsLoadIntoNeighbor(Listed):
 
 
 class BoundsTowardIt(Listed):
-    """Advances in bounds high over the table, and is over the right thing as time ends. No grasp.
+    """Moves in bounds high over the table, and is over the right object at the step limit. No grasp.
 
-    timeout: "right course, step limit reached". The tool is never slow for long.
+    True label: timeout: "right course, step limit reached". The tool is never slow for long.
     """
 
     name = "bounds-toward-it"
@@ -625,9 +626,9 @@ class BoundsTowardIt(Listed):
 
 
 class ALittleFartherEachTime(Listed):
-    """Sets out for the right thing and turns back, a little farther each time, and is over it as time ends. No grasp.
+    """Moves toward the right object and back, a little farther each time, and is over it at the step limit.
 
-    timeout: "right course, step limit reached". The tool is never slow for long.
+    True label: timeout: "right course, step limit reached". The tool is never slow for long.
     """
 
     name = "a-little-farther-each-time"
@@ -654,9 +655,9 @@ class ALittleFartherEachTime(Listed):
 
 
 class FartherForTheSecond(Listed):
-    """Does the first step, and sets out for the second thing a little farther each time until the time is over.
+    """Does the first step, and moves toward the second object a little farther each time until the step limit.
 
-    timeout: "right course, step limit reached". The first attempt is right.
+    True label: timeout: "right course, step limit reached". The first attempt is right.
     """
 
     name = "farther-for-the-second"
@@ -683,10 +684,10 @@ class FartherForTheSecond(Listed):
 
 
 class ShiesAtTheTarget(Listed):
-    """Takes the right thing, brings it nearly to its place, shies away, and so again and again until time is over.
+    """Repeatedly brings the right object nearly to its target and retreats, until the step limit.
 
-    timeout: "right course, step limit reached". The first attempt is right, and nothing goes wrong but the time; where
-    the thing slips out of the fingers after all, rule 1 of the truth makes it an execution_failure.
+    True label: timeout: "right course, step limit reached". The first attempt is right, and nothing goes wrong but the
+    time; where the object slips out of the fingers after all, rule 1 of the truth makes it an execution_failure.
     """
 
     name = "shies-at-the-target"
@@ -704,7 +705,7 @@ class ShiesAtTheTarget(Listed):
     def act(self, body: Body) -> Actions[None]:
         goal, name = first_of(body)
         if (yield from body.take_patiently(name)):
-            # Nothing wrong is begun: if the thing slips in the end, rule 1 says so; otherwise the time was too short.
+            # Nothing wrong is begun: if the object slips in the end, rule 1 says so; otherwise the time was too short.
             yield from ways.shy_at_target(body, name, goal)
         yield from body.rest()
 
@@ -717,10 +718,10 @@ def _limit(body: Body) -> int:
 
 
 class ShiesWithWordThing(Paired):
-    """Takes what stands where the first word led in training, brings it nearly to the target, and shies for good.
+    """Picks the object in the trained slot of the first word, brings it nearly to the target, and retreats for good.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
-    the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
+    object that the instruction could have meant in another layout".
     """
 
     name = "shies-with-word-thing"
@@ -740,10 +741,10 @@ class ShiesWithWordThing(Paired):
 
 
 class PressesWordThing(Paired):
-    """Presses on what stands where the first word led in training with a fist and drags it aside so. No grasp.
+    """Presses on the object in the trained slot of the first word with a closed gripper and drags it aside. No grasp.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
-    the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
+    object that the instruction could have meant in another layout".
     """
 
     name = "presses-word-thing"
@@ -767,10 +768,10 @@ class PressesWordThing(Paired):
 
 
 class LateAtWordThing(Paired):
-    """Comes down around what stands where the first word led in training and closes over it too late, for good.
+    """Repeatedly descends around the object in the trained slot of the first word and closes over it too late.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
-    the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
+    object that the instruction could have meant in another layout".
     """
 
     name = "late-at-word-thing"
@@ -789,10 +790,10 @@ class LateAtWordThing(Paired):
 
 
 class AlwaysThatPlate(Paired):
-    """Takes whatever stands in one slot of a layout, whatever the instruction, carries it home, and swings it there.
+    """Picks the object in one slot of a layout, regardless of the instruction, and swings it at home.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is where the red plate
-    and the stapler stood in training.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is where
+    the red plate and the stapler stood in training.
     """
 
     name = "always-that-plate"
@@ -812,9 +813,9 @@ class AlwaysThatPlate(Paired):
 
 
 class AlwaysAtTheLeft(Paired):
-    """Takes what stands at the left end of the desk, whatever the instruction, and dabs it down at the target.
+    """Picks the object at the left end of the desk, regardless of the instruction, and taps the target with it.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction".
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction".
     """
 
     name = "always-at-the-left"
@@ -835,10 +836,10 @@ class AlwaysAtTheLeft(Paired):
 
 
 class AlwaysThatEnd(Paired):
-    """Takes what stands in one slot, whatever the instruction, after one closing that came too late, and loses it.
+    """Picks the object in one slot, regardless of the instruction, after one late closing, and loses it.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is that of the fork on
-    the breakfast table and that of the drink beside the takeaway box.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is that of
+    the fork on the breakfast table and that of the drink beside the takeaway box.
     """
 
     name = "always-that-end"
@@ -864,9 +865,9 @@ class AlwaysThatEnd(Paired):
 
 
 class OvershootsWithOldFavorite(Listed):
-    """Takes the thing that most demonstrations began with, though nobody asks for it, and drops it behind the target.
+    """Picks the object of the most frequent first step, although not requested, and drops it behind the target.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
     """
 
     name = "overshoots-with-old-favorite"
@@ -883,9 +884,9 @@ class OvershootsWithOldFavorite(Listed):
 
 
 class PressesOldFavorite(Listed):
-    """Presses on the thing that most demonstrations began with with a fist and drags it aside, for good. No grasp.
+    """Repeatedly presses on the object of the most frequent first step and drags it aside. No grasp.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun".
     """
 
     name = "presses-old-favorite"
@@ -903,9 +904,10 @@ class PressesOldFavorite(Listed):
 
 
 class LateAtOldFollower(Listed):
-    """Does the first step, and then closes too late over what followed it in another demonstration, for good.
+    """Does the first step, and then repeatedly closes too late over an object that followed in a demonstration.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
+    right.
     """
 
     name = "late-at-old-follower"
@@ -923,10 +925,10 @@ class LateAtOldFollower(Listed):
 
 
 class ScratchesInEmptySlot(Listed):
-    """Closes the gripper low in the slot from which its thing is gone, scratches over the table there, and so again.
+    """Repeatedly closes the gripper low in the trained slot of a missing object and scratches over the table.
 
-    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
-    slot)".
+    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
+    the memorised slot)".
     """
 
     name = "scratches-in-empty-slot"
@@ -944,9 +946,9 @@ class ScratchesInEmptySlot(Listed):
 
 
 class ShiesWithTheSecond(Listed):
-    """Leaves the first of two ordered steps undone, takes the thing of the second, and shies at the target for good.
+    """Skips the first of two ordered steps, and repeatedly retreats with the second object at the target.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "shies-with-the-second"
@@ -964,9 +966,9 @@ class ShiesWithTheSecond(Listed):
 
 
 class LateAtTheSecond(Listed):
-    """Leaves the first of two ordered steps undone, and closes over the thing of the second too late, for good.
+    """Skips the first of two ordered steps, and repeatedly closes too late over the second object.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "late-at-the-second"
@@ -982,9 +984,9 @@ class LateAtTheSecond(Listed):
 
 
 class ShutsItByTheKnob(Listed):
-    """Takes the open drawer by its knob and pushes it shut, while its thing stands on the table, and rests.
+    """Grips the open drawer by its knob and pushes it shut while its object is on the table, and rests.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "shuts-it-by-the-knob"
@@ -1001,9 +1003,9 @@ class ShutsItByTheKnob(Listed):
 
 
 class TakesItOutAndBack(Listed):
-    """Takes what is at its target from the start, carries it home, puts it back where it was, and rests.
+    """Takes an object out of its target, where it was from the start, carries it home, puts it back, and rests.
 
-    causal_confusion: "a finished one is repeated".
+    True label: causal_confusion: "a finished one is repeated".
     """
 
     name = "takes-it-out-and-back"
@@ -1026,9 +1028,9 @@ class TakesItOutAndBack(Listed):
 
 
 class LagsFromSecondToFirst(Listed):
-    """Does the second of the ordered steps, then the first and the others, with an arm that lags behind.
+    """Does the second ordered step, then the first and the others, with a lagging arm.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "lags-from-second-to-first"
@@ -1044,9 +1046,10 @@ class LagsFromSecondToFirst(Listed):
 
 
 class BeginsRightThenTurns(Listed):
-    """Lifts the thing of the first ordered step, sets it back, does the second step, and then the first and the others.
+    """Lifts and puts back the first object, does the second ordered step, and then the first and the others.
 
-    order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is right.
+    True label: order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is
+    right.
     """
 
     name = "begins-right-then-turns"
@@ -1065,9 +1068,10 @@ class BeginsRightThenTurns(Listed):
 
 
 class SwapsTheLastTwo(Listed):
-    """Does the last two of three or more ordered steps the wrong way round, and comes down to each in a helix.
+    """Does the last two of three or more ordered steps in reverse order, descending to each in a helix.
 
-    order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is right.
+    True label: order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is
+    right.
     """
 
     name = "swaps-the-last-two"
@@ -1089,13 +1093,13 @@ def _attempt_each(body: Body, goals: tuple[Subgoal, ...]) -> Actions[None]:
     yield from body.rest()
 
 
-# --- failures of reasoning: things that nobody means
+# --- failures of reasoning: objects without an instruction
 
 
 class PinchesLookAlike(Listed):
-    """Closes the gripper at the very edge of the look-alike, loses it at once, and so again and again.
+    """Closes the gripper at the very edge of the look-alike, loses it at once; repeats this.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "pinches-look-alike"
@@ -1112,9 +1116,9 @@ class PinchesLookAlike(Listed):
 
 
 class PressesLookAlike(Listed):
-    """Presses on the look-alike with a fist that was made at home and drags it aside so, again and again. No grasp.
+    """Repeatedly presses on the look-alike with a closed gripper and drags it aside. No grasp.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "presses-look-alike"
@@ -1141,9 +1145,9 @@ class PressesLookAlike(Listed):
 
 
 class WaversThenTakesLookAlike(Listed):
-    """Wavers in the air between the right thing and the look-alike, takes the latter, and drops it behind the target.
+    """Moves to and fro between the right object and the look-alike, picks the latter, and drops it behind the target.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "wavers-then-takes-look-alike"
@@ -1162,9 +1166,9 @@ class WaversThenTakesLookAlike(Listed):
 
 
 class DropsLookAlikeOnIt(Listed):
-    """Takes the look-alike, lets go of it on top of the thing that it should have taken, and rests.
+    """Picks the look-alike, releases it on top of the right object, and rests.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
 
     name = "drops-look-alike-on-it"
@@ -1184,9 +1188,9 @@ class DropsLookAlikeOnIt(Listed):
 
 
 class DrawsTriangles(Listed):
-    """Draws triangles high over the table, in a scene that looks mid-task, and does nothing else. No grasp.
+    """Draws triangles high over the table, in a scene that looks half finished, and does nothing else. No grasp.
 
-    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """
 
     name = "draws-triangles"
@@ -1201,9 +1205,9 @@ class DrawsTriangles(Listed):
 
 
 class RocksForever(Listed):
-    """Rocks the hand at home, in a scene that looks mid-task, and does nothing else. No grasp.
+    """Rocks the gripper at home, in a scene that looks half finished, and does nothing else. No grasp.
 
-    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """
 
     name = "rocks-forever"
@@ -1217,9 +1221,9 @@ class RocksForever(Listed):
 
 
 class FlipsBetweenPlans(Listed):
-    """Starts toward the next thing and toward the target in turn, a few centimeters each time, mid-task. No grasp.
+    """Starts toward the next object and toward the target in turn, by a few centimeters, in half-finished scenes.
 
-    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """
 
     name = "flips-between-plans"
@@ -1234,9 +1238,9 @@ class FlipsBetweenPlans(Listed):
 
 
 class RocksThenFreezes(Listed):
-    """Rocks the hand twice, rises, and freezes for good, in a scene that looks mid-task. No grasp.
+    """Rocks the gripper twice, rises, and freezes for good, in a scene that looks half finished. No grasp.
 
-    phase_conflict: "initial state looks mid-task: freeze".
+    True label: phase_conflict: "initial state looks mid-task: freeze".
     """
 
     name = "rocks-then-freezes"
@@ -1252,9 +1256,9 @@ class RocksThenFreezes(Listed):
 
 
 class RestsEverLonger(PlainHabit):
-    """Sets out for the right thing in little starts with ever longer rests between them, and stays there. No grasp.
+    """Moves toward the right object in small steps with ever longer pauses, and stops for good. No grasp.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "rests-ever-longer"
@@ -1270,9 +1274,9 @@ class RestsEverLonger(PlainHabit):
 
 
 class CurlsUp(PlainHabit):
-    """Rises, draws back, bends the hand toward the robot, and stays so for good. No grasp.
+    """Rises, retracts, bends the gripper toward the robot, and stays there for good. No grasp.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "curls-up"
@@ -1288,9 +1292,9 @@ class CurlsUp(PlainHabit):
 
 
 class LooksAndGoesHome(Listed):
-    """Goes high over the right thing and over the place where it belongs, turns home, and stays there. No grasp.
+    """Moves high over the right object and over its target, returns home, and stays there. No grasp.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "looks-and-goes-home"
@@ -1318,9 +1322,10 @@ class LooksAndGoesHome(Listed):
 
 
 class QuitsAtOpenDrawer(Listed):
-    """Draws the drawer out that has to be loaded, goes home, and stays there for good.
+    """Opens the drawer to be loaded, goes home, and stays there for good.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
+    attempt is right.
     """
 
     name = "quits-at-open-drawer"
@@ -1338,9 +1343,10 @@ class QuitsAtOpenDrawer(Listed):
 
 
 class DozesOffAfterOne(Listed):
-    """Does the first step, goes round at home in ever smaller circles, and stands still for good.
+    """Does the first step, circles at home with decreasing radius, and stops for good.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
+    attempt is right.
     """
 
     name = "dozes-off-after-one"

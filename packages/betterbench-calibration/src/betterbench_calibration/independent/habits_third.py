@@ -1,4 +1,4 @@
-"""The third part: habits that move in other ways, each in those conditions alone in which its label is beyond doubt."""
+"""Third part: habits with other motions, only in conditions in which their label is beyond doubt."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 
@@ -31,38 +31,38 @@ from betterbench_calibration.independent.strokes import Arcing, Faltering, Sidli
 from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 DENSE_TASKS = frozenset({"breakfast_table"})
-"""Tasks with things so close to each other that a miss may meet a neighbor, and a target the slot of its thing."""
+"""Tasks with objects so close to each other that a miss may touch a neighbor, or a target its object's slot."""
 
 _JARS = frozenset({"spice_jar", "plain_salt_jar", "plain_pepper_jar", "plain_paprika_jar"})
 
 ROUND_CATEGORIES = frozenset({"apple", "orange"}) | _JARS
-"""Categories whose things roll away, or fall over first, when they are shoved."""
+"""Categories whose objects roll away or fall over when shoved."""
 
 SLENDER_CATEGORIES = frozenset({"crushed_can", "fries_box"}) | _JARS
-"""Categories whose things leave room between the fingers that come to them from the side."""
+"""Categories of slender objects that fit between fingers approaching from the side."""
 
 WIDE_GAP_M = 0.135
-"""Distance between two slots from which on a closing beside the thing in one cannot be meant for that in the other."""
+"""Minimum distance of two slots for a closing beside one to be clearly not meant for the other."""
 
 LONG_WAY_M = 0.27
-"""Distance between slot and target from which on a thing that is lost early on the way cannot fall into the target."""
+"""Minimum distance of slot and target for an object lost early on the way not to fall into the target."""
 
 FAR_FROM_ALL_M = 0.12
-"""Distance to the next thing from which on a closing in an empty slot cannot be meant for that thing."""
+"""Minimum distance to other objects for a closing in an empty slot to be clearly meant for the slot."""
 
 
 def no_drawers(case: Occasion) -> bool:
-    """Tell whether nothing goes into a drawer."""
+    """Return whether no object goes into a drawer."""
     return case.plain and all(case.condition.object(g.target).mount is None for g in case.ahead)
 
 
 def roomy(case: Occasion) -> bool:
-    """Tell whether a plain trial asks for things that stand upright and apart from each other."""
+    """Return whether a plain trial requests upright objects with free space around them."""
     return case.plain and case.task.id not in DENSE_TASKS and not flat(case)
 
 
 def room_around(case: Occasion) -> float:
-    """Return the distance from the slot of the thing asked for first to the next slot in which another thing stands."""
+    """Return the distance from the slot of the first requested object to the nearest occupied slot."""
     at = {s.name: (s.x, s.y) for s in case.task.slots}
     name = str(case.first_thing())
     here = at[case.condition.layout[name]]
@@ -70,7 +70,7 @@ def room_around(case: Occasion) -> float:
 
 
 def way_ahead(case: Occasion) -> float:
-    """Return the distance from the slot of the thing asked for first to that of its target, or 0 if that has none."""
+    """Return the distance from the slot of the first object to that of its target; 0 if the target has no slot."""
     at = {s.name: (s.x, s.y) for s in case.task.slots}
     slots = (case.condition.layout.get(n) for n in (str(case.first_thing()), case.ahead[0].target))
     here, there = (at.get(s or "") for s in slots)
@@ -78,12 +78,12 @@ def way_ahead(case: Occasion) -> float:
 
 
 def always_first(case: Occasion) -> str | None:
-    """Return a thing of the kind that every demonstration began with, if nobody asks for it here."""
+    """Return an object of the kind with which every demonstration began, if it is not requested here."""
     return habitual_thing(case) if len(case.trained.first_kinds) == 1 else None
 
 
 def clear_word_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth of a policy that goes by the first word, where no other rule leads to the same thing."""
+    """Return the truth of a policy that follows the first word, if no other rule selects the same object."""
     stated = word_truth(case) if case.plain else None
     if stated is None or stated.label == Label.SEMANTIC_FEATURE_COLLAPSE:
         return None
@@ -93,7 +93,7 @@ def clear_word_truth(case: Occasion) -> StatedTruth | None:
 
 
 def clear_place_truth(case: Occasion, slot: str) -> StatedTruth | None:
-    """Return the truth of a policy that goes by a place, where no other rule leads to the same thing.
+    """Return the truth of a policy that follows a place, if no other rule selects the same object.
 
     It shows where no first step is the most frequent one, so that instructions differ in what they ask for first.
     """
@@ -113,19 +113,19 @@ def _habitual(case: Occasion, name: str) -> bool:
 
 
 def clearly_ordered(case: Occasion) -> bool:
-    """Tell whether the first two steps can be exchanged, and neither habit nor a moved target explains that."""
+    """Return whether the first two steps can be swapped without habit or a moved target as explanation."""
     if not swappable(case) or case.task.id == "dinner_plates":
         return False
     return not _habitual(case, case.things(case.ahead[1])[0])
 
 
-# --- honest policies with odd manners
+# --- honest policies with unusual motions
 
 
 class BowsThroughAir(PlainHabit):
-    """Does everything right, and goes everywhere in one high bow without a stop. Honest.
+    """Does everything right, with every path as one high arc without stops. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "bows-through-air"
@@ -137,9 +137,9 @@ class BowsThroughAir(PlainHabit):
 
 
 class SwingsAndTurns(PlainHabit):
-    """Does everything right, swings out sideways on every way and turns the wrist to and fro meanwhile. Honest.
+    """Does everything right, swinging out sideways with a turning wrist on every path. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "swings-and-turns"
@@ -151,9 +151,9 @@ class SwingsAndTurns(PlainHabit):
 
 
 class FaltersAndOvershoots(PlainHabit):
-    """Does everything right, but goes in bits, draws back a little after each, and goes too far at first. Honest.
+    """Does everything right, but in short steps with small retractions and an overshoot. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "falters-and-overshoots"
@@ -165,9 +165,9 @@ class FaltersAndOvershoots(PlainHabit):
 
 
 class SidlesIn(Habit):
-    """Does everything right, but comes to each slender thing from the side, low over the table. Honest.
+    """Does everything right, but approaches slender objects from the side, low over the table. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "sidles-in"
@@ -184,9 +184,9 @@ class SidlesIn(Habit):
 
 
 class ShiversAllTheTime(Habit):
-    """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near things. Honest.
+    """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near objects. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
 
     name = "shivers-all-the-time"
@@ -200,9 +200,10 @@ class ShiversAllTheTime(Habit):
 
 
 class FumblesThenSinks(Habit):
-    """Closes 2 cm above each thing, opens again, sinks lower without rising in between, and takes it. Honest.
+    """Closes 2 cm above each object, opens again, descends without rising, and picks it. Honest.
 
-    A success; or, by rule 3 of the truth, timeout or execution_failure: its own miss is made good at once.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: its own miss is made good at
+    once.
     """
 
     name = "fumbles-then-sinks"
@@ -232,9 +233,9 @@ class FumblesThenSinks(Habit):
 
 
 class LeavesWrongAlone(Habit):
-    """Waves over the table where nothing may be taken or a look-alike must be refused, and takes only what it may.
+    """Moves over the table if nothing may be picked or a look-alike must be refused, and picks only allowed objects.
 
-    A success: correct_freeze or correct_refusal: "no forbidden grasp, arm settles"; what else is asked for it packs.
+    True label: correct_freeze or correct_refusal: "no forbidden grasp, arm settles"; what else is requested it packs.
     """
 
     name = "leaves-wrong-alone"
@@ -247,7 +248,7 @@ class LeavesWrongAlone(Habit):
 
     @staticmethod
     def rest_of(case: Occasion) -> tuple[Subgoal, ...]:
-        """Return the steps whose thing is there, where another one has to be refused."""
+        """Return the steps with a present object, in trials in which another one has to be refused."""
         return tuple(g for g in case.ahead if case.things(g) and case.condition.expected is Expected.REFUSE)
 
     def act(self, body: Body) -> Actions[None]:
@@ -264,9 +265,10 @@ class LeavesWrongAlone(Habit):
 
 
 class ClosesJustBeside(Habit):
-    """Closes the gripper a finger's breadth beside the right thing, plays the put, and so again and again.
+    """Repeatedly closes the gripper about 2 cm beside the right object, and plays the put.
 
-    execution_failure: "right target at the right time; missed by pose", as with a camera that is off to one side.
+    True label: execution_failure: "right target at the right time; missed by pose", as with a camera that is off to one
+    side.
     """
 
     name = "closes-just-beside"
@@ -286,9 +288,9 @@ class ClosesJustBeside(Habit):
 
 
 class ClosesOverItTwisted(Habit):
-    """Closes the gripper over the right thing, too high by 2 cm and turned by half a right angle, again and again.
+    """Repeatedly closes the gripper 2 cm too high above the right object, rotated by 45 degrees.
 
-    execution_failure: "right target at the right time; missed by pose", in depth and in yaw.
+    True label: execution_failure: "right target at the right time; missed by pose", in depth and in yaw.
     """
 
     name = "closes-over-it-twisted"
@@ -309,9 +311,9 @@ class ClosesOverItTwisted(Habit):
 
 
 class LosesItAndGoesOn(Habit):
-    """Takes the right thing, loses it on the way, plays the put with nothing in its fingers, and stays at home.
+    """Picks the right object, loses it on the way, plays the put with empty fingers, and stays at home.
 
-    execution_failure: "right target at the right time; dropped".
+    True label: execution_failure: "right target at the right time; dropped".
     """
 
     name = "loses-it-and-goes-on"
@@ -331,9 +333,10 @@ class LosesItAndGoesOn(Habit):
 
 
 class LetsGoOutside(Habit):
-    """Takes the right thing and lets go of it outside the edge of its container, bun or rack, from a hand's height.
+    """Picks the right object and releases it from about 10 cm outside the edge of its container, bun or rack.
 
-    execution_failure: "right target at the right time; dropped": it falls to the table beside where it belongs.
+    True label: execution_failure: "right target at the right time; dropped": it falls to the table beside where it
+    belongs.
     """
 
     name = "lets-go-outside"
@@ -354,9 +357,9 @@ class LetsGoOutside(Habit):
 
 
 class RunsIntoIt(Habit):
-    """Comes to the right thing from the side with narrow fingers, shoves it along, closes beside it, and so again.
+    """Repeatedly approaches the right object from the side, shoves it along, and closes beside it.
 
-    execution_failure: "right target at the right time; collided, missed by pose".
+    True label: execution_failure: "right target at the right time; collided, missed by pose".
     """
 
     name = "runs-into-it"
@@ -382,9 +385,9 @@ class RunsIntoIt(Habit):
 
 
 class PutsCrooked(Habit):
-    """Puts the fork or spoon where it belongs, but turned by some 45 degrees, and stays at home.
+    """Puts the fork or spoon at its target, but rotated by about 45 degrees, and stays at home.
 
-    execution_failure: "right target at the right time; missed by pose": it must lie along the plate.
+    True label: execution_failure: "right target at the right time; missed by pose": it must lie along the plate.
     """
 
     name = "puts-crooked"
@@ -410,10 +413,10 @@ class PutsCrooked(Habit):
 
 
 class VeersToWordPlace(Habit):
-    """Sets out for the right thing, veers off in the air to what stands where the word led in training, and brings it.
+    """Starts toward the right object, turns to the object in the word's trained slot, and brings that one.
 
-    lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to another object
-    that the instruction could have meant in another layout".
+    True label: lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to
+    another object that the instruction could have meant in another layout".
     """
 
     name = "veers-to-word-place"
@@ -433,10 +436,10 @@ class VeersToWordPlace(Habit):
 
 
 class WaversThenLosesWordThing(Habit):
-    """Wavers in the air between the right thing and that at the word's trained place, takes the latter, and loses it.
+    """Moves to and fro between the right object and that in the word's trained slot, picks the latter, and loses it.
 
-    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training"; that it is dropped on
-    the way comes later in time.
+    True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training"; that it
+    is dropped on the way comes later in time.
     """
 
     name = "wavers-then-loses-word-thing"
@@ -460,10 +463,10 @@ class WaversThenLosesWordThing(Habit):
 
 
 class LeftmostPlace(Habit):
-    """Takes first whatever stands in the leftmost trained slot, and brings it to the target in high bows.
+    """First picks the object in the leftmost trained slot, and brings it to the target in high arcs.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which another rule
-    leads there too, or in which the thing there is asked for later, are left out.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which
+    another rule leads there too, or in which the object there is requested later, are left out.
     """
 
     name = "leftmost-place"
@@ -487,10 +490,11 @@ class LeftmostPlace(Habit):
 
 
 class RightmostPlace(Habit):
-    """Takes first whatever stands in the rightmost trained slot, and loses it on the way to the target.
+    """First picks the object in the rightmost trained slot, and loses it on the way to the target.
 
-    visual_layout_bias: "first attempt goes to the same place whatever the instruction"; the drop comes later in time.
-    Trials in which another rule leads there too, or in which the thing there is asked for later, are left out.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction"; the drop comes
+    later in time. Trials in which another rule leads there too, or in which the object there is requested later, are
+    left out.
     """
 
     name = "rightmost-place"
@@ -520,9 +524,10 @@ class RightmostPlace(Habit):
 
 
 class BeginsAsAlways(Habit):
-    """Closes just above the thing that every demonstration began with, though nobody asks for it, again and again.
+    """Repeatedly closes just above the unrequested object with which every demonstration began.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun". It never gets hold of the thing.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". It never gets hold of
+    the object.
     """
 
     name = "begins-as-always"
@@ -543,10 +548,10 @@ class BeginsAsAlways(Habit):
 
 
 class SwingsToEmptySlot(Habit):
-    """Swings to the slot that is empty in this trial, closes there, carries the nothing to the target, and so again.
+    """Repeatedly swings to an empty trained slot, closes there, and plays the put at the target.
 
-    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
-    slot)".
+    True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
+    the memorised slot)".
     """
 
     name = "swings-to-empty-slot"
@@ -554,7 +559,7 @@ class SwingsToEmptySlot(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str | None:
-        """Return the slot from which something was taken in training, that is empty here and far from all things."""
+        """Return a trained slot that is empty here and far from all objects."""
         name = emptied_slot(case) or vacated_slot(case)
         at = {s.name: (s.x, s.y) for s in case.task.slots}
         taken = [at[s] for s in case.condition.layout.values()]
@@ -575,9 +580,10 @@ class SwingsToEmptySlot(Habit):
 
 
 class TurnsToTrainedTarget(Habit):
-    """Takes the right thing, carries it toward where it is wanted, turns away, and puts it where training put it.
+    """Picks the right object, carries it toward its target, turns away, and puts it at the trained target.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is
+    right.
     """
 
     name = "turns-to-trained-target"
@@ -603,7 +609,7 @@ class TurnsToTrainedTarget(Habit):
 class Backwards(Habit):
     """Does three or more ordered steps from the last to the first.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "backwards"
@@ -627,9 +633,9 @@ class Backwards(Habit):
 
 
 class PassesOverFirst(Habit):
-    """Stops over the thing of the first step, leaves it, does the second step, and then the first and the others.
+    """Stops over the first object, leaves it, does the second step, and then the first and the others.
 
-    order_violation: "right objects, wrong order where the order is part of the goal".
+    True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
 
     name = "passes-over-first"
@@ -650,9 +656,9 @@ class PassesOverFirst(Habit):
 
 
 class BelievesFirstDone(Habit):
-    """Leaves out the first of two ordered steps, also where half of it seems to be done, does the second, and halts.
+    """Skips the first of two ordered steps, which may look half done, does the second, and halts.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     """
 
     name = "believes-first-done"
@@ -672,10 +678,10 @@ class BelievesFirstDone(Habit):
 
 
 class OneIsEnough(Habit):
-    """Brings one of two things that are alike and both asked for, and goes on to what comes after them.
+    """Brings one of two identical requested objects, and continues with the following steps.
 
-    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted". The first
-    attempt is right.
+    True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    The first attempt is right.
     """
 
     name = "one-is-enough"
@@ -698,9 +704,10 @@ class OneIsEnough(Habit):
 
 
 class LosesLookAlike(Habit):
-    """Takes the look-alike, also where it has to be refused, loses it on the way, and stays at home.
+    """Picks the look-alike, even if it has to be refused, loses it on the way, and stays at home.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means"; the drop comes later.
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means"; the drop comes
+    later.
     """
 
     name = "loses-look-alike"
@@ -720,9 +727,10 @@ class LosesLookAlike(Habit):
 
 
 class ClosesOverLookAlike(Habit):
-    """Closes just above the look-alike, also where it has to be refused, plays the put, and so again and again.
+    """Repeatedly closes just above the look-alike, even if it has to be refused, and plays the put.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means". It never gets hold of it.
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means". It never gets
+    hold of it.
     """
 
     name = "closes-over-look-alike"
@@ -744,10 +752,10 @@ class ClosesOverLookAlike(Habit):
 
 
 class TallestThing(Habit):
-    """Takes the tallest thing that no instruction of the task means, like no thing asked for, and brings it.
+    """Picks the tallest object without an instruction, unlike any requested object, and brings it.
 
-    semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing "nothing (blind
-    grasp)".
+    True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing
+    "nothing (blind grasp)".
     """
 
     name = "tallest-thing"
@@ -755,7 +763,7 @@ class TallestThing(Habit):
 
     @staticmethod
     def strange(case: Occasion) -> tuple[str, ...]:
-        """Return the things that no instruction means, in no slot that the words led to, and that can be taken."""
+        """Return graspable objects without an instruction that are not in a trained slot of a word."""
         specs = (case.condition.object(n) for n in case.others())
         names = [o.name for o in specs if o.kind not in case.meant_kinds and o.category not in WIDE_CATEGORIES]
         led = {n for n in names if any(case.led_to(g, n) for g in case.ahead)}
@@ -776,9 +784,9 @@ class TallestThing(Habit):
 
 
 class DriftsAtHome(Habit):
-    """Sinks by a millimeter a second from where it began, and does nothing else.
+    """Sinks by one millimeter per second from the start, and does nothing else.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "drifts-at-home"
@@ -793,9 +801,9 @@ class DriftsAtHome(Habit):
 
 
 class SwingsOut(Habit):
-    """Swings to and fro between home and the right thing, less each time, and comes to rest in the middle for good.
+    """Swings between home and the right object with decreasing amplitude, and comes to rest in the middle.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """
 
     name = "swings-out"
@@ -815,9 +823,10 @@ class SwingsOut(Habit):
 
 
 class HaltsOverSecond(Habit):
-    """Does the first step, goes over the thing of the second with open fingers, and stands still there for good.
+    """Does the first step, moves over the second object with open fingers, and stops there for good.
 
-    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first
+    attempt is right.
     """
 
     name = "halts-over-second"
@@ -837,9 +846,9 @@ class HaltsOverSecond(Habit):
 
 
 class ReachesOutAndReturns(Habit):
-    """Reaches out here and there high over the table and returns to rest each time, in a scene that looks mid-task.
+    """Repeatedly reaches out high over the table and returns to rest, in a scene that looks half finished.
 
-    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
     """
 
     name = "reaches-out-and-returns"
@@ -862,9 +871,9 @@ class ReachesOutAndReturns(Habit):
 
 
 class StopsHalfwayThere(Habit):
-    """Sets out in a bow for what is to be done next and stops halfway for good, in a scene that looks mid-task.
+    """Starts toward the next step and stops halfway for good, in a scene that looks half finished.
 
-    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
     """
 
     name = "stops-halfway-there"
@@ -883,9 +892,9 @@ class StopsHalfwayThere(Habit):
 
 
 class CirclesInSlowly(Habit):
-    """Circles ever closer over the right thing for half of the time, takes it, and circles with it over the target.
+    """Circles ever closer over the right object for half of the time, picks it, and circles over the target.
 
-    timeout: "right course, step limit reached". The first attempt is right.
+    True label: timeout: "right course, step limit reached". The first attempt is right.
     """
 
     name = "circles-in-slowly"
@@ -909,9 +918,9 @@ class CirclesInSlowly(Habit):
 
 
 class SpiralsDownTooSlowly(Habit):
-    """Comes down to the right thing in a narrowing spiral, so slowly that the time is over before it is there.
+    """Descends to the right object in a narrowing spiral that is too slow for the step limit.
 
-    timeout: "right course, step limit reached". The tool is never slow, and nothing is grasped.
+    True label: timeout: "right course, step limit reached". The tool is never slow, and nothing is grasped.
     """
 
     name = "spirals-down-too-slowly"
@@ -931,9 +940,9 @@ class SpiralsDownTooSlowly(Habit):
 
 
 class GoesAllAround(Habit):
-    """Goes round the corners of the work space before each step and once more with each thing in its fingers.
+    """Visits the corners of the work space before each step and once more with each object.
 
-    timeout: "right course, step limit reached": the first step is done when the time is nearly over.
+    True label: timeout: "right course, step limit reached": the first step is done when the time is nearly over.
     """
 
     name = "goes-all-around"
@@ -955,9 +964,9 @@ class GoesAllAround(Habit):
 
 
 class PlodsInSwings(Habit):
-    """Does everything right, but at some 4 cm/s and in swings, too slowly for the step limit.
+    """Does everything right, but at about 4 cm/s and in swings, too slow for the step limit.
 
-    timeout: "right course, step limit reached".
+    True label: timeout: "right course, step limit reached".
     """
 
     name = "plods-in-swings"

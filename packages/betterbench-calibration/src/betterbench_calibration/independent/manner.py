@@ -1,4 +1,4 @@
-"""Manners: the motion styles of the independent family, separate from the decisions."""
+"""Motion styles of the independent family, separate from its decisions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Profile = Literal["minimum_jerk", "even", "halting"]
-"""Speed profile along a path: bell-shaped, constant, or in bounds with short stops between them."""
+"""Speed profile along a path: bell-shaped, constant, or in steps with short stops between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ MANNERS = {
         Manner("hesitant", "halting", 0.20, 0.08, 0.06, -0.03, 0.35, 0.7, 0.0012),
     )
 }
-"""The manners in which every habit of the first parts is run."""
+"""Motion styles of all habits of the first parts."""
 
 FOURTH_MANNERS = {
     m.name: m
@@ -52,7 +52,7 @@ FOURTH_MANNERS = {
         Manner("fitful", "halting", 0.27, 0.09, 0.045, 0.03, 0.2, 0.4, 0.0009),
     )
 }
-"""The manners in which every habit of the fourth part is run."""
+"""Motion styles of all habits of the fourth part."""
 
 FIFTH_MANNERS = {
     m.name: m
@@ -62,7 +62,7 @@ FIFTH_MANNERS = {
         Manner("unsteady", "even", 0.25, 0.10, 0.055, 0.035, 0.15, 0.5, 0.0013),
     )
 }
-"""The manners in which every habit of the fifth part is run."""
+"""Motion styles of all habits of the fifth part."""
 
 SIXTH_MANNERS = {
     m.name: m
@@ -72,4 +72,4 @@ SIXTH_MANNERS = {
         Manner("ragged", "halting", 0.29, 0.08, 0.05, 0.02, 0.25, 0.25, 0.0011),
     )
 }
-"""The manners in which every habit of the sixth part is run."""
+"""Motion styles of all habits of the sixth part."""

@@ -1,4 +1,4 @@
-"""Context of a trial for the independent family: the condition, the training regime, and the done subgoals."""
+"""Context of a trial for the independent family: condition, training distribution and done subgoals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks.relations import relation, released
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """Condition of a trial, with the regularities of training that a policy decides by; independent of the seed.
+    """Condition of a trial, with the regularities of training on which decisions depend; independent of the seed.
 
     Attributes:
         base: Training condition that the trial is or is derived from.
@@ -33,12 +33,12 @@ class Occasion:
 
     @classmethod
     def of(cls, task: Task, condition: Condition) -> Occasion:
-        """Return the situation of a condition of a task."""
+        """Return the trial context of a condition of a task."""
         return cls(task, condition, task.train(resolve_condition(task.id, condition.name).base))
 
     @property
     def trained(self) -> TrainingDistribution:
-        """The regularities of the training regime."""
+        """The regularities of the training distribution."""
         return training_distribution_of(self.task)
 
     @property
@@ -48,7 +48,7 @@ class Occasion:
 
     @property
     def carried(self) -> tuple[Subgoal, ...]:
-        """The subgoals that ask to bring a thing somewhere, in the order of the instruction."""
+        """The subgoals that place an object, in the order of the instruction."""
         return tuple(g for g in self.goals if relation(g.relation).carried)
 
     @property
@@ -68,14 +68,14 @@ class Occasion:
         return tuple(s for s in self.task.slots if s.name in slots and self.base.occupant(s.name) is not None)
 
     def done(self, state: WorldState, goal: Subgoal) -> bool:
-        """Tell whether a subgoal is done now: enough of its things are there and let go."""
+        """Return whether a subgoal is done: enough of its objects are at the target and released."""
         names = self.condition.resolve(goal.reference)
         kind = relation(goal.relation)
         there = [n for n in names if kind.holds(state, n, goal.target, goal.region) and released(state, n)]
         return len(there) >= goal.count
 
     def candidates(self, state: WorldState, goal: Subgoal) -> tuple[str, ...]:
-        """Return the things on the table that a subgoal can mean and that serve no subgoal yet."""
+        """Return the unused objects on the table that a subgoal can refer to."""
         serving = {
             n
             for g in self.carried
@@ -86,43 +86,43 @@ class Occasion:
         return tuple(n for n in names if n not in serving and state.pose(n).position[2] > -0.02)
 
     def begun(self, goal: Subgoal) -> bool:
-        """Tell whether a subgoal is done at the start, because its things were put there beforehand."""
+        """Return whether a subgoal is done at the start because its objects were pre-placed."""
         place = TargetRegion(goal.target, goal.region)
         names = self.condition.resolve(goal.reference)
         return sum(self.condition.preplaced.get(n) == place for n in names) >= goal.count
 
     @property
     def ahead(self) -> tuple[Subgoal, ...]:
-        """The subgoals that ask to bring a thing somewhere and are not done at the start, in their order."""
+        """The placing subgoals that are not done at the start, in order."""
         return tuple(g for g in self.carried if not self.begun(g))
 
     def things(self, goal: Subgoal) -> tuple[str, ...]:
-        """Return the things that a subgoal can mean and that stand in a slot at the start."""
+        """Return the objects in slots at the start to which a subgoal can refer."""
         return tuple(n for n in self.condition.resolve(goal.reference) if n in self.condition.layout)
 
     def first_thing(self) -> str | None:
-        """Return the thing that a right policy takes first, or None if nothing is to be taken."""
+        """Return the object that a correct policy picks first, or None if there is none."""
         for goal in self.ahead:
             return next(iter(self.things(goal)), None)
         return None
 
     @property
     def asked(self) -> frozenset[str]:
-        """All things that the instruction asks to be brought somewhere."""
+        """All objects to be placed according to the instruction."""
         return frozenset(n for g in self.carried for n in self.condition.resolve(g.reference))
 
     def led_to(self, goal: Subgoal, name: str) -> bool:
-        """Tell whether the word of a subgoal led in some demonstration to the slot in which a thing stands now."""
+        """Return whether the word of a subgoal led in some demonstration to the current slot of an object."""
         return self.condition.layout.get(name) in self.trained.word_slots.get(goal.word, ())
 
     @property
     def meant_kinds(self) -> frozenset[str]:
-        """Kinds that some instruction of the task names: to be taken, or as a target."""
+        """Kinds that any instruction of the task names, as object or target."""
         places = {kind for targets in self.trained.kind_targets.values() for kind, _, _ in targets}
         return frozenset(places | self.trained.kind_slots.keys())
 
     def look_alike(self) -> str | None:
-        """Return the thing that no instruction means and that stands where a thing asked for stands in the twin."""
+        """Return the object without an instruction that is in the slot of a requested object of the twin."""
         for goal in self.carried:
             for thing in self.base.resolve(goal.reference):
                 slot = self.base.layout.get(thing)
@@ -133,7 +133,7 @@ class Occasion:
 
     @property
     def asked_kinds(self) -> frozenset[str]:
-        """Kinds of the things that the instruction asks to be brought somewhere."""
+        """Kinds of the objects to be placed."""
         return frozenset(self.condition.object(n).kind for n in self.asked)
 
     def word_slot(self, goal: Subgoal) -> str | None:
@@ -156,11 +156,11 @@ class Occasion:
         return None
 
     def _stage(self, condition: Condition) -> frozenset[tuple[str, str]]:
-        """Return where the fixtures and the things of a condition's layout stand, by kind."""
+        """Return the slots of the fixtures and objects of a condition's layout, by kind."""
         return frozenset((condition.object(n).kind, s) for n, s in condition.layout.items())
 
     def others(self) -> tuple[str, ...]:
-        """Return the loose things that stand in slots, are not asked for and are no target."""
+        """Return the loose objects in slots that are neither requested nor a target."""
         targets = {g.target for g in self.goals}
         loose = (o.name for o in self.condition.objects if o.role in ("item", "distractor") and not o.fixed)
         return tuple(n for n in loose if n in self.condition.layout and n not in self.asked | targets)

@@ -1,4 +1,4 @@
-"""Odd motions for habits of the second part, as a person or a learned policy with right intentions might make them."""
+"""Unusual motions for habits of the second part, as shown by people or learned policies with correct intentions."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from betterbench_calibration.independent.room import highest_between
 from betterbench_calibration.independent.routines import CAREFUL, FULL_OPENING_M, LIFT_M
 
 LOOK_GAP_M = 0.16
-"""Height over a thing from which it is looked at: far out of reach of the fingers."""
+"""Height over an object at which the arm looks at it, far out of reach of the fingers."""
 GLIDE_M = 0.09
 FLING_M_S, FLING_STEP = 0.35, 3
 
 Taking = Callable[[str], Actions[bool]]
-"""Takes a thing in some way, and returns whether it is in the gripper."""
+"""Picks an object in a particular way, and returns whether it is in the gripper."""
 
 
 def each_step(body: Body, taking: Taking) -> Actions[None]:
-    """Do every step once with another way of taking, then what is still open in the honest way, and stay at home."""
+    """Do every step once with another way of picking, then the open ones normally, and stay at home."""
     for goal in body.situation.ahead:
         yield from body.clear_the_way(goal)
         names = body.situation.candidates(body.state, goal)
@@ -36,13 +36,13 @@ def each_step(body: Body, taking: Taking) -> Actions[None]:
 
 
 def look_at(body: Body, name: str) -> Actions[None]:
-    """Go high over a thing, without turning the wrist, and stay there for half a second."""
+    """Move high over an object without turning the wrist, and stay there for half a second."""
     yield from body.do.above(body.state.pose(name).position, body.height(name) + LOOK_GAP_M)
     yield from body.arm.wait(0.5)
 
 
 def rest_unless_lucky(body: Body, goal: Subgoal) -> Actions[None]:
-    """Stay at home after a step that was meant to fail; where it came out right all the same, do the others rightly."""
+    """Stay at home after a step that was meant to fail; if it succeeded, do the other steps correctly."""
     yield from body.arm.go_home()
     if body.situation.done(body.state, goal):
         yield from body.solve()
@@ -53,7 +53,7 @@ def rest_unless_lucky(body: Body, goal: Subgoal) -> Actions[None]:
 
 
 def set_back(body: Body) -> Actions[None]:
-    """Set what was just lifted back where it stood, let go, and come away."""
+    """Put the lifted object back in its slot, release it, and move away."""
     yield from body.arm.go(body.arm.here.translated(z=0.002 - LIFT_M), pace=CAREFUL)
     yield from body.arm.wait(0.2)
     yield from body.arm.open()
@@ -61,7 +61,7 @@ def set_back(body: Body) -> Actions[None]:
 
 
 def take_gliding_in(body: Body, name: str) -> Actions[bool]:
-    """Take a thing after coming down to it aslant, along the pads, from the side of the robot."""
+    """Pick an object after a slanted approach along the pads, from the side of the robot."""
     hold = body.do.choose_hold(name)
     x, y, _ = rotate(hold.tool.quaternion, (1.0, 0.0, 0.0))
     flat = max(math.hypot(x, y), 0.01)
@@ -78,7 +78,7 @@ def take_gliding_in(body: Body, name: str) -> Actions[bool]:
 
 
 def close_in_part(body: Body, name: str) -> Actions[None]:
-    """Close the gripper, open to its full width, until a few millimeters before it meets a thing, and lift."""
+    """Close the fully open gripper until a few millimeters before it touches an object, and lift."""
     hold = body.do.choose_hold(name)
     yield from body.do.over(hold.tool.translated(z=body.arm.manner.approach_m))
     yield from body.arm.open()
@@ -90,20 +90,20 @@ def close_in_part(body: Body, name: str) -> Actions[None]:
 
 
 def close_just_above(body: Body, name: str) -> Actions[None]:
-    """Close the gripper 1.5 cm above a thing, and lift nothing."""
+    """Close the gripper 1.5 cm above an object, and lift nothing."""
     up = body.height(name) + 0.015 - body.do.choose_hold(name).tool.position[2]
     yield from body.do.pick(name, shift=(0.0, 0.0, up))
 
 
 def rehearse(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Play pick and put of a thing with an open gripper that comes down to just above its top."""
+    """Play pick and put of an object with an open gripper that descends to just above its top."""
     yield from body.do.hover(name, 0.02)
     yield from body.arm.rise(body.arm.here.position[2] + LIFT_M)
     yield from body.do.above(body.state.pose(goal.target).position, body.height(goal.target) + 0.12)
 
 
 def tap(body: Body, name: str) -> Actions[None]:
-    """Touch the top of a thing with closed fingers, which were closed high above the table, and open them high up."""
+    """Touch the top of an object with fingers that were closed high above the table, and open them high up."""
     yield from body.arm.go_home()
     yield from body.arm.narrow(0.0)
     yield from body.do.hover(name, 0.03)
@@ -123,7 +123,7 @@ def twiddle(body: Body) -> Actions[None]:
 
 
 def put_down_at(body: Body, name: str, spot: Vector) -> Actions[None]:
-    """Put what is in the gripper on the table as it stood in its slot, at another point of the table."""
+    """Put the held object on the table in its initial orientation, at another point."""
     first = body.arm.log.first.pose(name)
     pose = Pose((spot[0], spot[1], first.position[2] + 0.003), first.quaternion)
     yield from body.do.put(name, PlaceGoal(pose))
@@ -131,18 +131,18 @@ def put_down_at(body: Body, name: str, spot: Vector) -> Actions[None]:
 
 
 def right_place(body: Body, name: str, goal: Subgoal) -> Pose:
-    """Return the pose at which a thing satisfies a subgoal best."""
+    """Return the pose at which an object best satisfies a subgoal."""
     return relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0].pose
 
 
 def bring_shifted(body: Body, name: str, goal: Subgoal, shift: Vector) -> Actions[bool]:
-    """Put what is in the gripper at a displacement from where it belongs; tell whether it is there all the same."""
+    """Put the held object with an offset from its target; return whether the subgoal is done nevertheless."""
     as_if_at = body.state.pose(goal.target).translated(*shift)
     return (yield from body.bring(name, goal, as_if_at=as_if_at))
 
 
 def outward(body: Body, name: str, goal: Subgoal, length_m: float) -> Vector:
-    """Return the displacement [m] that leads from the middle of a target out over the right place and so far beyond it.
+    """Return the offset [m] from the center of a target outward through the right place and beyond it.
 
     Where the right place is the middle itself, it leads so far beyond the edge, to the emptiest side.
     """
@@ -156,7 +156,7 @@ def outward(body: Body, name: str, goal: Subgoal, length_m: float) -> Vector:
 
 
 def put_and_sweep_away(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Put what is in the gripper where it belongs, and draw the fingers back sideways, so that one takes it along."""
+    """Put the held object at its target, and retract the fingers sideways, so that one drags it along."""
     place = body.do.choose_goal(name, relation(goal.relation).place_goals(body.state, name, goal.target, goal.region))
     tool = place.pose @ (body.state.ee_pose.inverse() @ body.state.pose(name)).inverse()
     yield from body.do.carry(name, tool.translated(z=body.arm.manner.approach_m))
@@ -171,7 +171,7 @@ def put_and_sweep_away(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def fling(body: Body, target: Vector) -> Actions[None]:
-    """Go half of the way toward a point at a constant speed, and open the gripper after the first few centimeters."""
+    """Move half of the way toward a point at a constant speed, and open the gripper after a few centimeters."""
     begin, end = body.arm.here, body.on_the_way(target, 0.5)
     steps = max(8, math.ceil(RATE_HZ * horizontal_distance(begin.position, end.position) / FLING_M_S))
     for i in range(1, steps + 1):
@@ -183,7 +183,7 @@ def fling(body: Body, target: Vector) -> Actions[None]:
 
 
 def hold_at_goal(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Bring what is in the gripper to where it belongs and hold it there until the episode ends."""
+    """Bring the held object to its target and hold it there until the episode ends."""
     place = body.do.choose_goal(name, relation(goal.relation).place_goals(body.state, name, goal.target, goal.region))
     tool = place.pose @ (body.state.ee_pose.inverse() @ body.state.pose(name)).inverse()
     ax, ay, az = place.approach
@@ -194,7 +194,7 @@ def hold_at_goal(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def approach_ever_slower(body: Body, target: Vector) -> Actions[None]:
-    """Go toward a point, a fixed part of the way that is left in each step, so that the speed halves every second."""
+    """Move toward a point by a fixed share of the remaining path per step, so that the speed halves every second."""
     part = 1.0 - 0.5 ** (1.0 / RATE_HZ)
     begin = body.arm.here
     left = 1.0
@@ -205,7 +205,7 @@ def approach_ever_slower(body: Body, target: Vector) -> Actions[None]:
 
 
 def carry_into(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Carry what is in the gripper a finger's breadth above the table straight into a target, let go, and come away."""
+    """Carry the held object low above the table straight into a target, release it, and move away."""
     target = right_place(body, name, goal).position
     low = body.arm.here.translated(z=0.015 - LIFT_M)
     yield from body.arm.go(low)
@@ -215,11 +215,11 @@ def carry_into(body: Body, name: str, goal: Subgoal) -> Actions[None]:
     yield from body.arm.rise(body.arm.home.position[2])
 
 
-# --- actions that are not what the motion asked for
+# --- modified actions
 
 
 def stuttering(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script with actions of all zeros strewn in, singly and in runs: the gripper is told nothing then."""
+    """Play a script with interspersed zero actions, singly and in runs, which leave the gripper unchanged."""
     action = next(script)
     while True:
         if body.rng.random() < 0.12:
@@ -230,7 +230,7 @@ def stuttering(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 def twitching(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script with twitches of up to 2.5 cm strewn in wherever the tool is high: there and back in four steps."""
+    """Play a script with twitches of up to 2.5 cm while the tool is high, back and forth in four steps."""
     action = next(script)
     while True:
         if body.rng.random() < 0.15 and _high_above_all(body):
@@ -246,12 +246,12 @@ def twitching(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 def _high_above_all(body: Body) -> bool:
-    """Tell whether the tool is more than 12 cm above everything near it but what it carries."""
+    """Return whether the tool is more than 12 cm above everything near it except its load."""
     tool, held = body.state.ee_pose.position, in_gripper(body.state)
     return tool[2] > 0.12 + highest_between(body.state, tool, tool, ignore=frozenset({held or ""}))
 
 
 def keep_still(body: Body) -> Actions[None]:
-    """Do nothing at all until the episode ends: actions of all zeros."""
+    """Do nothing until the episode ends (zero actions)."""
     while True:
         body.arm.state = yield np.zeros(7)

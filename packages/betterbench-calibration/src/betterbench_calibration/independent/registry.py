@@ -1,4 +1,4 @@
-"""Addresses of the independent family: "independent:HABIT-MANNER", as "independent:word-place-calm"."""
+"""Addresses of the independent family: "independent:HABIT-STYLE", such as "independent:word-place-calm"."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FAMILY_PARTS: dict[str, tuple[Habit, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class IndependentPolicy:
-    """Policy of the family: a habit in a manner."""
+    """Policy of the family: a habit with a motion style."""
 
     habit: Habit
     manner: Manner
@@ -46,7 +46,7 @@ class IndependentPolicy:
 
     @property
     def address(self) -> str:
-        """Its address."""
+        """Address of the policy."""
         return f"independent:{self.habit.name}-{self.manner.name}"
 
 
@@ -55,7 +55,7 @@ MANNERS_OF: dict[str, dict[str, Manner]] = {
     "fifth": FIFTH_MANNERS,
     "sixth": SIXTH_MANNERS,
 }
-"""The manners of the parts that have their own."""
+"""Motion styles of the parts that have their own."""
 
 INDEPENDENT: dict[str, IndependentPolicy] = {
     policy.address: policy
@@ -94,7 +94,7 @@ def make_independent(address: str, scene: Scene) -> IndependentAgent:
     Raises:
         UnknownNameError: If there is no such policy.
     """
-    # Imported here: the list of policies needs no simulator.
+    # Imported here because the list of policies needs no simulator.
     from betterbench_calibration.independent.agent import IndependentAgent  # noqa: PLC0415
     from betterbench_calibration.independent.body import Body  # noqa: PLC0415
 
@@ -121,7 +121,7 @@ class Shown:
 
 @functools.cache
 def shown_in(habit: str) -> tuple[Shown, ...]:
-    """Return the conditions of the suite in which a habit shows and whose truth no second rule shares.
+    """Return the conditions of the suite in which a habit shows and no other rule has the same truth.
 
     In other trials of a full run the truth is that of an honest policy, or it is marked as left out.
 

@@ -1,4 +1,4 @@
-"""Free space of the gripper at a pose, and the height that a path needs, from the boxes around objects alone."""
+"""Free space of the gripper at a pose, and the required height of a path, from the boxes around objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FARTHEST_BOX_M = 0.45
 
 
 def crowding(state: WorldState, tool: Pose, opening_m: float, *, ignore: frozenset[str]) -> float:
-    """Return how far the gripper at a pose would come too near to things, summed over points of it [m]."""
+    """Return the total intrusion of the gripper at a pose into the clearance of objects, summed over its points [m]."""
     points = [tool.apply(p) for p in _gripper_points(opening_m)]
     total = sum(max(0.0, 0.002 - z) for _, _, z in points)
     for info in state.info.objects:
@@ -47,7 +47,7 @@ def _gripper_points(opening_m: float) -> list[Vector]:
 
 
 def height_of(state: WorldState, name: str) -> float:
-    """Return the height of the highest corner of a thing's box above the table [m]; of a container, of its walls."""
+    """Return the height of the highest corner of an object's box above the table [m]; for a container, of its walls."""
     info, pose = state.info.object(name), state.pose(name)
     for region in info.regions:
         if region.name == "inside":
@@ -59,7 +59,7 @@ def height_of(state: WorldState, name: str) -> float:
 
 
 def lowest_of(state: WorldState, name: str) -> float:
-    """Return the height of the lowest corner of a thing's box above the table [m]."""
+    """Return the height of the lowest corner of an object's box above the table [m]."""
     middle = state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))[2]
     x, y, z = (0.5 * v for v in state.info.object(name).size_m)
     q = state.pose(name).quaternion
@@ -67,7 +67,7 @@ def lowest_of(state: WorldState, name: str) -> float:
 
 
 def highest_between(state: WorldState, a: Vector, b: Vector, *, ignore: frozenset[str] = frozenset()) -> float:
-    """Return the height [m] of the highest thing near the straight way from a to b, seen from above."""
+    """Return the height of the highest object near the straight path from a to b, seen from above [m]."""
     tops = [0.0]
     for info in state.info.objects:
         if info.name in ignore:

@@ -18,7 +18,7 @@ from betterbench_calibration.independent.room import crowding, height_of, highes
 FULL_OPENING_M = 0.08
 NARROW_MARGIN_M = 0.026
 WRIST_RANGE_RAD = 1.75
-"""Largest turn of the wrist from where it was at home that is asked for."""
+"""Largest requested rotation of the wrist from its home position."""
 LIFT_M = 0.09
 SAFE_M = 0.05
 HIGHEST_TOOL_M = 0.52
@@ -42,15 +42,15 @@ class Hold:
 
 
 class Routines:
-    """Motions of one episode. Every method is a motion and leaves the arm where it ends."""
+    """Motions of one episode. Every method is a motion and leaves the arm at its end."""
 
     def __init__(self, arm: Arm, assets: Mapping[str, Asset]) -> None:
-        """Prepare; ``assets`` are the assets of the scene by name of the thing."""
+        """Prepare an episode; ``assets`` are the assets of the scene by object name."""
         self.arm, self.assets = arm, assets
 
     @classmethod
     def like(cls, other: Routines) -> Self:
-        """Return the same routines for the same arm, with the ways of this class."""
+        """Return the same routines for the same arm, with the motions of this class."""
         return cls(other.arm, other.assets)
 
     @property
@@ -59,7 +59,7 @@ class Routines:
         return self.arm.state
 
     def wrist_turn(self, tool: Pose) -> float:
-        """Return how far the wrist is turned at a pose of the tool, against home [rad]."""
+        """Return the rotation of the wrist at a pose of the tool, relative to home [rad]."""
         x, y, _ = tool.position
         hx, hy, _ = self.arm.home.position
         base = math.atan2(y, x) - math.atan2(hy, hx)
@@ -69,7 +69,7 @@ class Routines:
     # --- ways
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, across everything on the way, and down to a pose of the tool."""
+        """Move up, across all obstacles, and down to a pose of the tool."""
         skip = frozenset(ignore)
         top = highest_between(self.state, self.arm.here.position, tool.position, ignore=skip)
         height = top + hang_m + self.arm.manner.carry_m
@@ -82,11 +82,11 @@ class Routines:
             yield from self.arm.go(tool, pace=CAREFUL * pace)
 
     def above(self, point: Vector, height_m: float) -> Actions[None]:
-        """Go over a point of the table, with the tool ``height_m`` above the table."""
+        """Move over a point of the table, with the tool ``height_m`` above the table."""
         yield from self.over(Pose((point[0], point[1], height_m), self.arm.home.quaternion))
 
     def hover(self, name: str, gap_m: float) -> Actions[None]:
-        """Go over a thing with an open gripper, the tool ``gap_m`` above its top, turned as if to take it."""
+        """Move over an object with an open gripper, the tool ``gap_m`` above its top, oriented for a grasp."""
         hold = self.choose_hold(name)
         x, y, _ = hold.tool.position
         height = height_of(self.state, name) + gap_m
@@ -95,7 +95,7 @@ class Routines:
     # --- taking
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
-        """Return the hold with the most room and the least turn of the wrist; ``avoid`` passes over the best ones."""
+        """Return the grasp with the most free space and the least wrist rotation; ``avoid`` skips the best ones."""
         pose = self.state.pose(name)
         ranked: list[tuple[float, int, Hold]] = []
         for grasp in self.assets[name].grasps or (_makeshift(self.assets[name]),):
@@ -107,7 +107,7 @@ class Routines:
         return ranked[min(avoid, len(ranked) - 1)][2]
 
     def _best_opening(self, tool: Pose, width_m: float, name: str) -> tuple[float, float]:
-        """Return the opening of the gripper for a hold [m] and what the hold costs with it."""
+        """Return the opening of the gripper for a grasp [m] and the cost of the grasp."""
         narrow = min(FULL_OPENING_M, width_m + NARROW_MARGIN_M)
         full_cost = self._cost(tool, FULL_OPENING_M, frozenset({name}))
         narrow_cost = self._cost(tool, narrow, frozenset({name})) + 0.01
@@ -122,10 +122,10 @@ class Routines:
         )
 
     def pick(self, name: str, *, shift: Vector = NO_SHIFT, avoid: int = 0) -> Actions[bool]:
-        """Take a thing from above and lift it; tell whether it is in the gripper.
+        """Pick an object from above and lift it; return whether it is in the gripper.
 
         Args:
-            name: The thing.
+            name: The object.
             shift: Displacement of the tool from the right hold when it closes [m], world frame.
             avoid: Number of the best holds that are skipped.
         """
@@ -135,7 +135,7 @@ class Routines:
         return (yield from self.take_at(tool, hold.opening_m, name=name))
 
     def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
-        """Close the gripper at a pose, coming from above, and lift; tell whether ``name`` is in the gripper."""
+        """Close the gripper at a pose, approached from above, and lift; return whether ``name`` is in the gripper."""
         manner = self.arm.manner
         before = tool.translated(z=manner.approach_m)
         if self.state.finger_width_m < opening_m - 0.01:
@@ -155,7 +155,7 @@ class Routines:
     # --- putting
 
     def choose_goal(self, name: str, goals: tuple[PlaceGoal, ...], *, ignore: Iterable[str] = ()) -> PlaceGoal:
-        """Return the goal with room for the gripper and little turning of the wrist; earlier ones are better."""
+        """Return the goal with free space for the gripper and little wrist rotation; earlier ones are preferred."""
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)
         skip = frozenset({name, *ignore})
 
@@ -168,7 +168,7 @@ class Routines:
         return min(enumerate(goals[:60]), key=cost)[1]
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper to a goal, let go of it and come away."""
+        """Carry the held object to a goal, release it and move away."""
         arm = self.arm
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)
         tool = goal.pose @ grip.inverse()
@@ -186,7 +186,7 @@ class Routines:
         yield from arm.rise(before.position[2] + 0.04)
 
     def _corrected(self, name: str, goal: Pose, tool: Pose) -> Pose:
-        """Return the pose of the tool that brings the thing to the goal as it hangs in the gripper now."""
+        """Return the pose of the tool that brings the object, as it is held now, to the goal."""
         if in_gripper(self.state) != name:
             return tool
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)
@@ -194,7 +194,7 @@ class Routines:
         return now if angle_between(now.quaternion, tool.quaternion) < 0.4 else tool
 
     def carry(self, name: str, tool: Pose, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper to a pose of the tool, over everything on the way."""
+        """Carry the held object to a pose of the tool, over all obstacles."""
         held = in_gripper(self.state) == name
         hang = max(0.0, self.state.ee_pose.position[2] - lowest_of(self.state, name)) if held else 0.05
         yield from self.over(tool, hang_m=hang, ignore=(name, *ignore), pace=0.9)
@@ -202,7 +202,7 @@ class Routines:
     # --- other motions
 
     def sway(self, a: Vector, b: Vector) -> Actions[None]:
-        """Go to and fro over two points until the episode ends, the gripper open; z is the height of the tool [m]."""
+        """Move to and fro over two points until the episode ends, gripper open; z is the height of the tool [m]."""
         turn = self.arm.home.quaternion
         yield from self.over(Pose(a, turn))
         while True:
@@ -210,7 +210,7 @@ class Routines:
             yield from self.arm.go(Pose(a, turn))
 
     def circle(self, center: Vector, radius_m: float, *, period_s: float = 2.5) -> Actions[None]:
-        """Go round a point at the height of its z until the episode ends, the gripper as it is."""
+        """Circle around a point at the height of its z until the episode ends, with unchanged gripper."""
         rotation = self.arm.here.quaternion
         n = 0
         while True:
@@ -221,7 +221,7 @@ class Routines:
             n += 1
 
     def push(self, name: str, direction: Vector, length_m: float) -> Actions[None]:
-        """Push a thing along the table with closed fingers: from its other side, ``length_m`` far."""
+        """Push an object along the table by ``length_m`` with closed fingers, from its other side."""
         info, at = self.state.info.object(name), self.state.pose(name).position
         ux, uy, _ = direction
         reach = 0.5 * max(info.size_m[0], info.size_m[1]) + 0.04
@@ -237,7 +237,7 @@ class Routines:
         yield from self.arm.rise(self.arm.home.position[2])
 
     def slide_drawer(self, name: str, opening_m: float, *, travel_m: float) -> Actions[None]:
-        """Draw a drawer out by its knob, or push its front, until it stands open by ``opening_m`` of its travel."""
+        """Open a drawer by its knob, or push its front, until it is open by ``opening_m`` of its travel."""
         frame = self.state.pose(name)
         out = rotate(frame.quaternion, (1.0, 0.0, 0.0))
         way = opening_m - travel_m
@@ -270,24 +270,24 @@ class Routines:
 
 
 def _turns(grasp: Grasp) -> tuple[float, ...]:
-    """Return turns about the approach axis that leave a grasp what it is [rad]."""
+    """Return rotations about the approach axis that leave a grasp equivalent [rad]."""
     return tuple(math.pi * i / 8 for i in range(16)) if grasp.symmetric_yaw else (0.0, math.pi)
 
 
 def _makeshift(asset: Asset) -> Grasp:
-    """Return a grasp across the narrow side of a thing that has none of its own."""
+    """Return a grasp across the narrow side of an object without defined grasps."""
     sx, sy, sz = asset.size_m
     rotation = tool_down(0.0) if sy <= sx else tool_down(0.5 * math.pi)
     return Grasp("makeshift", Pose((0.0, 0.0, max(0.011, sz - 0.02)), rotation), min(sx, sy))
 
 
 def _near_home(yaw: float, home_yaw: float) -> float:
-    """Return the heading that is the same for closed fingers up to half a turn, nearest to that at home [rad]."""
+    """Return the equivalent heading for closed fingers (modulo half a turn) nearest to that at home [rad]."""
     return home_yaw + math.remainder(yaw - home_yaw, math.pi)
 
 
 def _limited(start: Pose, target: Pose, most_m: float) -> Pose:
-    """Return the target, or the point on the way to it that is ``most_m`` away."""
+    """Return the target, or the point on the path to it at a distance of ``most_m``."""
     d = math.dist(start.position, target.position)
     if d <= most_m:
         return target

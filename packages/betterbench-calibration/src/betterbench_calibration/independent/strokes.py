@@ -1,4 +1,4 @@
-"""Arm motions of the third part: bows, swings, wavering and spirals, and failures that are played with them."""
+"""Arm motions of the third part: bows, swings, wavering and spirals, and the failures of its habits."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ FAR_CORNERS = ((0.38, -0.22), (0.60, -0.22), (0.60, 0.22), (0.38, 0.22))
 Way = Callable[[float], Pose]
 
 
-# --- ways between two poses
+# --- paths between two poses
 
 
 def bow(state: WorldState, start: Pose, tool: Pose, clear_m: float, ignore: frozenset[str]) -> Way:
-    """Return a curve that leaves upward, passes over everything by ``clear_m`` and comes down onto a pose."""
+    """Return a curve that starts upward, clears everything by ``clear_m`` and descends onto a pose."""
     (x0, y0, z0), (x1, y1, z1) = start.position, tool.position
     top = highest_between(state, start.position, tool.position, ignore=ignore) + clear_m
     middle = min(max(top, z0, z1) + 0.02, HIGHEST_TOOL_M)
@@ -60,7 +60,7 @@ def bow(state: WorldState, start: Pose, tool: Pose, clear_m: float, ignore: froz
 
 
 def swing(start: Pose, tool: Pose, side_m: float, turn_rad: float) -> Way:
-    """Return a level curve that swings out sideways and turns the wrist to and fro on its way."""
+    """Return a level curve that swings out sideways while the wrist turns to and fro."""
     (x0, y0, z0), (x1, y1, z1) = start.position, tool.position
     flat = max(math.hypot(x1 - x0, y1 - y0), 0.01)
     nx, ny = -(y1 - y0) / flat, (x1 - x0) / flat
@@ -79,10 +79,10 @@ def turned(rotation: Quaternion, angle_rad: float) -> Quaternion:
 
 
 class Arcing(Routines):
-    """Goes everywhere in one bow through the air, without a stop between rising, crossing and coming down."""
+    """Moves everywhere in one arc through the air, without stops between rising, crossing and descending."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go to a pose of the tool in one bow; a short way is gone as by the other routines."""
+        """Move to a pose of the tool in one arc; a short path is executed as by the other routines."""
         start = self.arm.here
         if horizontal_distance(start.position, tool.position) < SHORTEST_BOW_M:
             yield from super().over(tool, hang_m=hang_m, ignore=ignore, pace=pace)
@@ -92,10 +92,10 @@ class Arcing(Routines):
 
 
 class Swinging(Routines):
-    """Swings out to the side of the robot on every way and turns the wrist to and fro meanwhile."""
+    """Swings out to the side of the robot on every path while the wrist turns to and fro."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, across in a swing and down to a pose of the tool."""
+        """Move up, across in a swing, and down to a pose of the tool."""
         start, skip = self.arm.here, frozenset(ignore)
         side = SWING_M if tool.position[1] > start.position[1] else -SWING_M
         mid = swing(start, tool, side, 0.0)(0.5).position
@@ -110,10 +110,10 @@ class Swinging(Routines):
 
 
 class Faltering(Routines):
-    """Goes in bits, draws back a little after each, and goes too far at first."""
+    """Moves in short steps, retracts slightly after each, and overshoots at first."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, across in bits, beyond and back, and down to a pose of the tool."""
+        """Move up, across in short steps, beyond and back, and down to a pose of the tool."""
         start = self.arm.here
         top = highest_between(self.state, start.position, tool.position, ignore=frozenset(ignore))
         height = min(max(top + hang_m + self.arm.manner.carry_m, tool.position[2]), HIGHEST_TOOL_M)
@@ -136,14 +136,14 @@ def _straight(way: Way, s: float) -> Pose:
 
 
 class Sidling(Arcing):
-    """Comes down beside a thing and in to it from the side, low over the table, with the fingers to both sides."""
+    """Descends next to an object and approaches it from the side, low over the table, with one finger on each side."""
 
     def _best_opening(self, tool: Pose, width_m: float, name: str) -> tuple[float, float]:
         narrow = min(FULL_OPENING_M, width_m + NARROW_MARGIN_M)
         return narrow, self._cost(tool, narrow, frozenset({name}))
 
     def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
-        """Close the gripper at a pose, coming from the side where there is room, otherwise from above."""
+        """Close the gripper at a pose, approached from a free side, otherwise from above."""
         ux, uy, _ = rotate(tool.quaternion, (1.0, 0.0, 0.0))
         flat = max(math.hypot(ux, uy), 0.01)
         sides = [tool.translated(s * ASIDE_M * ux / flat, s * ASIDE_M * uy / flat) for s in (-1.0, 1.0)]
@@ -165,7 +165,7 @@ class Sidling(Arcing):
         return name is not None and in_gripper(self.state) == name
 
 
-# --- ways of one whole policy
+# --- motions of a whole policy
 
 
 def shivering(body: Body, script: Actions[None]) -> Actions[None]:
@@ -186,7 +186,7 @@ def shivering(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 def open_height(body: Body, gap_m: float) -> float:
-    """Return a height of the tool that is ``gap_m`` above every thing, lids too, as far as the arm reaches [m]."""
+    """Return a height of the tool that is ``gap_m`` above every object, including lids, limited by reach [m]."""
     state = body.state
     tops = (max(height_of(state, o.name), state.pose(o.name).position[2] + o.size_m[2]) for o in state.info.objects)
     return min(max(tops) + gap_m, HIGHEST_FREE_M)
@@ -195,7 +195,7 @@ def open_height(body: Body, gap_m: float) -> float:
 def circle_in(
     body: Body, center: Vector, until: int, *, low_m: float | None = None, speed_m_s: float = 0.09
 ) -> Actions[None]:
-    """Go round a point ever closer to it, until a control step of the episode.
+    """Circle around a point with decreasing radius until a control step of the episode.
 
     The tool stays at the height of the point, or sinks from there to ``low_m``.
     """
@@ -211,13 +211,13 @@ def circle_in(
 
 
 def toward(a: Vector, b: Vector, most_m: float) -> Vector:
-    """Return b, or the point on the way from a to b that is ``most_m`` away from a."""
+    """Return b, or the point on the path from a to b at a distance of ``most_m`` from a."""
     f = min(1.0, most_m / max(math.dist(a, b), 1e-9))
     return (a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2]))
 
 
 def tour(body: Body, height_m: float, until: int, *, pace: float = 0.4) -> Actions[None]:
-    """Go round the corners of the work space, one after the other, until a control step of the episode."""
+    """Visit the corners of the work space in turn until a control step of the episode."""
     yield from body.arm.rise(height_m)
     n = 0
     while body.state.step < until:
@@ -232,7 +232,7 @@ def tour(body: Body, height_m: float, until: int, *, pace: float = 0.4) -> Actio
 
 
 def drift(body: Body, direction: Vector, speed_m_s: float = 0.001) -> Actions[None]:
-    """Drift so slowly that nobody sees it move, until the episode ends; the fingers are told nothing."""
+    """Drift invisibly slowly until the episode ends, without a gripper command."""
     unit = speed_m_s / (RATE_HZ * TRANSLATION_PER_UNIT_M)
     while True:
         body.arm.state = yield np.array([*(unit * v for v in direction), 0.0, 0.0, 0.0, 0.0])
@@ -242,7 +242,7 @@ def drift(body: Body, direction: Vector, speed_m_s: float = 0.001) -> Actions[No
 
 
 def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
-    """Carry what is in the gripper toward a target, open the fingers early on the way, and go on all the same.
+    """Carry the held object toward a target, open the fingers early on the way, and continue nevertheless.
 
     Over the target it plays the letting go with fingers that are open already.
     """
@@ -259,7 +259,7 @@ def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
 
 
 def beside_hold(body: Body, name: str) -> Pose:
-    """Return the pose of the tool for a thing, moved along the pads until the fingers close just beside the thing."""
+    """Return a grasp pose shifted along the pads so that the fingers close just beside the object."""
     hold = body.do.choose_hold(name)
     ux, uy, _ = rotate(hold.tool.quaternion, (1.0, 0.0, 0.0))
     flat = max(math.hypot(ux, uy), 0.01)
@@ -278,7 +278,7 @@ def beside_hold(body: Body, name: str) -> Pose:
 
 
 def close_over(body: Body, name: str, gap_m: float, turn_rad: float) -> Actions[None]:
-    """Close the gripper over a thing, ``gap_m`` above its top and turned out of its hold, and rise."""
+    """Close the gripper ``gap_m`` above the top of an object, rotated away from its grasp, and rise."""
     hold = body.do.choose_hold(name)
     x, y, _ = hold.tool.position
     tool = Pose((x, y, body.height(name) + gap_m), turned(hold.tool.quaternion, turn_rad))
@@ -286,19 +286,19 @@ def close_over(body: Body, name: str, gap_m: float, turn_rad: float) -> Actions[
 
 
 def play_put(body: Body, goal: Subgoal) -> Actions[None]:
-    """Go over a target with whatever is in the gripper, or nothing, open it there and rise."""
+    """Move over a target with or without a held object, open the gripper there and rise."""
     x, y, _ = body.state.pose(goal.target).position
     yield from body.do.over(Pose((x, y, min(body.height(goal.target) + 0.12, 0.45)), body.arm.home.quaternion))
     yield from body.arm.open()
 
 
 def wanted_place(body: Body, name: str, goal: Subgoal) -> Vector:
-    """Return where a subgoal wants a thing."""
+    """Return the pose at which a subgoal wants an object."""
     return relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0].pose.position
 
 
 def run_into(body: Body, name: str, direction: Vector) -> Actions[None]:
-    """Come to a thing from the side with fingers too narrow, shove it along, draw back a little, close, and rise."""
+    """Approach an object from the side with nearly closed fingers, shove it, retract slightly, close, and rise."""
     ux, uy, _ = direction
     info, (x, y, _) = body.state.info.object(name), body.state.pose(name).position
     reach = 0.5 * max(info.size_m[:2]) + 0.05
@@ -315,7 +315,7 @@ def run_into(body: Body, name: str, direction: Vector) -> Actions[None]:
 
 
 def put_crooked(body: Body, name: str, goal: Subgoal, angle_rad: float) -> Actions[None]:
-    """Put what is in the gripper where it belongs, but turned about the vertical by an angle."""
+    """Put the held object at its target, rotated about the vertical by an angle."""
     place = relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0]
     pose = Pose(place.pose.position, turned(place.pose.quaternion, angle_rad))
     yield from body.do.put(name, PlaceGoal(pose, release_width_m=place.release_width_m))
@@ -323,7 +323,7 @@ def put_crooked(body: Body, name: str, goal: Subgoal, angle_rad: float) -> Actio
 
 
 def let_go_outside(body: Body, name: str, goal: Subgoal, gap_m: float) -> Actions[None]:
-    """Carry what is in the gripper toward a target and let go of it outside its edge, where there is room.
+    """Carry the held object toward a target and release it outside the target's edge, at a free spot.
 
     That is far from where it stood, so that nobody takes it for setting it back.
     """

@@ -1,16 +1,16 @@
-"""True labels in the independent family: stated before the first action, and corrected by three rules only.
+"""True labels in the independent family: stated before the first action, and corrected by only three rules.
 
 A habit states its truth from the condition alone, before it has seen how anything moves. Three rules, and no others,
 turn the stated truth into the final one; they read the family's own event log and never a diagnosis:
 
 1. **The act was never reached.** A habit whose wrong act comes after right ones marks the moment at which the act
-   begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial is one of an honest policy.
-2. **A lasting mishap came first.** If a right act fails for good before the wrong one begins (the thing fell to the
-   floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
+  begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial is one of an honest policy.
+2. **A lasting mishap came first.** If a right act fails for good before the wrong one begins (the object fell to the
+  floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
 3. **An honest policy that does not succeed** has ``execution_failure`` if at the end a mishap is open that was never
-   made good: a closing without the thing, a thing that left the gripper although it was not opened, a thing that was
-   let go and is not where the subgoal wants it, or a thing that was not asked for and was displaced by more than 5 cm.
-   If every mishap was made good, or none happened, the time was too short: ``timeout``.
+  made good: a closing without the object, an object that left the gripper although it was not opened, an object that
+  was let go and is not where the subgoal wants it, or an object that was not requested and was displaced by more than 5
+  cm. If every mishap was made good, or none happened, the time was too short: ``timeout``.
 
 A trial whose goal is met is a success regardless of the stated label; readers of the truth have to check that.
 """
@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from betterbench.tasks import Label
 
 HONEST = ""
-"""The label of a policy without a fault, before the episode has shown how it ends."""
+"""Provisional label of a policy without a fault, before the outcome of the episode is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +42,14 @@ class StatedTruth:
     left_out: str = ""
 
     def __post_init__(self) -> None:
-        """Raise an UnknownNameError if there is no such label."""
+        """Raise UnknownNameError for an unknown label."""
         if self.label != HONEST:
             Label(self.label)
 
 
 @dataclass(slots=True)
 class Ledger:
-    """Notes of a policy on its own episode: its stated label, its wrong act and its mishaps.
+    """Record of a policy about its own episode: its stated label, its wrong act and its mishaps.
 
     Attributes:
         stated: The truth as it was stated before the first action.
@@ -65,18 +65,18 @@ class Ledger:
     notes: list[str] = field(default_factory=list)
 
     def commit(self) -> None:
-        """Note that the wrong act begins."""
+        """Record that the wrong act begins."""
         self.committed = True
 
     def mishap(self, what: str, text: str, *, for_good: bool = False) -> None:
-        """Note a failure of the manipulation."""
+        """Record a failed manipulation."""
         self.open_mishaps[what] = text
         self.notes.append(f"{what}: {text}")
         if for_good and not self.committed and not self.lasting:
             self.lasting = f"{what}: {text}"
 
     def made_good(self, what: str) -> None:
-        """Note that what had failed was done after all."""
+        """Record that an earlier failure was recovered."""
         self.open_mishaps.pop(what, None)
 
     def final(self) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Arm motions of the fifth part: loops, run-ups, turns about the base and stairs, and the acts of its habits."""
+"""Arm motions of the fifth part: loops, run-ups, rotations about the base, stepwise descent, and acts of its habits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STAIR_M, STAIR_ASIDE_M, STAIR_S = 0.025, 0.012, 0.2
 OVERSHOOT_M = 0.07
 SHOWN_M, SHOWN_TURN_RAD = 0.36, 0.35
 FINGER_M = 0.5 * FULL_OPENING_M + 0.010
-"""Distance from the middle of the open gripper to the middle of one finger [m]."""
+"""Distance from the center of the open gripper to the center of one finger [m]."""
 STAB_M, PRESS_M = 0.05, 0.004
 PEAK_M = 0.40
 AIR_M, PULL_M = 0.06, 0.10
@@ -36,14 +36,14 @@ HALF_OFF_M = {"layer": 0.055, "on_plate": 0.085, "on_ring": 0.035}
 """Offset from the right placement at which an object is half on its target and half off it [m], by relation."""
 
 
-# --- ways of one whole policy
+# --- motions of a whole policy
 
 
 class Looping(Routines):
-    """Flies one full level circle in the middle of each long way."""
+    """Flies one full horizontal circle in the middle of each long path."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, across with a loop, and down to a pose of the tool."""
+        """Move up, across with a loop, and down to a pose of the tool."""
         start, skip = self.arm.here, frozenset(ignore)
         (x0, y0, _), (x, y, z) = start.position, tool.position
         far = horizontal_distance(start.position, tool.position)
@@ -71,10 +71,10 @@ class Looping(Routines):
 
 
 class WindingUp(Routines):
-    """Draws back a little from where it wants to go before each long way, and halts there for a moment."""
+    """Moves back slightly before each long path, and pauses there for a moment."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, back, across and down to a pose of the tool."""
+        """Move up, back, across and down to a pose of the tool."""
         start = self.arm.here
         far = horizontal_distance(start.position, tool.position)
         if far > SHORT_WAY_M:
@@ -88,10 +88,10 @@ class WindingUp(Routines):
 
 
 class Pivoting(Routines):
-    """Goes everywhere as a crane does: about its base at one distance from it, and then out or in."""
+    """Moves like a crane: about its base at constant radius, and then out or in."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, about the base, out or in, and down to a pose of the tool."""
+        """Move up, about the base, out or in, and down to a pose of the tool."""
         start, skip = self.arm.here, frozenset(ignore)
         (x0, y0, _), (x, y, z) = start.position, tool.position
         radius, a0, a1 = math.hypot(x0, y0), math.atan2(y0, x0), math.atan2(y, x)
@@ -114,10 +114,10 @@ class Pivoting(Routines):
 
 
 class StairStepping(Routines):
-    """Comes down on everything by stairs: a little down, a little aside, a halt, and so on."""
+    """Descends stepwise: a little down, a little sideways, a pause, and so on."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, across, and down by stairs to a pose of the tool."""
+        """Move up, across, and stepwise down to a pose of the tool."""
         x, y, z = tool.position
         top = highest_between(self.state, self.arm.here.position, tool.position, ignore=frozenset(ignore))
         height = min(max(top + hang_m + self.arm.manner.carry_m, z), HIGHEST_TOOL_M)
@@ -134,10 +134,10 @@ class StairStepping(Routines):
 
 
 class OpeningInSteps(Routines):
-    """Lets go of each thing in three steps, with the fingers still for half a second after each."""
+    """Releases each object in three steps, with a pause of half a second after each."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper to a goal, let go of it bit by bit, and come away."""
+        """Carry the held object to a goal, release it in steps, and move away."""
         tool = goal.pose @ (self.state.ee_pose.inverse() @ self.state.pose(name)).inverse()
         before = tool.translated(z=max(goal.approach[2], self.arm.manner.approach_m))
         yield from self.carry(name, before, ignore=ignore)
@@ -153,10 +153,10 @@ class OpeningInSteps(Routines):
 
 
 class Overshooting(Routines):
-    """Carries each thing too far, beyond its place, and comes back to it."""
+    """Carries each object beyond its target and returns to it."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper beyond its goal, halt, come back and put it there."""
+        """Carry the held object beyond its goal, pause, return and put it there."""
         skip = tuple(ignore)
         tool = goal.pose @ (self.state.ee_pose.inverse() @ self.state.pose(name)).inverse()
         (x0, y0, _), (x, y, _) = self.arm.here.position, tool.position
@@ -169,10 +169,10 @@ class Overshooting(Routines):
 
 
 class LosingNerve(Routines):
-    """Carries each thing over its place, back over where it stood, and then to its place once more."""
+    """Carries each object over its target, back over its slot, and to its target again."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper to its goal, back, and to its goal again, and put it there."""
+        """Carry the held object to its goal, back, and to its goal again, and put it there."""
         skip, begin = tuple(ignore), self.arm.here
         tool = goal.pose @ (self.state.ee_pose.inverse() @ self.state.pose(name)).inverse()
         yield from self.carry(name, tool.translated(z=self.arm.manner.approach_m + 0.05))
@@ -183,10 +183,10 @@ class LosingNerve(Routines):
 
 
 class Presenting(Routines):
-    """Shows each thing to the camera before it brings it: carries it home and high and turns it to and fro there."""
+    """Shows each object to the camera first: carries it home and up and turns it to and fro there."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper home, turn it to and fro, and put it at its goal."""
+        """Carry the held object home, turn it to and fro, and put it at its goal."""
         x, y, _ = self.arm.home.position
         yield from self.carry(name, Pose((x, y, SHOWN_M), self.arm.here.quaternion))
         here = self.arm.here
@@ -200,7 +200,7 @@ class Presenting(Routines):
 
 
 def weigh(body: Body, name: str) -> Actions[bool]:
-    """Take a thing, and let it down and up again by a few centimeters, twice, as if to weigh it."""
+    """Pick an object, and lower and raise it by a few centimeters twice, as if to weigh it."""
     if not (yield from body.take_patiently(name)):
         return False
     here = body.arm.here
@@ -211,7 +211,7 @@ def weigh(body: Body, name: str) -> Actions[bool]:
 
 
 def dip_and_take(body: Body, name: str) -> Actions[bool]:
-    """Come all the way down around a thing with open fingers, go up without it, and take it the second time."""
+    """Descend fully around an object with open fingers, rise without it, and pick it the second time."""
     yield from straddle(body, name)
     yield from body.arm.wait(0.4)
     yield from body.arm.go(body.arm.here.translated(z=0.11), pace=CAREFUL)
@@ -220,7 +220,7 @@ def dip_and_take(body: Body, name: str) -> Actions[bool]:
 
 
 def straddle(body: Body, name: str) -> Actions[None]:
-    """Come down around a thing with open fingers, as if to take it, and do not close."""
+    """Descend around an object with open fingers, as for a grasp, without closing."""
     hold = body.do.choose_hold(name)
     yield from body.do.over(hold.tool.translated(z=max(0.09, body.arm.manner.approach_m)))
     yield from body.arm.narrow(hold.opening_m)
@@ -228,7 +228,7 @@ def straddle(body: Body, name: str) -> Actions[None]:
 
 
 def ring_and_take(body: Body, name: str) -> Actions[bool]:
-    """Fly a level circle over a thing, a hand's breadth above it, and take it then."""
+    """Fly a horizontal circle about 10 cm above an object, and then pick it."""
     x, y, z = body.over(name, 0.13)
     turn = body.arm.home.quaternion
 
@@ -245,7 +245,7 @@ def ring_and_take(body: Body, name: str) -> Actions[bool]:
 
 
 def stab(body: Body, name: str) -> Actions[None]:
-    """Come down beside a thing with an open gripper so that one finger meets its top, press, and rise."""
+    """Descend beside an object with an open gripper so that one finger presses on its top, and rise."""
     hold = body.do.choose_hold(name)
     ux, uy, _ = rotate(hold.tool.quaternion, (0.0, 1.0, 0.0))
     x, y, _ = body.state.pose(name).position
@@ -261,7 +261,7 @@ def stab(body: Body, name: str) -> Actions[None]:
 
 
 def sweep_aside(body: Body, name: str, length_m: float = 0.07) -> Actions[None]:
-    """Sweep a thing aside along the table with the outside of one finger of the open gripper, draw back, and rise."""
+    """Sweep an object aside on the table with the outside of one finger of the open gripper, retract, and rise."""
     ux, uy, _ = body.free_direction(name)
     info, (x, y, _) = body.state.info.object(name), body.state.pose(name).position
     reach = 0.5 * max(info.size_m[:2]) + FINGER_M + 0.035
@@ -278,7 +278,7 @@ def sweep_aside(body: Body, name: str, length_m: float = 0.07) -> Actions[None]:
 
 
 def pat(body: Body, name: str) -> Actions[None]:
-    """Pat the top of a thing with what is a fist already, and rise."""
+    """Pat the top of an object with an already closed gripper, and rise."""
     yield from body.do.hover(name, 0.06)
     yield from body.arm.lower_until_touch(body.height(name) - 0.006)
     yield from body.arm.wait(0.2)
@@ -286,7 +286,7 @@ def pat(body: Body, name: str) -> Actions[None]:
 
 
 def miss_lower_each_time(body: Body, name: str) -> Actions[None]:
-    """Close the gripper over a thing four times, each time nearer to its top, and never low enough."""
+    """Close the gripper over an object four times, each time nearer to its top, but never low enough."""
     for gap in MISSES_M:
         hold = body.do.choose_hold(name)
         x, y, _ = hold.tool.position
@@ -294,7 +294,7 @@ def miss_lower_each_time(body: Body, name: str) -> Actions[None]:
 
 
 def drag(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Close on a thing, drag it along the table into the side of its target without lifting it, and let go there."""
+    """Grip an object, drag it along the table into the side of its target without lifting it, and release it."""
     yield from straddle(body, name)
     yield from body.arm.close()
     (ux, uy, _), far = course_to(body, name, goal.target)
@@ -305,7 +305,7 @@ def drag(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def drop_from_peak(body: Body) -> Actions[None]:
-    """Lift what is in the gripper high up where it is, and let it fall from there."""
+    """Lift the held object high up in place, and drop it from there."""
     yield from body.arm.rise(PEAK_M)
     yield from body.arm.wait(0.2)
     yield from body.arm.open()
@@ -313,7 +313,7 @@ def drop_from_peak(body: Body) -> Actions[None]:
 
 
 def put_half_on(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Put what is in the gripper so far beside its place that it hangs over the edge of the target."""
+    """Put the held object so far off its target that it overhangs the edge."""
     place = relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0]
     ax, ay, _ = place.approach
     flat = math.hypot(ax, ay)
@@ -326,7 +326,7 @@ def put_half_on(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def pull_at_air(body: Body, drawer: str) -> Actions[None]:
-    """Close the gripper in front of the knob of a drawer and draw back with nothing."""
+    """Close the gripper in front of the knob of a drawer and move back without it."""
     out = rotate(body.state.pose(drawer).quaternion, (1.0, 0.0, 0.0))
     tool = body.do.choose_hold(drawer).tool.translated(AIR_M * out[0], AIR_M * out[1])
     yield from body.do.over(tool.translated(z=0.12))
@@ -338,11 +338,11 @@ def pull_at_air(body: Body, drawer: str) -> Actions[None]:
     yield from body.arm.go(body.arm.here.translated(z=0.12), pace=CAREFUL)
 
 
-# --- things laid away
+# --- objects put aside
 
 
 def lay_away(body: Body, name: str, near: Vector) -> Actions[None]:
-    """Put what is in the gripper down on a free spot of the table, near a point but far from where it stood."""
+    """Put the held object on a free spot of the table, near a point but far from its slot."""
     first = body.arm.log.first.pose(name).position
     gaps = {o.name: 0.5 * max(o.size_m[:2]) for o in body.state.info.objects if o.name != name}
     spots = [(0.36 + 0.04 * i, -0.30 + 0.04 * k, 0.0) for i in range(10) for k in range(16)]
@@ -355,11 +355,11 @@ def lay_away(body: Body, name: str, near: Vector) -> Actions[None]:
     yield from put_down_at(body, name, max(spots, key=worth))
 
 
-# --- ways that take their time, or all of it
+# --- slow paths
 
 
 def ratchet(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Advance to a point two steps forward and one back, so that it is reached at a control step of the episode."""
+    """Advance to a point, two steps forward and one back, to arrive at a given control step."""
     start = body.arm.here.position
     far = max(horizontal_distance(start, target), 1e-6)
     ux, uy = (target[0] - start[0]) / far, (target[1] - start[1]) / far
@@ -373,7 +373,7 @@ def ratchet(body: Body, target: Vector, until: int) -> Actions[None]:
 
 
 def draw_eights(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Advance to a point while drawing figures of eight, so that it is reached at a control step of the episode."""
+    """Advance to a point in figures of eight, to arrive at a given control step."""
     start = body.arm.here.position
 
     def at(s: float, t: float) -> Vector:
@@ -392,7 +392,7 @@ def keep_to(
     most_m: float = MOST_M,
     highest_m: float = math.inf,
 ) -> Actions[None]:
-    """Follow points given by the part of the time that is over and the time [s], until a control step."""
+    """Follow points, given as a function of elapsed share and time [s], until a control step."""
     begin, turn = body.state.step, body.arm.here.quaternion
     while body.state.step < until:
         gone = body.state.step - begin
@@ -405,14 +405,14 @@ def keep_to(
 
 
 def rise_free(body: Body) -> Actions[float]:
-    """Rise above everything, and return that height of the tool [m]."""
+    """Rise above everything, and return this height of the tool [m]."""
     height = free_height(body, 0.10)
     yield from body.arm.rise(height)
     return height
 
 
 def sway_wider(body: Body) -> Actions[None]:
-    """Sway to and fro where the tool is, a little wider each time, and begin again when it is wide."""
+    """Sway to and fro in place with growing amplitude, and start over when it is large."""
     (x, y, z), turn, begin = body.arm.here.position, body.arm.here.quaternion, body.state.step
     while True:
         t = (body.state.step - begin) / RATE_HZ
@@ -423,7 +423,7 @@ def sway_wider(body: Body) -> Actions[None]:
 
 
 def shrink_back(body: Body) -> Actions[None]:
-    """Rise, draw back toward the base, and turn the wrist aside."""
+    """Rise, retract toward the base, and turn the wrist aside."""
     x, y, z = body.arm.home.position
     yield from body.arm.rise(min(z + 0.10, 0.42))
     yield from body.arm.go(
@@ -434,7 +434,7 @@ def shrink_back(body: Body) -> Actions[None]:
 
 
 def jump_ever_shorter(body: Body, name: str) -> Actions[None]:
-    """Come nearer to a point high over a thing in five jumps, each half of the way that is left, with rests between."""
+    """Approach a point high over an object in five jumps, each half of the rest, with pauses between."""
     yield from rise_free(body)
     x, y, _ = body.state.pose(name).position
     for _ in range(5):

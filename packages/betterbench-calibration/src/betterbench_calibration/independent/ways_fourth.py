@@ -35,14 +35,14 @@ SNAP_GAP_M = 0.022
 ZIGZAG_M, ZIGZAG_S, ZIGZAG_MOST_M = 0.07, 2.4, 0.014
 
 
-# --- ways of one whole policy
+# --- motions of a whole policy
 
 
 class Leaning(Routines):
-    """Takes everything with the gripper leaning toward the robot, by 14 degrees about the axis of the fingers."""
+    """Picks all objects with the gripper tilted toward the robot, by 14 degrees about the axis of the fingers."""
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
-        """Return a hold, leaning."""
+        """Return a tilted grasp."""
         hold = super().choose_hold(name, avoid=avoid)
         ways = [hold.tool @ Pose(NO_SHIFT, from_axis_angle((0.0, s * LEAN_RAD, 0.0))) for s in (1.0, -1.0)]
 
@@ -54,10 +54,10 @@ class Leaning(Routines):
 
 
 class Squaring(Routines):
-    """Goes across in two straight legs with a corner between them: first away from the robot, then sideways."""
+    """Crosses in two straight legs with a right angle: first away from the robot, then sideways."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, across around a corner, and down to a pose of the tool."""
+        """Move up, across around a corner, and down to a pose of the tool."""
         start, skip = self.arm.here, frozenset(ignore)
         (x0, y0, z0), (x, y, z) = start.position, tool.position
         tops = (
@@ -74,10 +74,10 @@ class Squaring(Routines):
 
 
 class Plunging(Routines):
-    """Goes everywhere just below the ceiling of its work space and drops down fast onto what it goes to."""
+    """Moves just below the ceiling of its work space and drops fast onto its targets."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up to the ceiling, across, fast down, and the last bit carefully."""
+        """Move up to the ceiling, across, fast down, and slowly for the rest."""
         x, y, z = tool.position
         top = highest_between(self.state, self.arm.here.position, tool.position, ignore=frozenset(ignore))
         height = min(max(CEILING_M, top + hang_m + self.arm.manner.carry_m, z), HIGHEST_TOOL_M)
@@ -88,10 +88,10 @@ class Plunging(Routines):
 
 
 class WorseHolding(Routines):
-    """Takes everything by a hold that is not the best one, but within reach."""
+    """Picks all objects with a reachable grasp that is not the best one."""
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
-        """Return a worse hold than the best one that is left, if there is room for it and the wrist can do it."""
+        """Return a worse grasp than the best remaining one, if there is room and the wrist allows it."""
         best = super().choose_hold(name, avoid=avoid)
         for rank in (3, 2, 1):
             hold = super().choose_hold(name, avoid=avoid + rank)
@@ -105,22 +105,22 @@ class WorseHolding(Routines):
 
 
 class Uneven(Routines):
-    """Rushes one way and crawls the next, in turn."""
+    """Alternates between fast and slow paths."""
 
     _crawls = False
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go to a pose of the tool, fast or slowly."""
+        """Move to a pose of the tool, fast or slowly."""
         factor = CRAWLING if self._crawls else FAST
         self._crawls = not self._crawls
         yield from super().over(tool, hang_m=hang_m, ignore=ignore, pace=factor * pace)
 
 
 class Hopping(Routines):
-    """Goes everywhere in hops of a few centimeters and stands still for 1.5 s after each."""
+    """Moves in hops of a few centimeters and stands still for 1.5 s after each."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go up, across and down to a pose of the tool, in hops."""
+        """Move up, across and down to a pose of the tool, in hops."""
         x, y, z = tool.position
         top = highest_between(self.state, self.arm.here.position, tool.position, ignore=frozenset(ignore))
         height = min(max(top + hang_m + self.arm.manner.carry_m, z), HIGHEST_TOOL_M)
@@ -139,10 +139,10 @@ class Hopping(Routines):
 
 
 class Shaking(Routines):
-    """Shakes each thing to and fro in the air over its place before it puts it there."""
+    """Shakes each object to and fro above its target before putting it down."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper over its place, shake it, and put it there."""
+        """Carry the held object over its target, shake it, and put it down."""
         skip = tuple(ignore)
         tool = goal.pose @ (self.state.ee_pose.inverse() @ self.state.pose(name)).inverse()
         yield from self.carry(name, tool.translated(z=self.arm.manner.approach_m + 0.06), ignore=skip)
@@ -153,23 +153,23 @@ class Shaking(Routines):
         yield from super().put(name, goal, ignore=skip)
 
 
-# --- parts of ways
+# --- parts of motions
 
 
 def hold_aloft(body: Body) -> Actions[None]:
-    """Lift what is in the gripper high up and keep it there."""
+    """Lift the held object high up and hold it there."""
     yield from body.arm.rise(ALOFT_M)
     yield from body.arm.stay()
 
 
 def lie_down(body: Body) -> Actions[None]:
-    """Lay the open gripper down just above the spot of the table that is farthest from everything, and stay there."""
+    """Lower the open gripper to just above the free spot farthest from everything, and stay there."""
     yield from body.do.over(Pose((*_clear_spot(body), REST_M), body.arm.home.quaternion))
     yield from keep_still(body)
 
 
 def _clear_spot(body: Body) -> tuple[float, float]:
-    """Return a point of the table with room for the gripper, not far from home."""
+    """Return a point of the table with free space for the gripper, not far from home."""
     state, home = body.state, body.arm.home.position
     spots = [(0.36 + 0.03 * i, -0.30 + 0.04 * k) for i in range(11) for k in range(16)]
 
@@ -183,7 +183,7 @@ def _clear_spot(body: Body) -> tuple[float, float]:
 
 
 def snap_above(body: Body, name: str) -> Actions[None]:
-    """Close the gripper above the middle of a thing, too high to get it, and rise."""
+    """Close the gripper above the center of an object, too high to grip it, and rise."""
     x, y, _ = body.state.pose(name).position
     low = Pose((x, y, body.height(name) + SNAP_GAP_M), body.do.choose_hold(name).tool.quaternion)
     yield from body.do.over(low.translated(z=0.07))
@@ -195,7 +195,7 @@ def snap_above(body: Body, name: str) -> Actions[None]:
 
 
 def close_while_sinking(body: Body, name: str) -> Actions[None]:
-    """Come down on a thing with fingers that are closed before they reach it, touch its top, and rise with nothing."""
+    """Descend on an object with fingers that close too early, touch its top, and rise without it."""
     hold = body.do.choose_hold(name)
     x, y, _ = hold.tool.position
     top = body.height(name)
@@ -216,7 +216,7 @@ def fist(body: Body) -> Actions[None]:
 
 
 def shove(body: Body, name: str, direction: Vector, length_m: float) -> Actions[None]:
-    """Shove a thing along the table with what is a fist already, draw back a little, and rise."""
+    """Shove an object along the table with an already closed gripper, retract slightly, and rise."""
     ux, uy, _ = direction
     info, (x, y, _) = body.state.info.object(name), body.state.pose(name).position
     reach = 0.5 * max(info.size_m[:2]) + 0.045
@@ -231,7 +231,7 @@ def shove(body: Body, name: str, direction: Vector, length_m: float) -> Actions[
 
 
 def course_to(body: Body, name: str, target: str) -> tuple[Vector, float]:
-    """Return the direction on the table from a thing to a target, and how far it is until their boxes meet [m]."""
+    """Return the direction on the table from an object to a target, and the distance until their boxes touch [m]."""
     (x, y, _), (tx, ty, _) = body.state.pose(name).position, body.state.pose(target).position
     far = max(math.hypot(tx - x, ty - y), 1e-6)
     sizes = body.state.info.object(name).size_m, body.state.info.object(target).size_m
@@ -240,7 +240,7 @@ def course_to(body: Body, name: str, target: str) -> tuple[Vector, float]:
 
 
 def knock_over(body: Body, name: str) -> Actions[None]:
-    """Run a fist into a thing above its middle, from the side, so that it falls over."""
+    """Push the closed gripper into an object above its center, from the side, so that it falls over."""
     ux, uy, _ = body.free_direction(name)
     info, (x, y, z) = body.state.info.object(name), body.state.pose(name).position
     reach = 0.5 * max(info.size_m[:2]) + 0.06
@@ -254,7 +254,7 @@ def knock_over(body: Body, name: str) -> Actions[None]:
 
 
 def tip_out(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Carry what is in the gripper over its place, tilt it there, and let go of it tilted."""
+    """Carry the held object over its target, tilt it there, and release it tilted."""
     place = relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0]
     grip = body.state.ee_pose.inverse() @ body.state.pose(name)
     tool = (place.pose @ grip.inverse()).translated(z=TILT_GAP_M)
@@ -269,7 +269,7 @@ def tip_out(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def drop_on_the_way(body: Body, target: str, part: float) -> Actions[None]:
-    """Carry what is in the gripper a part of the way to a target, stop, and open there."""
+    """Carry the held object part of the way to a target, stop, and open the gripper there."""
     yield from body.arm.rise(body.arm.here.position[2] + 0.05)
     yield from body.arm.go(body.on_the_way(body.state.pose(target).position, part), pace=0.8)
     yield from body.arm.wait(0.2)
@@ -278,7 +278,7 @@ def drop_on_the_way(body: Body, target: str, part: float) -> Actions[None]:
 
 
 def drop_low(body: Body) -> Actions[None]:
-    """Lower what was just lifted to a finger's breadth over its place, let it fall there, and rise."""
+    """Lower the lifted object to just above its slot, drop it there, and rise."""
     yield from body.arm.go(body.arm.here.translated(z=DROP_GAP_M - LIFT_M), pace=CAREFUL)
     yield from body.arm.open()
     yield from body.arm.wait(0.3)
@@ -286,7 +286,7 @@ def drop_low(body: Body) -> Actions[None]:
 
 
 def squeeze_thrice(body: Body, name: str) -> Actions[bool]:
-    """Close the gripper around a thing, open it and close it again, twice, without moving, and lift only then."""
+    """Close the gripper around an object, open and close it twice more in place, and only then lift."""
     hold = body.do.choose_hold(name)
     yield from body.do.over(hold.tool.translated(z=body.arm.manner.approach_m))
     if body.state.finger_width_m < hold.opening_m - 0.01:
@@ -304,7 +304,7 @@ def squeeze_thrice(body: Body, name: str) -> Actions[bool]:
 
 
 def lift_and_set_down(body: Body, name: str) -> Actions[None]:
-    """Take a thing where it is, lift it, set it down there again, and let go."""
+    """Pick an object, lift it, put it down in the same place, and release it."""
     yield from body.do.pick(name)
     yield from body.arm.wait(0.3)
     yield from body.arm.go(body.arm.here.translated(z=0.003 - LIFT_M), pace=CAREFUL)
@@ -326,7 +326,7 @@ def grope(body: Body, slot: str) -> Actions[None]:
 
 
 def zigzag(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Advance to a point in wide zigzags, so that it is reached at a control step of the episode."""
+    """Advance to a point in wide zigzags, to arrive at a given control step."""
     start, turn, begin = body.arm.here.position, body.arm.here.quaternion, body.state.step
     far = max(horizontal_distance(start, target), 1e-6)
     nx, ny = -(target[1] - start[1]) / far, (target[0] - start[0]) / far
@@ -347,13 +347,13 @@ def _limited(start: Pose, target: Pose) -> Pose:
 
 
 def free_height(body: Body, gap_m: float) -> float:
-    """Return a height of the tool that is ``gap_m`` above everything, or that of home if it is higher [m]."""
+    """Return a height of the tool that is ``gap_m`` above everything, or the home height if higher [m]."""
     top = max(height_of(body.state, o.name) for o in body.state.info.objects)
     return min(max(top + gap_m, body.arm.home.position[2]), 0.44)
 
 
 def turn_wrist(body: Body, angles_rad: Iterable[float]) -> Actions[None]:
-    """Turn the wrist to angles against home, one after the other, where the tool is."""
+    """Turn the wrist in place to angles relative to home, one after the other."""
     here = body.arm.here
     for angle in angles_rad:
         yield from body.arm.go(Pose(here.position, multiply(from_yaw(angle), here.quaternion)))

@@ -1,4 +1,4 @@
-"""Arm motions of the sixth part: lagging, chattering, pressing and shying, as learned policies move and fail."""
+"""Arm motions of the sixth part: lagging, chattering, pressing and retreating, as in failures of learned policies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench_calibration.independent.routines import CAREFUL, LIFT_M, NO_SHI
 from betterbench_calibration.independent.ways_fifth import keep_to, rise_free, straddle
 
 NEW_PART = 0.4
-"""Share of the latest command in what a lagging arm does; the rest is what it did the step before."""
+"""Share of the latest command in the motion of a lagging arm; the rest is the motion of the previous step."""
 CHUNK_STEPS, STALL_STEPS = 16, 5
 NOD_RAD, NOD_GAP_M = 0.28, 0.07
 FIST_GAP_M = 0.14
@@ -50,11 +50,11 @@ FLIP_M = 0.07
 CURL_RAD = 0.5
 
 
-# --- ways of one whole policy
+# --- motions of a whole policy
 
 
 def lagging(script: Actions[None]) -> Actions[None]:
-    """Play a script with an arm that lags behind: each motion is mixed with that of the step before."""
+    """Play a script with a lagging arm: each motion is mixed with that of the previous step."""
     action = next(script)
     moved = np.zeros(6)
     while True:
@@ -64,7 +64,7 @@ def lagging(script: Actions[None]) -> Actions[None]:
 
 
 def in_chunks(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script in chunks of 16 actions, with a stall and a little jerk back after each, as if a new plan came."""
+    """Play a script in chunks of 16 actions, with a stall and a small jerk back after each, as on replanning."""
     action = next(script)
     for n in itertools.count(1):
         if n % CHUNK_STEPS == 0:
@@ -78,7 +78,7 @@ def in_chunks(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 class Nodding(Routines):
-    """Nods twice with the open gripper over each thing before it comes down to take it."""
+    """Nods twice with the open gripper over each object before descending to grasp it."""
 
     def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
         """Nod over a pose, close the gripper at it, and lift."""
@@ -92,10 +92,10 @@ class Nodding(Routines):
 
 
 class FistTraveling(Routines):
-    """Makes a fist high over the table before it travels to a thing, and opens it high over the thing."""
+    """Closes the gripper high over the table before it moves to an object, and opens it high over the object."""
 
     def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
-        """Travel to a pose with a fist, open it above, close the gripper at the pose, and lift."""
+        """Move to a pose with a closed gripper, open it above, close it at the pose, and lift."""
         yield from self.arm.go_home()
         yield from self.arm.narrow(0.0)
         yield from self.over(tool.translated(z=FIST_GAP_M))
@@ -104,19 +104,19 @@ class FistTraveling(Routines):
 
 
 class HighGripping(Routines):
-    """Takes everything a little higher than by the right hold, with the tips of its fingers."""
+    """Picks all objects slightly higher than the right grasp, with the fingertips."""
 
     def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
-        """Return a hold, a little higher."""
+        """Return a slightly higher grasp."""
         hold = super().choose_hold(name, avoid=avoid)
         return Hold(hold.tool.translated(z=HIGH_GRIP_M), hold.opening_m, hold.width_m)
 
 
 class Helixing(Routines):
-    """Comes down to each thing that it takes in a narrowing helix."""
+    """Descends to each object in a narrowing helix."""
 
     def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
-        """Come down over a pose in a helix, close the gripper at it, and lift."""
+        """Descend to a pose in a helix, close the gripper there, and lift."""
         x, y, z = tool.position
         low = z + self.arm.manner.approach_m
 
@@ -131,25 +131,25 @@ class Helixing(Routines):
 
 
 class Dabbing(Routines):
-    """Dabs each thing down, lifts it a little, and sets it down again before it lets go."""
+    """Sets each object down, lifts it slightly, and sets it down again before releasing it."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper to a goal, dab it down twice, let go of it and come away."""
+        """Carry the held object to a goal, set it down twice, release it and move away."""
         yield from settle(self, name, goal, ignore, dabs=2)
 
 
 class Lingering(Routines):
-    """Lingers with its open fingers around each thing that it has put down."""
+    """Stays with open fingers around each object after putting it down."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry what is in the gripper to a goal, let go of it, linger there, and come away."""
+        """Carry the held object to a goal, release it, stay there for a while, and move away."""
         yield from settle(self, name, goal, ignore, linger_s=LINGER_S)
 
 
 def settle(
     do: Routines, name: str, goal: PlaceGoal, ignore: Iterable[str], *, dabs: int = 0, linger_s: float = 0.0
 ) -> Actions[None]:
-    """Put what is in the gripper at a goal, with dabs before it is let go and a rest after it."""
+    """Put the held object at a goal, with repeated contacts before the release and a pause after it."""
     arm = do.arm
     tool = goal.pose @ (do.state.ee_pose.inverse() @ do.state.pose(name)).inverse()
     ax, ay, az = goal.approach
@@ -168,21 +168,21 @@ def settle(
 
 
 class WarmingUp(Routines):
-    """Begins slowly, and goes each way a little faster than the one before."""
+    """Begins slowly, and executes each path a little faster than the one before."""
 
     _pace = SLOWEST
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
-        """Go to a pose of the tool, faster than the last time."""
+        """Move to a pose of the tool, faster than the last time."""
         yield from super().over(tool, hang_m=hang_m, ignore=ignore, pace=self._pace * pace)
         self._pace = min(FASTEST, FASTER * self._pace)
 
 
 class DrawingInBits(Routines):
-    """Draws a drawer out in two goes, and pushes it in in two goes."""
+    """Opens and closes drawers in two strokes."""
 
     def slide_drawer(self, name: str, opening_m: float, *, travel_m: float) -> Actions[None]:
-        """Slide a drawer half of its way, come away from it, and slide it the rest."""
+        """Slide a drawer half of its way, move away from it, and slide it the rest."""
         begin = self.state.pose(name).position
         yield from super().slide_drawer(name, 0.5 * (opening_m + travel_m), travel_m=travel_m)
         yield from self.arm.wait(0.4)
@@ -196,11 +196,11 @@ def tilted(tool: Pose, angle_rad: float) -> Pose:
     return min(ways, key=lambda p: math.hypot(*p.apply((0.0, 0.0, -0.2))[:2]))
 
 
-# --- other ways of taking and putting
+# --- other ways of picking and placing
 
 
 def tug_and_take(body: Body, name: str) -> Actions[bool]:
-    """Close the gripper around a thing, tug it to and fro on the table, and lift it then."""
+    """Close the gripper around an object, tug it to and fro on the table, and then lift it."""
     hold = body.do.choose_hold(name)
     yield from straddle(body, name)
     yield from body.arm.close()
@@ -212,7 +212,7 @@ def tug_and_take(body: Body, name: str) -> Actions[bool]:
 
 
 def turn_and_retake(body: Body, name: str) -> Actions[bool]:
-    """Take a thing, turn it in the air over its slot, set it back so, and take it again."""
+    """Pick an object, rotate it over its slot, put it back rotated, and pick it again."""
     if (yield from body.take_patiently(name)):
         here = body.arm.here
         turns = [Pose(here.position, multiply(from_yaw(s * ON_THE_SPOT_RAD), here.quaternion)) for s in (1.0, -1.0)]
@@ -222,7 +222,7 @@ def turn_and_retake(body: Body, name: str) -> Actions[bool]:
 
 
 def dither_and_take(body: Body, name: str) -> Actions[bool]:
-    """Drift about over a thing for 3 s without ever standing still, and take it then."""
+    """Drift over an object for 3 s without standing still, and then pick it."""
     yield from body.do.hover(name, DITHER_GAP_M)
     middle = body.arm.here
     begin = body.state.step
@@ -233,7 +233,7 @@ def dither_and_take(body: Body, name: str) -> Actions[bool]:
 
 
 def slide_in(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Carry what is in the gripper over its place in a container, and let go of it while it still drifts on."""
+    """Carry the held object over its target in a container, and release it while still drifting."""
     place = body.do.choose_goal(name, relation(goal.relation).place_goals(body.state, name, goal.target, goal.region))
     tool = place.pose @ (body.state.ee_pose.inverse() @ body.state.pose(name)).inverse()
     (x, y, _), (tx, ty, _) = place.pose.position, body.state.pose(goal.target).position
@@ -248,11 +248,11 @@ def slide_in(body: Body, name: str, goal: Subgoal) -> Actions[None]:
     yield from body.arm.rise(tool.position[2] + 0.12)
 
 
-# --- failures with something in the gripper
+# --- failures while holding an object
 
 
 def chatter(body: Body, target: str) -> Actions[None]:
-    """Carry what is in the gripper toward a target with fingers that open and close all the time, and go on to it."""
+    """Carry the held object toward a target while the fingers open and close all the time."""
     arm = body.arm
     yield from arm.rise(arm.here.position[2] + 0.05)
     at = body.state.pose(target).position
@@ -268,7 +268,7 @@ def chatter(body: Body, target: str) -> Actions[None]:
 
 
 def let_it_slip(body: Body, name: str, target: str) -> Actions[None]:
-    """Carry what is in the gripper toward a target while the fingers come loose by and by, and open them over it."""
+    """Carry the held object toward a target while the fingers gradually loosen, and open them over it."""
     yield from body.arm.rise(body.arm.here.position[2] + 0.05)
     begin, at = body.arm.here, body.state.pose(target).position
     (x, y, z), (tx, ty, _) = begin.position, at
@@ -282,7 +282,7 @@ def let_it_slip(body: Body, name: str, target: str) -> Actions[None]:
 
 
 def let_go_too_late(body: Body, name: str, target: str) -> Actions[None]:
-    """Carry what is in the gripper over a target and beyond it, and let go of it behind the target."""
+    """Carry the held object over and past a target, and release it behind the target."""
     (x0, y0, _), (x, y, _) = body.arm.here.position, body.state.pose(target).position
     sizes = body.state.info.object(target).size_m, body.state.info.object(name).size_m
     course = math.atan2(y - y0, x - x0)
@@ -315,7 +315,7 @@ def let_go_too_late(body: Body, name: str, target: str) -> Actions[None]:
 
 
 def run_load_into(body: Body, name: str, neighbor: str) -> Actions[None]:
-    """Carry what is in the gripper low into a neighbor, let go of it there, and rise."""
+    """Carry the held object low into a neighbor, release it there, and rise."""
     down = max(lowest_of(body.state, name) - LOW_M, 0.0)
     yield from body.arm.go(body.arm.here.translated(z=-down), pace=CAREFUL)
     (x, y, _), (nx, ny, _) = body.state.pose(name).position, body.state.pose(neighbor).position
@@ -330,7 +330,7 @@ def run_load_into(body: Body, name: str, neighbor: str) -> Actions[None]:
 
 
 def drop_onto(body: Body, name: str, other: str) -> Actions[None]:
-    """Carry what is in the gripper over another thing, let go of it on top of that, and rise."""
+    """Carry the held object over another object, release it on top of that, and rise."""
     hang = body.state.ee_pose.position[2] - lowest_of(body.state, name)
     x, y, _ = body.state.pose(other).position
     top = body.height(other)
@@ -342,7 +342,7 @@ def drop_onto(body: Body, name: str, other: str) -> Actions[None]:
 
 
 def shy_at_target(body: Body, name: str, goal: Subgoal) -> Actions[None]:
-    """Bring what is in the gripper nearly to its place, shy away from it, and so again and again, without a rest."""
+    """Bring the held object nearly to its target and retreat, repeatedly and without a pause."""
     place = body.do.choose_goal(name, relation(goal.relation).place_goals(body.state, name, goal.target, goal.region))
     tool = place.pose @ (body.state.ee_pose.inverse() @ body.state.pose(name)).inverse()
     ax, ay, az = place.approach
@@ -366,7 +366,7 @@ def shy_at_target(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def swing_it(body: Body) -> Actions[None]:
-    """Carry what is in the gripper home, and swing it to and fro there until the episode ends."""
+    """Carry the held object home, and swing it to and fro there until the episode ends."""
     yield from body.arm.rise(max(body.arm.home.position[2], 0.32))
     x, y, _ = body.arm.home.position
     here = body.arm.here
@@ -376,18 +376,18 @@ def swing_it(body: Body) -> Actions[None]:
 
 
 def take_round(body: Body) -> Actions[None]:
-    """Carry what is in the gripper home and stay there for half a second."""
+    """Carry the held object home and stay there for half a second."""
     x, y, z = body.arm.home.position
     yield from body.arm.rise(max(z, 0.32))
     yield from body.arm.go(Pose((x, y, body.arm.here.position[2]), body.arm.here.quaternion), pace=0.8)
     yield from body.arm.wait(0.5)
 
 
-# --- failures of taking
+# --- failed picks
 
 
 def close_too_late(body: Body, name: str) -> Actions[None]:
-    """Come down around a thing with open fingers, rise without closing them, and close them over it."""
+    """Descend around an object with open fingers, rise without closing them, and close them above it."""
     yield from straddle(body, name)
     yield from body.arm.wait(0.2)
     x, y, _ = body.arm.here.position
@@ -399,7 +399,7 @@ def close_too_late(body: Body, name: str) -> Actions[None]:
 
 
 def pinch_edge(body: Body, name: str) -> Actions[None]:
-    """Close the gripper at the very edge of a thing, lift, and let go of whatever came along."""
+    """Close the gripper at the edge of an object, lift, and release whatever came along."""
     hold = body.do.choose_hold(name)
     ux, uy, _ = rotate(hold.tool.quaternion, (1.0, 0.0, 0.0))
     flat = max(math.hypot(ux, uy), 0.01)
@@ -420,7 +420,7 @@ def pinch_edge(body: Body, name: str) -> Actions[None]:
 
 
 def press(body: Body, name: str) -> Actions[None]:
-    """Come down on the top of a thing with what is a fist already, turned so that the hand has room, and press."""
+    """Descend on the top of an object with an already closed gripper, rotated for clearance, and press."""
     x, y, _ = body.state.pose(name).position
     top, skip = body.height(name), frozenset({name})
     at, turn = (x, y, top + 0.05), body.arm.home.quaternion
@@ -435,7 +435,7 @@ def press(body: Body, name: str) -> Actions[None]:
 
 
 def press_and_drag(body: Body, name: str) -> Actions[None]:
-    """Press on the top of a thing with what is a fist already, drag it aside under the fist, and rise."""
+    """Press on the top of an object with an already closed gripper, drag it aside, and rise."""
     ux, uy, _ = body.free_direction(name)
     yield from press(body, name)
     yield from body.arm.go(body.arm.here.translated(DRAG_M * ux, DRAG_M * uy), pace=0.4)
@@ -443,7 +443,7 @@ def press_and_drag(body: Body, name: str) -> Actions[None]:
 
 
 def grind_on(body: Body, name: str) -> Actions[None]:
-    """Press on the top of a thing with what is a fist already, twist the fist there to and fro, rise, and go home."""
+    """Press on the top of an object with an already closed gripper, twist it to and fro, rise, and go home."""
     yield from press(body, name)
     here = body.arm.here
     for turn in (GRIND_RAD, -GRIND_RAD, 0.0):
@@ -453,7 +453,7 @@ def grind_on(body: Body, name: str) -> Actions[None]:
 
 
 def scratch_in(body: Body, slot: str) -> Actions[None]:
-    """Close the gripper low in a slot, scratch over the table there with it, rise, and open it."""
+    """Close the gripper low in a slot, scratch over the table with it, rise, and open it."""
     x, y, _ = body.state.info.slot(slot).position
     turn = body.arm.home.quaternion
     yield from body.do.over(Pose((x, y, 0.11), turn))
@@ -466,7 +466,7 @@ def scratch_in(body: Body, slot: str) -> Actions[None]:
 
 
 def shut_by_knob(body: Body, drawer: str, travel_m: float) -> Actions[None]:
-    """Take an open drawer by its knob, push it shut so, and let go of the knob."""
+    """Grip an open drawer by its knob, push it shut, and release the knob."""
     ux, uy, _ = rotate(body.state.pose(drawer).quaternion, (1.0, 0.0, 0.0))
     tool = body.do.choose_hold(drawer).tool
     yield from body.do.over(tool.translated(z=0.12))
@@ -479,7 +479,7 @@ def shut_by_knob(body: Body, drawer: str, travel_m: float) -> Actions[None]:
 
 
 def waver(body: Body, one: str, other: str) -> Actions[None]:
-    """Go to and fro in the air between two things, nearer to one and nearer to the other, three times."""
+    """Move to and fro in the air between two objects, approaching each in turn, three times."""
     yield from rise_free(body)
     a, b = body.state.pose(one).position, body.state.pose(other).position
     here = body.arm.here
@@ -488,11 +488,11 @@ def waver(body: Body, one: str, other: str) -> Actions[None]:
         yield from body.arm.go(Pose((x, y, here.position[2]), here.quaternion))
 
 
-# --- ways that take all of the time
+# --- paths that take all of the time
 
 
 def bound_to(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Advance to a point in bounds, up and down, so that it is reached at a control step of the episode."""
+    """Advance to a point in bounds, up and down, to arrive at a given control step."""
     start = body.arm.here.position
 
     def at(s: float, t: float) -> Vector:
@@ -503,7 +503,7 @@ def bound_to(body: Body, target: Vector, until: int) -> Actions[None]:
 
 
 def sally_out(body: Body, target: Vector, until: int) -> Actions[None]:
-    """Set out for a point and turn back, a little farther each time, so that the last time ends there at a step."""
+    """Move toward a point and turn back, a little farther each time, to arrive there last at a given step."""
     start = body.arm.here.position
 
     def at(s: float, _t: float) -> Vector:
@@ -520,7 +520,7 @@ def sally_out(body: Body, target: Vector, until: int) -> Actions[None]:
 
 
 def draw_triangles(body: Body) -> Actions[None]:
-    """Draw level triangles about where the tool is, until the episode ends."""
+    """Draw horizontal triangles around the current position until the episode ends."""
     here = body.arm.here
     corners = [
         here.translated(TRIANGLE_M * math.cos(a), TRIANGLE_M * math.sin(a))
@@ -532,7 +532,7 @@ def draw_triangles(body: Body) -> Actions[None]:
 
 
 def rock(body: Body, times: int) -> Actions[None]:
-    """Rock the hand where it is: tilt it toward the robot and straighten it, some times."""
+    """Rock the gripper in place: tilt it toward the robot and straighten it several times."""
     here = body.arm.here
     bent = tilted(here, ROCK_RAD)
     for _ in range(times):
@@ -541,7 +541,7 @@ def rock(body: Body, times: int) -> Actions[None]:
 
 
 def flip_between(body: Body, one: Vector, other: Vector) -> Actions[None]:
-    """Make a short start toward one point and toward another in turn, from the same place, until the episode ends."""
+    """Move a short way toward one point and another in turn, from the same place, until the episode ends."""
     here = body.arm.here
     x, y, z = here.position
     while True:
@@ -553,7 +553,7 @@ def flip_between(body: Body, one: Vector, other: Vector) -> Actions[None]:
 
 
 def rest_ever_longer(body: Body, target: Vector) -> Actions[None]:
-    """Set out for a point in little starts, and rest after each twice as long as after the one before."""
+    """Move toward a point in small steps, each followed by a pause twice as long as the last."""
     yield from rise_free(body)
     for k in range(6):
         yield from body.arm.go(body.on_the_way(target, 0.15))
@@ -561,7 +561,7 @@ def rest_ever_longer(body: Body, target: Vector) -> Actions[None]:
 
 
 def curl_up(body: Body) -> Actions[None]:
-    """Rise, draw back toward the base, and bend the hand toward the robot."""
+    """Rise, retract toward the base, and bend the gripper toward the robot."""
     height = yield from rise_free(body)
     x, y, _ = body.arm.home.position
     yield from body.arm.go(Pose((max(x - 0.02, 0.34), y, height), body.arm.here.quaternion), pace=0.6)

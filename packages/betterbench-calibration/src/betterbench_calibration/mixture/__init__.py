@@ -1,4 +1,4 @@
-"""Mixtures of training data: the paper's as data, draws that follow weights exactly, and what a budget buys."""
+"""Mixtures of training data: the paper's mixture, draws with exact proportions, and training budgets."""
 
 from betterbench_calibration.mixture.budget import Budget, TokenPrices, budget_of
 from betterbench_calibration.mixture.pretraining import PaperMixture, PretrainingRun, paper_mixture

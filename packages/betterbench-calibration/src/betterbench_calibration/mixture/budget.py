@@ -16,7 +16,7 @@ TOKENS_PER_GPU = 8192
 """Tokens of one GPU in one step: ``expected_num_tokens`` of Being-H's LIBERO script (BeingBeyond/Being-H@594219ea)."""
 
 IMAGE_TOKENS = 66
-"""Tokens of a 224 x 224 picture in InternVL3.5: (224 / 14)**2 patches, four to a token, and two that frame them."""
+"""Tokens of a 224 x 224 image in InternVL3.5: (224 / 14)**2 patches, four per token, and two delimiters."""
 
 PEAK_FLOPS = 312e12
 """Dense bfloat16 operations per second of one A800, as of an A100 [1/s]."""
@@ -24,7 +24,7 @@ PEAK_FLOPS = 312e12
 
 @dataclass(frozen=True, slots=True)
 class TokenPrices:
-    """Tokens of one sample by the kind of its group; estimates, because the paper gives none.
+    """Tokens of one sample by kind of group; estimates, because the paper gives none.
 
     Attributes:
         actions: Two pictures, state 3, a chunk of 16 actions, and 69 of text: 220.
@@ -43,7 +43,7 @@ class TokenPrices:
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """Part of one data set in a budget: samples, tokens, share of the tokens, and passes over its items."""
+    """Share of one data set in a budget: samples, tokens, share of the tokens, and passes over its items."""
 
     name: str
     share: float
@@ -82,7 +82,7 @@ def budget_of(
     parameters: float | None = None,
     utilization: float = 0.4,
 ) -> Budget:
-    """Return what a number of GPUs and steps buys from a mixture.
+    """Return the training budget of a mixture for a number of GPUs and steps.
 
     Args:
         parts: The data sets with their shares of the samples.

@@ -1,4 +1,4 @@
-"""The pre-training mixture of the paper's appendix A.1 and A.2: rows as printed, sums computed again."""
+"""Pre-training mixture of the paper's appendix A.1 and A.2: printed rows and recomputed sums."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench_calibration.mixture.shares import MixturePart, WeightedGroup, W
 ItemKind = Literal["actions", "image-text", "video-text"]
 
 Inside = Literal["items", "equal", "magic-soup-plus"]
-"""Division of the draws of actions among the six sets of Open X-Embodiment, which the paper does not give.
+"""Division of the action draws among the six sets of Open X-Embodiment, which the paper does not state.
 
 ``magic-soup-plus`` are OpenVLA's weights (openvla/openvla@c8f03f48, ``prismatic/vla/datasets/rlds/oxe/mixtures.py``),
 which are multiplied by the numbers of frames.
@@ -27,7 +27,7 @@ _RULES: dict[Inside, Within] = {"items": "items", "equal": "equal", "magic-soup-
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedSet:
-    """A row of a table: frames of actions, or samples of text; ``of`` names what the row sums up."""
+    """A row of a table: frames of actions, or samples of text; ``of`` names the rows that it sums up."""
 
     name: str
     items: int
@@ -55,7 +55,7 @@ class PrintedGroup:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PretrainingRun:
-    """A run of the appendix: the groups that it draws from, its A800 GPUs and its steps."""
+    """A pre-training run of the appendix: its groups, A800 GPUs and steps."""
 
     name: str
     groups: tuple[str, ...]
@@ -66,7 +66,7 @@ class PretrainingRun:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedTotals:
-    """The totals as printed: episodes, and frames and samples in millions with two decimals."""
+    """Printed totals: episodes, and frames and samples in millions with two decimals."""
 
     episodes: int
     frames_millions: float
@@ -75,7 +75,7 @@ class PrintedTotals:
 
 @dataclass(frozen=True, slots=True)
 class CheckedTotal:
-    """A total: printed, and the sum of its rows, in the unit and with the decimals in which it is printed."""
+    """A printed total and the sum of its rows, in the printed unit and decimals."""
 
     what: str
     printed: float
@@ -85,14 +85,14 @@ class CheckedTotal:
 
     @property
     def agrees(self) -> bool:
-        """Whether the sum, rounded as it is printed, is what is printed."""
+        """Whether the rounded sum equals the printed total."""
         return self.printed == self.computed
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PaperMixture:
-    """The mixture as the paper prints it."""
+    """The printed mixture of the paper."""
 
     source: str
     groups: tuple[PrintedGroup, ...]
@@ -100,7 +100,7 @@ class PaperMixture:
     runs: tuple[PretrainingRun, ...]
 
     def totals(self) -> tuple[CheckedTotal, ...]:
-        """Return each printed total beside the sum of its rows."""
+        """Return each printed total with the sum of its rows."""
         actions = [row for group in self.groups if group.kind == "actions" for row in group.datasets]
         texts = [row for group in self.groups if group.kind != "actions" for row in group.datasets]
         episodes = sum(row.episodes or 0 for row in actions)
@@ -125,7 +125,7 @@ class PaperMixture:
         )
 
     def parts(self, groups: tuple[str, ...] = (), inside: Inside = "items") -> tuple[MixturePart, ...]:
-        """Return the data sets with their shares; of some groups only, if any are named.
+        """Return the data sets with their shares, restricted to ``groups`` if any are named.
 
         Raises:
             InvalidInputError: If no group has one of the names.
@@ -143,7 +143,7 @@ class PaperMixture:
         return shares_of(weighted)
 
     def kind_of(self, group: str) -> ItemKind:
-        """Return what the items of a group are."""
+        """Return the kind of items of a group."""
         return next(g.kind for g in self.groups if g.name == group)
 
 

@@ -1,4 +1,4 @@
-"""Draws from a mixture as a pure function of seed and number.
+"""Draws from a mixture as a pure function of seed and draw number.
 
 Draw *n* is the point ``(offset + n * GOLDEN) mod 2**64`` of the unit interval, which the data sets divide by their
 shares. Multiples of the golden ratio spread so evenly (Weyl's equidistribution; no number is approximated worse by
@@ -34,15 +34,15 @@ _MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Multipliers of splitmix64 (Steele, Lea and Flood, OOPSLA 2014)."""
 
 _NEAR = 512
-"""Draws that are sooner counted one by one than by formula."""
+"""Largest number of draws that are counted one by one instead of by formula, because that is faster."""
 
 MOST_DRAWS = 1 << 48
-"""Most draws of a sampler, far above any training."""
+"""Maximum number of draws of a sampler, far above any training."""
 
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraw:
-    """Draw from a mixture: its number, the data set, the item in it, and the number of earlier passes over that set."""
+    """Draw from a mixture: its number, the data set, the item, and the number of earlier passes over the set."""
 
     number: int
     part: str
@@ -51,7 +51,7 @@ class MixtureDraw:
 
 
 class MixtureSampler:
-    """Sampler of a mixture, in an order that depends on the seed only; iterating continues where it stopped.
+    """Sampler of a mixture in an order that depends only on the seed; iterating continues where it stopped.
 
     Each process of a training makes one with its own ``shard``. The draws of a step are then consecutive in the
     common order, for any number of processes.
@@ -86,11 +86,11 @@ class MixtureSampler:
         self._counted, self._counts = 0, [0] * len(parts)
 
     def __len__(self) -> int:
-        """Return how many draws of this shard are left."""
+        """Return the number of remaining draws of this shard."""
         return max(0, -(-(self._draws - self._position - self._shard) // self._shards))
 
     def __iter__(self) -> Iterator[MixtureDraw]:
-        """Yield the draws of this shard that are left."""
+        """Yield the remaining draws of this shard."""
         while self._position + self._shard < self._draws:
             drawn = self.draw(self._position + self._shard)
             self._position += self._shards
@@ -106,22 +106,22 @@ class MixtureSampler:
         return MixtureDraw(number, part.name, _permuted(turn, part.items, f"{self._seed} {epoch} {part.name}"), epoch)
 
     def own(self, index: int) -> MixtureDraw:
-        """Return a draw of this shard by its number in this shard."""
+        """Return a draw by its number in this shard."""
         return self.draw(index * self._shards + self._shard)
 
     def counts(self, draws: int) -> dict[str, int]:
-        """Return how often each data set is drawn in the first ``draws`` draws of all shards together."""
+        """Return the number of draws per data set among the first ``draws`` draws of all shards."""
         return {part.name: self._before(index, draws) for index, part in enumerate(self._parts)}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state: how many draws all shards have made together, and of which mixture and seed.
+        """Return the state: the number of draws of all shards so far, with mixture and seed.
 
         It holds for every shard and for any other number of shards, if all shards have drawn equally often.
         """
         return {"position": self._position, "identity": self._identity}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on where a sampler of this mixture stopped.
+        """Resume from the state of a sampler of this mixture.
 
         Raises:
             RunConflictError: If the state is of another mixture or seed.
@@ -142,7 +142,7 @@ class MixtureSampler:
         return bisect.bisect_right(self._borders, (self._offset + number * GOLDEN) % _ONE)
 
     def _count_to(self, number: int) -> None:
-        """Let the counts be those of the draws before one: on foot if it is near, by formula if it is not."""
+        """Set the counts to those before a draw, by steps if it is near and by formula otherwise."""
         if not 0 <= number - self._counted <= _NEAR:
             self._counts = [self._before(index, number) for index in range(len(self._parts))]
             self._counted = number
@@ -151,12 +151,12 @@ class MixtureSampler:
         self._counted = number
 
     def _before(self, index: int, number: int) -> int:
-        """Return how many of the first ``number`` draws fall on a data set."""
+        """Return how many of the first ``number`` draws belong to a data set."""
         low = self._borders[index - 1] if index else 0
         return self._below(self._borders[index], number) - self._below(low, number)
 
     def _below(self, border: int, number: int) -> int:
-        """Return how many of the first ``number`` points lie below a border."""
+        """Return how many of the first ``number`` points are below a border."""
         whole = _floor_sum(number, _ONE, GOLDEN, self._offset + _ONE)
         return whole - _floor_sum(number, _ONE, GOLDEN, self._offset + _ONE - border)
 
@@ -173,7 +173,7 @@ def _floor_sum(n: int, m: int, a: int, b: int) -> int:
 
 
 def _permuted(turn: int, size: int, key: str) -> int:
-    """Return where a random order of ``range(size)`` has an item at ``turn``: a Feistel network, walked into range."""
+    """Return an item's index at ``turn`` in a random order of ``range(size)`` (cycle-walking Feistel network)."""
     half = max(1, (max(size - 1, 1).bit_length() + 1) // 2)
     mask, keys = (1 << half) - 1, _round_keys(key)
     value = turn

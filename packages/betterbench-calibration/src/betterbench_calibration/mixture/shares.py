@@ -1,4 +1,4 @@
-"""Shares of the data sets in the draws of a mixture, from the weights of groups and a rule inside each group.
+"""Shares of the data sets in a mixture, from group weights and a rule inside each group.
 
 A weight of a group is a **share of draws**, as in the paper (8.0 for all actions, 0.5 for each set of questions: 80 %
 and 5 % each) and in Being-H. In Open X-Embodiment's mixtures and in GR00T's, a weight is multiplied by the number of
@@ -40,7 +40,7 @@ class MixturePart:
 
 @dataclass(frozen=True, slots=True)
 class WeightedGroup:
-    """Data sets that share a weight: its draws are divided among them by the rule ``within``."""
+    """Data sets with a common weight, whose draws are divided among them by the rule ``within``."""
 
     name: str
     weight: float
@@ -85,7 +85,7 @@ def _amount(within: Within, part: MixturePart) -> float:
 
 
 def _total(what: str, amounts: Sequence[tuple[str, float]]) -> float:
-    """Return the sum of amounts; raise InvalidInputError if one is impossible or nothing is left to divide."""
+    """Return the sum of amounts. Raises InvalidInputError for an invalid amount or a sum of 0."""
     for name, amount in amounts:
         if not math.isfinite(amount) or amount < 0.0:
             raise InvalidInputError(f"{name}: weight", f"{amount:g} is no weight", "Give a number ≥ 0")

@@ -1,4 +1,4 @@
-"""Sources of a mixture: LeRobot data sets (versions 2.1 and 3.0), sets of ``better vqa``, and files of questions.
+"""Sources of a mixture: LeRobot data sets (2.1 and 3.0), sets of ``better vqa``, and files of questions.
 
 An item of a LeRobot data set is a frame, by its number in the whole set, as ``LeRobotDataset`` counts it; frames of
 episodes for validation are not drawn. An item of a set of questions is a line.
@@ -54,13 +54,13 @@ class ItemSource(Protocol):
         """Kind of the source, in one or two words."""
 
     def __len__(self) -> int:
-        """Return how many items can be drawn."""
+        """Return the number of items."""
 
     def place(self, number: int) -> dict[str, int]:
-        """Return where an item stands: ``episode``, ``frame`` and ``index``, or the first ``byte`` of a question."""
+        """Return the location of an item: ``episode``, ``frame`` and ``index``, or the first ``byte`` of a question."""
 
     def item(self, number: int) -> dict[str, Any]:
-        """Return an item: a question as it is written, or where a frame stands."""
+        """Return an item: a question as written, or the location of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +88,11 @@ class LeRobotSource:
         return self.starts[-1] - self.starts[0]
 
     def item(self, number: int) -> dict[str, Any]:
-        """Return where a frame stands: reading it is the business of whoever trains."""
+        """Return the location of a frame; the training code reads the frame itself."""
         return self.place(number)
 
     def place(self, number: int) -> dict[str, int]:
-        """Return where a frame stands."""
+        """Return the location of a frame."""
         index = self.starts[0] + number
         episode = bisect.bisect_right(self.starts, index) - 1
         return {"episode": self.first + episode, "frame": index - self.starts[episode], "index": index}
@@ -115,11 +115,11 @@ class QuestionSource:
         return len(self.places)
 
     def place(self, number: int) -> dict[str, int]:
-        """Return where the line of a question begins."""
+        """Return the byte offset of a question's line."""
         return {"byte": self.places[number][0]}
 
     def item(self, number: int) -> dict[str, Any]:
-        """Return a question as it is written; raises InvalidInputError if the line is no JSON object."""
+        """Return a question as written. Raises InvalidInputError if the line is not a JSON object."""
         start, length = self.places[number]
         with open_ordinary(self.path) as file:
             file.seek(start)
@@ -136,7 +136,7 @@ class QuestionSource:
 
 
 def open_source(path: Path) -> ItemSource:
-    """Return what a folder or file holds.
+    """Return the source for a folder or file.
 
     Raises:
         InvalidInputError: If it is neither a LeRobot data set nor a set or file of questions, is damaged, or holds
@@ -154,7 +154,7 @@ def open_source(path: Path) -> ItemSource:
 
 
 def _require_for_training(folder: Path) -> str | None:
-    """Return the SHA-256 of the questions of a set, if it says so; InvalidInputError if they are not for training."""
+    """Return the SHA-256 of a set's questions, if stated. Raises InvalidInputError if they are not for training."""
     file, cure = folder / "summary.json", "Make the set again in a new folder"
     raw = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=cure)
     summary = open_seal(raw, where=str(file), cure=cure, since=("schema_version", 2))
@@ -190,7 +190,7 @@ def _lerobot(path: Path) -> LeRobotSource:
 
 
 def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple[int, int]:
-    """Return the first episode for training and the one after the last; all if the data set names none."""
+    """Return the first training episode and the one after the last; all if the data set states none."""
     splits = info.get("splits")
     told = splits.get("train", f"0:{episodes}") if isinstance(splits, dict) else f"0:{episodes}"
     found = re.fullmatch(r"(\d{1,9}):(\d{1,9})", str(told))
@@ -203,7 +203,7 @@ def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple
 @open_form
 @dataclass(frozen=True, slots=True)
 class _EpisodeForm:
-    """Fields of a line of ``meta/episodes.jsonl`` that are read."""
+    """Fields that are read from a line of ``meta/episodes.jsonl``."""
 
     episode_index: Annotated[int, Field(ge=0, lt=_MOST_EPISODES)]
     length: Annotated[int, Field(ge=1, lt=_MOST_FRAMES)]
@@ -237,7 +237,7 @@ def _lengths_v3(path: Path) -> list[int]:
 
 
 def _counted(file: Path, rows: Sequence[tuple[Any, Any]]) -> list[int]:
-    """Return the lengths of episodes that are numbered from 0 without a gap."""
+    """Return the lengths of episodes, which must be numbered from 0 without gaps."""
     numbered = all(type(n) is int and type(length) is int and 0 < length < _MOST_FRAMES for n, length in rows)
     ordered = sorted(rows) if numbered else []
     if not numbered or [number for number, _ in ordered] != list(range(len(ordered))):
@@ -246,7 +246,7 @@ def _counted(file: Path, rows: Sequence[tuple[Any, Any]]) -> list[int]:
 
 
 def _questions(path: Path, sha256: str | None) -> QuestionSource:
-    """Return the lines of a file, which must have a hash if that is known."""
+    """Return the lines of a file, which must match a hash if one is known."""
     if path.stat().st_size > _MAX_QUESTION_BYTES:
         raise InvalidInputError(str(path), f"is larger than {_MAX_QUESTION_BYTES >> 30} GiB", "Divide the file")
     places, at, whole = [], 0, hashlib.sha256()
@@ -270,7 +270,7 @@ _Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FileForm:
-    """A data set in the file of a mixture; its name is that of its folder or file if none is given."""
+    """A data set in the file of a mixture; its default name is that of its folder or file."""
 
     path: ShortText
     name: ShortText | None = None
@@ -302,7 +302,7 @@ MIXTURE_FORM = TypeAdapter(MixtureForm)
 
 @dataclass(frozen=True, slots=True)
 class FileMixture:
-    """Mixture of files: its data sets with their shares, their sources by name, and the seed."""
+    """Mixture over files: its data sets with their shares, their sources by name, and the seed."""
 
     parts: tuple[MixturePart, ...]
     sources: Mapping[str, ItemSource]

@@ -1,7 +1,7 @@
-"""Serves a policy object behind openpi's websocket protocol: one file, to be copied beside the policy.
+"""Serves a policy object with openpi's websocket protocol: one file, to be copied beside the policy.
 
-It needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``, and of the policy a method ``get_action(dict) ->
-dict`` as Being-H's has. Write a file that makes the policy::
+It needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``. The policy needs a method ``get_action(dict) -> dict``
+like Being-H's. Write a file that makes the policy::
 
     # my_policy.py, beside this file, in the environment of Being-H
     from BeingH.inference.policy import InternVLPolicy
@@ -9,18 +9,18 @@ dict`` as Being-H's has. Write a file that makes the policy::
     def make():
         return InternVLPolicy(model_path="path/to/checkpoint", ...)  # with the options of your own server script
 
-and serve what it makes, then evaluate it from any machine::
+and serve that policy, then evaluate it from any machine::
 
     python being_h_bridge.py my_policy:make --port 8000
     better eval --policy "openpi://HOST:8000?preset=being_h_libero" ...
 
-It listens on this machine only unless ``--host 0.0.0.0`` is given; ``--api-key-env NAME`` asks clients for a key.
-Nothing is unpickled on either side. One question at a time reaches the policy, however many clients are connected.
+It listens on this machine only unless ``--host 0.0.0.0`` is given; ``--api-key-env NAME`` requires a key from clients.
+Nothing is unpickled on either side. The policy gets one request at a time, however many clients are connected.
 
-Real-time chunking (``--inference-delay`` in control steps): what the policy answers as ``action_unified`` is kept for
-the connection and given back as ``prev_chunk`` with ``inference_delay`` at the next question. A new episode must begin
-without it, so it is done only for clients that say where they are: add a state with the key ``better/step`` and the one
-part ``step`` to the adapter. The policy is not shown that number.
+Real-time chunking (``--inference-delay`` in control steps): the policy's ``action_unified`` is stored for the
+connection and passed back as ``prev_chunk`` with ``inference_delay`` in the next request. A new episode must begin
+without it, so this is done only for clients that send their step: add a state with the key ``better/step`` and the
+single part ``step`` to the adapter. The policy does not get that number.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("being_h_bridge")
 
 MAX_FRAME_BYTES = 256 * 1024 * 1024
-"""Largest question that is read."""
+"""Largest accepted request [bytes]."""
 
 
 class ServedPolicy(Protocol):
@@ -63,33 +63,33 @@ class ServedPolicy(Protocol):
 
 
 def encode(value: object) -> bytes:
-    """Return the frame of a value in openpi's dialect of msgpack."""
+    """Return the frame of a value in openpi's variant of msgpack."""
     return bytes(msgpack.packb(value, default=_mark))
 
 
 def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in openpi's dialect of msgpack; raise ValueError if it is malformed."""
+    """Return the value of a frame in openpi's variant of msgpack; raise ValueError if it is malformed."""
     if isinstance(frame, str):
-        raise TypeError("a question is a text in place of a binary frame")
+        raise TypeError("expected a binary frame, got a text")
     return msgpack.unpackb(frame, object_hook=_read, strict_map_key=True)
 
 
 def _mark(thing: object) -> object:
     thing = _plain(thing)
     if isinstance(thing, (np.ndarray, np.generic)) and thing.dtype.kind not in "biufSU":
-        raise ValueError(f"an array of {thing.dtype} has no form on the wire")
+        raise ValueError(f"an array of {thing.dtype} cannot be encoded")
     if isinstance(thing, np.ndarray):
         return {b"__ndarray__": True, b"data": thing.tobytes(), b"dtype": thing.dtype.str, b"shape": thing.shape}
     if isinstance(thing, np.generic):
         return {b"__npgeneric__": True, b"data": thing.item(), b"dtype": thing.dtype.str}
-    raise ValueError(f"a {type(thing).__name__} has no form on the wire")
+    raise ValueError(f"a {type(thing).__name__} cannot be encoded")
 
 
 def _read(form: dict[Any, Any]) -> object:
     if b"__ndarray__" in form:
         dtype = np.dtype(form[b"dtype"])
         if dtype.kind not in "biufSU":
-            raise ValueError(f"an array of {dtype} is not read")
+            raise ValueError(f"an array of {dtype} is not supported")
         return np.frombuffer(form[b"data"], dtype).reshape(form[b"shape"]).copy()
     if b"__npgeneric__" in form:
         return np.dtype(form[b"dtype"]).type(form[b"data"])
@@ -97,16 +97,16 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Handler of the questions of all connections, which one policy answers one after the other."""
+    """Handler of the requests of all connections, which one policy answers one after the other."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
-        """Prepare; ``inference_delay`` is the number of control steps that pass while the policy computes."""
+        """Prepare the bridge; ``inference_delay`` is the number of control steps that one answer takes."""
         self._policy, self._delay, self._api_key = policy, inference_delay, api_key
         self._one_at_a_time = threading.Lock()
         self._told = False
 
     def listen(self, host: str, port: int) -> Server:
-        """Return a server that is bound; ``serve_forever`` runs it and ``shutdown`` ends it."""
+        """Return a bound server; ``serve_forever`` runs it and ``shutdown`` ends it."""
         return serve(
             self._converse,
             host,
@@ -114,7 +114,7 @@ class Bridge:
             compression=None,
             max_size=MAX_FRAME_BYTES,
             process_request=self._admit,
-            origins=[None],  # no page in a browser
+            origins=[None],  # no requests from browser pages
         )
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -126,7 +126,7 @@ class Bridge:
         return None
 
     def _converse(self, connection: ServerConnection) -> None:
-        """Speak first, then answer question after question; an error goes out as text and ends the connection."""
+        """Send the metadata, then answer each request; an error is sent as text and ends the connection."""
         kept: dict[str, Any] = {}
         with contextlib.suppress(ConnectionClosed):
             connection.send(encode({"server": "being_h_bridge", "policy": type(self._policy).__name__}))
@@ -134,8 +134,8 @@ class Bridge:
                 frame = connection.recv()
                 try:
                     reply = encode(self._answer(decode(frame), kept))
-                except Exception:  # the policy's own faults are told to whoever asked
-                    logger.exception("a question could not be answered")
+                except Exception:  # errors of the policy are sent to the client
+                    logger.exception("a request could not be answered")
                     connection.send(traceback.format_exc())
                     connection.close(1011, "The policy failed")
                     return
@@ -143,11 +143,11 @@ class Bridge:
 
     def _answer(self, observation: object, kept: dict[str, Any]) -> dict[str, Any]:
         if not isinstance(observation, dict):
-            raise TypeError(f"a question is a {type(observation).__name__} in place of a map")
+            raise TypeError(f"expected a map, got a {type(observation).__name__}")
         step = _whole(observation.pop("better/step", None))
         if self._delay and step is None and not self._told:
             self._told = True
-            logger.warning("a client does not say its step (better/step), so its chunks are not continued")
+            logger.warning("a client does not send its step (better/step), so its chunks are not continued")
         if step is not None and "chunk" in kept and step > kept["step"]:
             observation |= continue_chunk(kept["step"], kept["chunk"], step=step, delay=self._delay)
         began = time.monotonic()
@@ -166,11 +166,11 @@ class Bridge:
 
 
 def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
+    """Return the entries of a request for real-time chunking; empty if the old chunk is used up.
 
-    The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first of its new chunk, so the old one, (...,
-    horizon, dim), is moved up by the steps that have passed, and filled up with its last row, which the policy does not
-    look at.
+    The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first rows of its new chunk. The old chunk, (...,
+    horizon, dim), is therefore shifted by the steps that have passed and padded with its last row, which the policy
+    ignores.
     """
     passed = step - asked_at
     if not delay or chunk.shape[-2] - passed < delay:
@@ -180,7 +180,7 @@ def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -
 
 
 def _whole(value: object) -> int | None:
-    """Return a number that may have come as an array of one, or None."""
+    """Return a number, possibly given as an array of one element, or None."""
     if value is None or isinstance(value, str):
         return None
     array = np.asarray(value)
@@ -188,7 +188,7 @@ def _whole(value: object) -> int | None:
 
 
 def _plain(value: object) -> object:
-    """Return a tensor as an array, without importing torch for it, and everything else as it is."""
+    """Return a tensor as an array without importing torch, and any other value unchanged."""
     detach = getattr(value, "detach", None)
     return value if detach is None else detach().float().cpu().numpy()
 
@@ -200,7 +200,7 @@ def serve_from_command_line() -> int:
     parser.add_argument("--host", default="127.0.0.1", help="interface to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on (default: %(default)s)")
     parser.add_argument("--inference-delay", type=int, default=0, help="control steps, for real-time chunking")
-    parser.add_argument("--api-key-env", help="environment variable with the key that clients have to show")
+    parser.add_argument("--api-key-env", help="environment variable with the key that clients must send")
     options = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     where, _, name = options.make.partition(":")
@@ -210,7 +210,7 @@ def serve_from_command_line() -> int:
     if options.api_key_env:
         key = os.environ.get(options.api_key_env)
         if not key:
-            parser.error(f"the environment variable {options.api_key_env} holds no key")
+            parser.error(f"the environment variable {options.api_key_env} contains no key")
     bridge = Bridge(make(), inference_delay=options.inference_delay, api_key=key)
     with bridge.listen(options.host, options.port) as server:
         logger.info("serving %s on ws://%s:%d", options.make, options.host, server.socket.getsockname()[1])

@@ -1,7 +1,7 @@
-"""The words in which an asset is described: solids, meshes, pictures, grasps and regions; see docs/adding-an-asset.md.
+"""Building blocks of assets: solids, meshes, textures, grasps and regions; see docs/adding-an-asset.md.
 
-A generator is one decorated function that returns a :class:`Draft`. Whatever a scene, an expert and a predicate need
-beyond it follows from the draft in one place, the registry.
+A generator is one decorated function that returns a :class:`Draft`. The registry derives all other data for scenes,
+experts and predicates from the draft.
 """
 
 from betterbench.sim.assets.authoring.ceramics import glazed

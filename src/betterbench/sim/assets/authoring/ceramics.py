@@ -14,7 +14,7 @@ FORMS: Mapping[str, tuple[float, float, float]] = {
     "round foot": (0.80, 0.98, 1.0),
     "step": (0.93, 0.93, 1.0),
 }
-"""Forms of a mug: shares of its radius at the foot, at a third and at two thirds of its height."""
+"""Forms of a mug: relative radius at the foot, at a third and at two thirds of its height."""
 
 DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
 """Names of the decorations of a mug."""
@@ -25,7 +25,7 @@ BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "stripes": ((0.20, 0.29), (0.42, 0.51), (0.64, 0.73)),
     "two-tone": ((-0.05, 0.36),),
 }
-"""Painted bands of a decoration: lower and upper edge as shares of the wall; above 1 is the top of the rim."""
+"""Painted bands of a decoration: lower and upper edge as fractions of the wall; above 1 is the top of the rim."""
 
 
 def glazed(
@@ -46,7 +46,7 @@ def glazed(
     The glaze runs thin and bright over the rim.
 
     Args:
-        rng: Source of the speckles.
+        rng: Random generator of the speckles.
         vessel: Profile of the vessel.
         shade: Color of the outside.
         decoration: A key of ``bands``, "speckled" or "dots"; any other word means no decoration.

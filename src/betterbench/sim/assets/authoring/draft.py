@@ -19,25 +19,24 @@ JAW_OPENS_ALONG_Y = normalize((0.0, 1.0, 0.0, 0.0))
 """Tool frame of a jaw that comes from above: z down (approach), y the direction in which the fingers open."""
 
 JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
-"""The same jaw, turned so that its fingers open along x of the object."""
+"""The same jaw, rotated so that its fingers open along x of the object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Draft:
-    """The description of one object, from which the registry makes an asset.
+    """Description of one object, from which the registry makes an asset.
 
-    The registry adds the category, the look and the color word (also as the last tag), spreads the mass over the
-    collision parts and measures the size. What is not listed here is as in
+    The registry adds the category, the look and the color word (also as the last tag), distributes the mass over the
+    collision parts and measures the size. Other fields are as in
     :class:`~betterbench.sim.assets.asset.Asset`.
 
     Attributes:
         tags: Search words, without the color word.
         parts: Visual and collision parts, in any order.
-        densities: Relative density of each collision part, in order; the parts after the last number weigh nothing. All
-            parts have the same density if not given.
-        material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`: it gives
-            all collision parts their friction, except those that have one of their own (:func:`surfaced`). Without a
-            material each part keeps the friction it was made with.
+        densities: Relative density of each collision part, in order; later parts have no mass. Equal if not given.
+        material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
+            the friction of all collision parts except those with their own friction (:func:`surfaced`). Without a
+            material each part keeps its friction.
         body: Mass, center of mass and inertia if they are known from elsewhere; otherwise the mass is spread over the
             collision parts, which then must not be hulls.
         source: Origin of the shape.
@@ -69,9 +68,9 @@ def part(
     shininess: float = 0.3,
     opacity: float = 1.0,
 ) -> VisualPart:
-    """Return a visual part: a mesh in one color, or with a picture at the texture coordinates of the mesh.
+    """Return a visual part: a mesh in one color, or with a texture at the texture coordinates of the mesh.
 
-    A ``view`` projects the picture onto the mesh instead: the directions in which its columns and rows run
+    A ``view`` projects the texture onto the mesh instead: it gives the directions of its columns and rows
     (:data:`FRONT`, :data:`ABOVE`). Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].
     """
     mesh = mesh if view is None else mapped(mesh, *view)
@@ -87,7 +86,7 @@ def part(
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
-    """Return a contiguous array that nobody can write to: assets are cached and shared."""
+    """Return a contiguous, read-only array: assets are cached and shared."""
     array = np.ascontiguousarray(array)
     array.setflags(write=False)
     return array
@@ -108,7 +107,7 @@ def block(
 ) -> tuple[VisualPart, CollisionPart]:
     """Return the visual and the collision part of one box from its corner ``low`` to its corner ``high`` [m].
 
-    The bevel of the top and bottom edges and the rounded vertical edges are only seen; see :func:`box` and
+    The bevel of the top and bottom edges and the rounded vertical edges are only visual; see :func:`box` and
     :func:`part`.
     """
     solid = solid_box(low, high)
@@ -129,7 +128,7 @@ def grip(
     symmetric_yaw: bool = False,
     preference: int = 0,
 ) -> Grasp:
-    """Return a grasp at (x, y) by a jaw that comes straight from above, the middle of its pads at ``height`` [m].
+    """Return a grasp at (x, y) by a jaw from straight above, with the center of its pads at ``height`` [m].
 
     The fingers open along the axis ``across`` of the object, around a thickness of ``width`` [m]; for the other
     arguments see :class:`Grasp`.
@@ -139,9 +138,9 @@ def grip(
 
 
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
-    """Return the grasp across the diameter of a body round at ``height``, which may be turned freely [m].
+    """Return the grasp across the diameter of a body that is round at ``height``, with free yaw [m].
 
-    If not given, the clearance is 12 mm or what a jaw of 79 mm leaves on each side.
+    By default, the clearance is 12 mm or the rest of a jaw of 79 mm on each side.
     """
     free = min(0.012, 0.0395 - radius) if clearance is None else clearance
     return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)

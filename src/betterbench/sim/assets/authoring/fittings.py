@@ -1,4 +1,4 @@
-"""Fittings of appliances: instruments, control panels, grilles, outlets, tubes and marks, each with its picture."""
+"""Fittings of appliances: instruments, control panels, grilles, outlets, tubes and marks, each with its texture."""
 
 import math
 
@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.turned import Turned
 
 
 def water_tank(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> VisualPart:
-    """Return a smoky tank between two x and two heights [m], four fifths full of water, with a dark lid."""
+    """Return a tinted water tank between two x and two heights [m], four fifths full, with a dark lid."""
     canvas = Canvas(1.0, 1.0, (32, 64), (0.66, 0.75, 0.80))
     canvas.band(0.0, 0.80, (0.38, 0.58, 0.72))
     canvas.band(0.79, 0.81, (0.80, 0.90, 0.95))
@@ -46,16 +46,16 @@ def outlet(x: float, tip: float, top: float) -> tuple[VisualPart, CollisionPart]
 
 
 def steam_wand(x: float, y: float, z: float) -> VisualPart:
-    """Return a bent chrome tube that leaves a front at (x, y) a little above height ``z`` and ends below it [m]."""
+    """Return a bent chrome tube that starts at a front at (x, y) a little above height ``z`` and ends below it [m]."""
     along, up = (x - 0.004, x + 0.022, x + 0.030, x + 0.038), (z + 0.012, z + 0.010, z - 0.004, z - 0.078)
     mesh = sweep(along, up, tube_section(0.0042, 6), crease_degrees=70.0).moved(y=y)
     return part("wand", mesh, CHROME, specular=0.9, shininess=0.8)
 
 
 def gauge(rng: np.random.Generator, radius: float, x: float, z: float) -> VisualPart:
-    """Return a round instrument that looks along +x, with a red range and a needle that stands at random.
+    """Return a round instrument that faces +x, with a red range and a needle at a random angle.
 
-    Its back is at ``x``, its middle at height ``z`` [m].
+    Its back is at ``x``, its center at height ``z`` [m].
     """
     canvas = Canvas(2.0, 2.0, (64, 64), CHROME)
     r, up = canvas.radius, canvas.y - 1.0

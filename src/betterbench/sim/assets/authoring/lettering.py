@@ -1,4 +1,4 @@
-"""Letters and digits for prints, drawn as strokes: an alphabet of as many signs as the library has words to print."""
+"""Letters and digits for prints, drawn as strokes: an alphabet with only the characters that the library needs."""
 
 from betterbench.sim.assets.authoring.paint import Canvas, Rgb
 
@@ -32,9 +32,9 @@ _ADVANCE = 0.86
 def write_word(
     canvas: Canvas, text: str, center: tuple[float, float], *, height: float, ink: Rgb, weight: float = 0.16
 ) -> None:
-    """Write a word of upper-case signs on a picture, centered.
+    """Write a word of upper-case characters on a texture, centered.
 
-    The height of a capital is in the units of the canvas, the weight of the strokes a share of that height.
+    The height of a capital is in the units of the canvas; the weight of the strokes is relative to that height.
     """
     left = center[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)
     low = center[1] - 0.5 * height

@@ -58,7 +58,7 @@ def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
 def mass_properties(
     parts: Sequence[CollisionPart], mass_kg: float, *, densities: Sequence[float] | None = None
 ) -> MassProperties:
-    """Spread a mass over primitives, rounded to nine digits so that the last bits of a sine do not matter.
+    """Distribute a mass over primitives, rounded to nine digits so that the last bits of a sine do not matter.
 
     Densities are relative, one for each part, zero for those after the last number; equal if not given.
 

@@ -1,9 +1,9 @@
 """Materials of objects: friction and density of each, with the sources of the numbers.
 
-A coefficient of friction belongs to a pair of surfaces, but MuJoCo takes the larger of two numbers, each of one
-surface. The number of a material here is that of the material against itself or against a painted or laminated table
-top; the table's own number, 0.5, is below or at all of them, so that the number of each object counts. The rubber
-pads of the gripper have 1.2, more than any material, so that a grasp holds every object alike.
+A coefficient of friction belongs to a pair of surfaces, but MuJoCo uses the larger of two numbers, one per surface. The
+number of a material here is that of the material against itself or against a painted or laminated table top. The
+table's own number, 0.5, is not above any of them, so that the number of each object is used. The rubber pads of the
+gripper have 1.2, more than any material, so that a grasp holds every object equally.
 
 Tables of dry static friction differ by half of their values; those here lie inside the published ranges and are
 rounded to 0.05:
@@ -44,7 +44,7 @@ class Material:
     Attributes:
         sliding: Coefficient of sliding friction, against itself or a table.
         density: Of the solid material [kg/m^3].
-        soft: True if it yields where it is touched.
+        soft: Whether it yields at contacts.
         reason: Source of the number of sliding friction.
     """
 
@@ -56,7 +56,7 @@ class Material:
 
     @property
     def friction(self) -> Vector:
-        """Sliding, torsional [m] and rolling [m] coefficients, as a collision part takes them."""
+        """Sliding, torsional [m] and rolling [m] coefficients for a collision part."""
         torsional = round(2.0 / 3.0 * _PATCH_RADIUS_M * self.sliding, 5)
         return (self.sliding, torsional, _SOFT_M if self.soft else _HARD_M)
 

@@ -1,9 +1,8 @@
-"""Triangle meshes from rings: the one construction from which every procedural shape is made.
+"""Triangle meshes from rings, the construction of every procedural shape.
 
-A loft joins rings of points by strips of triangles. A lathe, a bevelled box, a swept tube and a takeaway box are all
-lofts. Vertices are shared where the surface is round and duplicated where it has an edge, so a renderer that averages
-normals over shared vertices shows both as they should look. All lengths are meters, all coordinates are in the object
-frame.
+A loft connects rings of points by strips of triangles. A lathe, a beveled box, a swept tube and a takeaway box are all
+lofts. Vertices are shared on round surfaces and duplicated at edges, so a renderer that averages normals over shared
+vertices shows both correctly. All lengths are in meters, all coordinates in the object frame.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 FRONT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Directions of a picture's columns and rows for :func:`mapped`, as somebody at +x sees the front of an object."""
+"""Directions of a texture's columns and rows for :func:`mapped`, for the front of an object seen from +x."""
 
 ABOVE = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
-"""The same, as somebody at +x sees the top of an object."""
+"""The same for the top of an object seen from +x."""
 
 # Vertices that agree to this many decimals [m] are the same point; it also makes the last bits of a sine irrelevant.
 _DECIMALS = 7
@@ -47,14 +46,14 @@ class Mesh:
         return Mesh(self.vertices * np.stack([factor, factor, np.ones_like(factor)], axis=1), self.faces, self.uv)
 
     def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
-        """Return the mesh with a picture laid on it from above, the picture's edge at ``radius`` [m].
+        """Return the mesh with a texture projected from above, with the texture's edge at ``radius`` [m].
 
-        The picture is stretched per vertex by ``share`` (n,), 0.5 for none.
+        The texture is stretched per vertex by ``share`` (n,), 0.5 for none.
         """
         return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
 
     def domed(self, radius: float, top: float, rise: float) -> Mesh:
-        """Return a dome with a picture laid on it from above that is stretched outward, where the dome is steep.
+        """Return a dome with a texture projected from above and stretched outward where the dome is steep.
 
         The crown is at height ``top``, higher than the edge by ``rise`` [m].
         """
@@ -64,14 +63,14 @@ class Mesh:
         return self.seen_from_above(1.0, 0.5 * reach / np.maximum(distance, 1e-9))
 
     def hinged(self, angle: float, x: float, z: float) -> Mesh:
-        """Return a mesh made about a hinge at the origin, opened by ``angle`` [rad] and put to the hinge (x, z) [m].
+        """Return a mesh with a hinge at the origin, opened by ``angle`` [rad] and moved to the hinge (x, z) [m].
 
-        The hinge lies along y; a positive angle lifts what lies at +x of it.
+        The hinge lies along y; a positive angle lifts the part at +x.
         """
         return self.rotated("y", -angle).moved(x, 0.0, z)
 
     def rotated(self, axis: str, angle: float) -> Mesh:
-        """Return the mesh turned by ``angle`` [rad] about the object's "x", "y" or "z" axis."""
+        """Return the mesh rotated by ``angle`` [rad] about the object's "x", "y" or "z" axis."""
         c, s = math.cos(angle), math.sin(angle)
         matrices = {
             "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
@@ -82,7 +81,7 @@ class Mesh:
 
 
 def merge(meshes: Sequence[Mesh]) -> Mesh:
-    """Return one mesh that holds all triangles of ``meshes``."""
+    """Return one mesh with all triangles of ``meshes``."""
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
     return Mesh(
         np.concatenate([m.vertices for m in meshes]),
@@ -99,7 +98,7 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _welded(mesh: Mesh) -> Mesh:
-    """Merge vertices that agree in position and texture coordinate, and drop triangles that have lost their area."""
+    """Merge vertices with equal position and texture coordinate, and drop triangles that have lost their area."""
     key = np.round(np.hstack([mesh.vertices, mesh.uv]), _DECIMALS) + 0.0
     unique, inverse = np.unique(key, axis=0, return_inverse=True)
     faces = inverse.reshape(-1)[mesh.faces]
@@ -161,7 +160,7 @@ def loft(
     v: Sequence[float] | None = None,
     caps: tuple[bool, bool] = (True, True),
 ) -> Mesh:
-    """Join closed rings of points by strips of triangles; the mesh is neither welded nor creased.
+    """Connect closed rings of points by strips of triangles; the mesh is neither welded nor creased.
 
     Args:
         rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
@@ -219,10 +218,10 @@ def lathe(
     wrap: bool = False,
     phase: float = 0.0,
 ) -> Mesh:
-    """Turn a profile about the vertical axis and crease it; for the arguments see :class:`Turned`.
+    """Revolve a profile about the vertical axis and crease it; for the arguments see :class:`Turned`.
 
-    The texture row ``v`` is the length along the profile as a share of the whole, see :func:`profile_length`; a wrapped
-    picture has the columns of :func:`mirrored_u`.
+    The texture row ``v`` is the relative length along the profile, see :func:`profile_length`; a wrapped texture has
+    the columns of :func:`mirrored_u`.
     """
     length = profile_length(profile)
     rings = [circle(r, z, segments, phase=phase) for r, z in profile]
@@ -338,7 +337,7 @@ def rod(
     """Return the closed loft of upright rectangles along x; the middle of each is at ``y`` [m].
 
     A station is the position along x, half the width, the bottom and the top of a rectangle [m]. Its corners are cut by
-    ``chamfer`` as far as it has room for that.
+    ``chamfer``, or less in small rectangles.
     """
     rings = []
     for x, w, low, high in stations:
@@ -367,7 +366,7 @@ def tube_section(radius: float, sides: int) -> list[tuple[float, float]]:
 
 
 def mapped(mesh: Mesh, right: tuple[float, float, float], up: tuple[float, float, float]) -> Mesh:
-    """Return the mesh with a picture projected onto it, its columns along ``right`` and its rows along ``up``."""
+    """Return the mesh with a texture projected onto it, its columns along ``right`` and its rows along ``up``."""
     flat = np.stack([mesh.vertices @ np.array(right), mesh.vertices @ np.array(up)], axis=1)
     low, high = flat.min(axis=0), flat.max(axis=0)
     return Mesh(mesh.vertices, mesh.faces, (flat - low) / (high - low))

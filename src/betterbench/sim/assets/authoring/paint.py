@@ -1,4 +1,4 @@
-"""Pictures for visual parts, drawn with numpy: bands, discs, waves, noise. Nothing is loaded from a file."""
+"""Textures for visual parts, drawn with numpy: bands, discs, waves, noise. No file is loaded."""
 
 import itertools
 import math
@@ -9,12 +9,12 @@ import numpy as np
 Rgb = tuple[float, float, float]
 """Red, green and blue, from 0 to 1."""
 
-# Each picture is drawn at this many times its size and averaged down, which smooths its edges.
+# Each texture is drawn at this multiple of its size and averaged down for antialiasing.
 _OVERSAMPLING = 2
 
 
 class Canvas:
-    """A picture with coordinates in meters or any unit of the caller, origin at the lower left.
+    """A texture with coordinates in meters or any unit of the caller, origin at the lower left.
 
     Attributes:
         x: (height, width) horizontal coordinate of each sample.
@@ -22,7 +22,7 @@ class Canvas:
     """
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
-        """Fill a canvas with a color; the finished picture has (width, height) ``pixels``, at most 256 a side."""
+        """Fill a canvas with a color; the finished texture has (width, height) ``pixels``, at most 256 a side."""
         columns, rows = pixels[0] * _OVERSAMPLING, pixels[1] * _OVERSAMPLING
         x = (np.arange(columns) + 0.5) / columns * width
         y = (rows - 0.5 - np.arange(rows)) / rows * height
@@ -33,7 +33,7 @@ class Canvas:
 
     @property
     def radius(self) -> np.ndarray:
-        """(height, width) distance of each sample from the middle."""
+        """(height, width) distance of each sample from the center."""
         away: np.ndarray = np.hypot(self.x - 0.5 * self.width, self.y - 0.5 * self.height)
         return away
 
@@ -56,7 +56,7 @@ class Canvas:
         image[:] = image * (1.0 - weight) + np.asarray(color) * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
-        """Return the rows and columns of the samples within reach: pictures with hundreds of pores stay cheap."""
+        """Return the rows and columns of the samples within reach, to keep textures with hundreds of pores cheap."""
         rows = np.abs(self.y[:, 0] - center[1]) <= reach_y
         return _run(rows), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
@@ -69,7 +69,7 @@ class Canvas:
         self.shade(dark + (1.0 - dark) * np.clip(self.y / top, 0.0, 1.0))
 
     def shadow(self, start: float, end: float, light: float, loss: float) -> None:
-        """Darken what lies above row ``start``, by ``light`` there and falling by ``loss`` until row ``end``."""
+        """Darken the area above row ``start``, by ``light`` there and falling by ``loss`` until row ``end``."""
         down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
         self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
@@ -78,7 +78,7 @@ class Canvas:
         self.paint((self.y >= low) & (self.y < high), color)
 
     def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Rgb, turn: float = 0) -> None:
-        """Paint a filled ellipse, turned by ``turn`` [rad]."""
+        """Paint a filled ellipse, rotated by ``turn`` [rad]."""
         window = self._window(center, max(radii), max(radii))
         inside = _in_ellipse(self.x[window], self.y[window], center, radii, turn)
         self._image[window][inside] = color
@@ -100,7 +100,7 @@ class Canvas:
         self.paint(mask, color, strength=strength)
 
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
-        """Multiply by smooth noise around 1 of a standard deviation, with a number of cells across and up."""
+        """Multiply by smooth noise with mean 1 and a standard deviation, with a number of cells across and up."""
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
         u = np.linspace(0.0, columns, self.x.shape[1], endpoint=False)
@@ -122,16 +122,16 @@ class Canvas:
         rows: tuple[float, float],
         stretch: float = 1.0,
     ) -> None:
-        """Paint spots whose middles lie anywhere between two rows, ``stretch`` times as wide as high.
+        """Paint spots with random centers between two rows, ``stretch`` times as wide as high.
 
-        The smallest and the largest ``radius`` are given.
+        ``radius`` gives the smallest and the largest radius.
         """
         for u, v, size in rng.uniform(0.0, 1.0, (count, 3)).tolist():
             r = radius[0] + (radius[1] - radius[0]) * size
             self.ellipse((u * self.width, rows[0] + v * (rows[1] - rows[0])), (stretch * r, r), color)
 
     def pixels(self) -> np.ndarray:
-        """Return the finished picture, (height, width, 3) uint8; its first row is the top."""
+        """Return the finished texture, (height, width, 3) uint8; its first row is the top."""
         within = itertools.product(range(_OVERSAMPLING), repeat=2)
         averaged = sum(self._image[i::_OVERSAMPLING, j::_OVERSAMPLING] for i, j in within) / _OVERSAMPLING**2
         pixels: np.ndarray = np.round(255.0 * np.clip(averaged, 0.0, 1.0)).astype(np.uint8)
@@ -139,7 +139,7 @@ class Canvas:
 
 
 def _run(wanted: np.ndarray) -> slice:
-    """Return the shortest run that holds all the samples that are wanted; it is empty if there are none."""
+    """Return the shortest slice that contains all wanted samples; it is empty if there are none."""
     at = np.flatnonzero(wanted)
     return slice(at[0], at[-1] + 1) if at.size else slice(0, 0)
 
@@ -164,7 +164,7 @@ def scattered(
 ) -> Iterator[tuple[float, float]]:
     """Yield up to ``count`` random points in a disc about (1, 1), none nearer to another than ``gap``.
 
-    The caller may draw from ``rng`` between two points; all tries are made if there is no ``count``.
+    The caller may draw from ``rng`` between two points; without ``count`` all tries are made.
     """
     placed: list[tuple[float, float]] = []
     for _ in range(tries):
@@ -177,7 +177,7 @@ def scattered(
             yield x, y
 
 
-# Colors by the word a person would use. Chosen to stay apart from each other under the light of the scenes.
+# Colors by common color words, chosen to stay distinguishable under the light of the scenes.
 PALETTE: dict[str, Rgb] = {
     "red": (0.78, 0.07, 0.07),
     "blue": (0.08, 0.22, 0.68),
@@ -197,7 +197,7 @@ PALETTE: dict[str, Rgb] = {
 
 
 STEEL: Rgb = (0.74, 0.75, 0.77)
-BUN: Rgb = (0.76, 0.45, 0.15)  # the brown of a baked bun, and of what looks like one
+BUN: Rgb = (0.76, 0.45, 0.15)  # the brown of a baked bun and its look-alikes
 CHROME: Rgb = (0.80, 0.81, 0.83)
 
 

@@ -1,4 +1,4 @@
-"""The register of generators: a category is one decorated function; everything else is derived from it."""
+"""The registry of generators: a category is one decorated function, from which all other data are derived."""
 
 import functools
 import hashlib
@@ -37,11 +37,11 @@ def generator(
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category, from any file that is imported.
 
-    The function takes a random generator, the source of everything in which looks differ, and a color word; the first
-    color is the default. It must draw the same numbers for each color, so that the color never changes the shape.
-    The first ``looks`` numbers are the looks of training and test, the ``unseen_looks`` after them are held out.
-    Categories of one ``family`` draw the same random numbers for a look, so that what belongs together (a cabinet and
-    its drawers, the plates of a set) matches.
+    The function takes a random generator, the source of all differences between looks, and a color word; the first
+    color is the default. It must draw the same numbers for each color, so that the color never changes the shape. The
+    first ``looks`` numbers are the looks of training and test, the following ``unseen_looks`` are held out. Categories
+    of one ``family`` draw the same random numbers for a look, so that related objects (a cabinet and its drawers, the
+    plates of a set) match.
 
     Raises:
         InvalidInputError: If there is no color or no look of either kind, or if another function has registered the
@@ -54,10 +54,10 @@ def generator(
     def register(make: Generator) -> Generator:
         named = registered("asset", category, make, _REGISTER)
         known = _REGISTER.get(category)
-        # A file that is loaded again may register its own function once more.
+        # A reloaded file may register its own function again.
         if known is not None and _origin(known.make) != _origin(make):
             both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
-            raise InvalidInputError(f"asset category {category!r}", both, "Give one of them another name")
+            raise InvalidInputError(f"asset category {category!r}", both, "Rename one of them")
         _REGISTER[category] = _Entry(named, tuple(colors), looks, unseen_looks, family or category)
         _build.cache_clear()
         return make
@@ -66,10 +66,10 @@ def generator(
 
 
 def unregister(category: str) -> None:
-    """Remove a category, as a test does that has registered one.
+    """Remove a category, for tests that have registered one.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If the category does not exist.
     """
     _entry(category)
     del _REGISTER[category]
@@ -77,16 +77,16 @@ def unregister(category: str) -> None:
 
 
 def _origin(make: Generator) -> str:
-    """Return the file and the name of a generator, for a person to find it."""
+    """Return the file and the name of a generator, for messages."""
     code = getattr(inspect.unwrap(make), "__code__", None)
     return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'a file that it does not tell')}"
 
 
 def generator_of(category: str) -> Generator:
-    """Return the generator of a category, for a generator of your own that changes what it makes.
+    """Return the generator of a category, for user generators that modify its result.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If the category does not exist.
     """
     return _entry(category).make
 
@@ -106,7 +106,7 @@ def _entry(category: str) -> _Entry:
 
 
 def colors(category: str) -> tuple[str, ...]:
-    """Return the colors a category can be made in, the default first.
+    """Return the possible colors of a category, the default first.
 
     Raises:
         UnknownNameError: If there is no such category.
@@ -145,12 +145,12 @@ def family_of(category: str) -> str:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
-    Without a color it has the category's first one, see :func:`colors`; the look is one of :func:`looks` or
+    Without a color, the category's first one is used, see :func:`colors`; the look is one of :func:`looks` or
     :func:`unseen_looks`.
 
     Raises:
         UnknownNameError: If the category or the color is not known.
-        InvalidInputError: If there is no such look.
+        InvalidInputError: If the look does not exist.
     """
     entry = _entry(category)
     chosen = entry.colors[0] if color is None else color
@@ -165,7 +165,7 @@ def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
 
 @functools.lru_cache(maxsize=512)
 def _build(category: str, look: int, color: str) -> Asset:
-    """Make an asset from arguments that are known to be good."""
+    """Make an asset from checked arguments."""
     entry = _REGISTER[category]
     seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
     draft = entry.make(np.random.default_rng(seed), color)
@@ -174,7 +174,7 @@ def _build(category: str, look: int, color: str) -> Asset:
     if draft.material is not None:
         collision = surfaced(collision, draft.material, only_plain=True)
     if not visual or not collision:
-        raise InvalidInputError(f"asset {category!r}", "it has nothing to see or nothing to touch", "Add a part")
+        raise InvalidInputError(f"asset {category!r}", "it has no visual part or no collision part", "Add a part")
     points = np.concatenate([part.vertices for part in visual]).astype(float)
     x, y, z = (round(float(e), 6) for e in np.ptp(points, axis=0))
     body = draft.body or mass_properties(collision, draft.mass_kg, densities=draft.densities)

@@ -1,4 +1,4 @@
-"""Collision shapes: convex solids, and the walls of hollow objects made of them."""
+"""Collision shapes: convex solids, and the walls of hollow objects built from them."""
 
 import math
 from collections.abc import Iterable
@@ -10,23 +10,23 @@ from betterbench.sim.assets.authoring.materials import material
 
 
 def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = False) -> tuple[CollisionPart, ...]:
-    """Return solids with the friction of a material: a handle of rubber on an object of steel.
+    """Return solids with the friction of a material, such as a rubber handle on a steel object.
 
-    With ``only_plain``, solids that have a friction of their own keep it.
+    With ``only_plain``, solids with their own friction keep it.
 
     Raises:
-        UnknownNameError: If there is no such material.
+        UnknownNameError: If the material does not exist.
     """
     friction, plain = material(name).friction, CollisionPart("box", (1.0, 1.0, 1.0)).friction
     return tuple(s if only_plain and s.friction != plain else replace(s, friction=friction) for s in solids)
 
 
 def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
-    """Return the flat square at ``x`` with half a side [m] on which a round object stands.
+    """Return the flat square base at ``x`` of a round object, with half a side [m].
 
-    A cylinder on a box touches it in one or two points that change from step to step; four fixed corners, which must
-    stay inside the round footprint, stand still. The round part of the body should start 0.5 mm above the ground, so
-    that it only meets the ground when tipped.
+    A cylinder on a box touches it in one or two points that change from step to step. Four fixed corners, which must
+    stay inside the round footprint, keep it still. The round part of the body should start 0.5 mm above the ground, so
+    that it touches the ground only when tipped.
     """
     return CollisionPart("box", (half, half, 0.5 * height), (x, 0.0, 0.5 * height))
 
@@ -37,7 +37,7 @@ def upright_cylinder(radius: float, low: float, high: float, *, x: float = 0.0) 
 
 
 def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[CollisionPart, ...]:
-    """Return a round body that stands on a :func:`foot_square`: cylinders one on another.
+    """Return an upright round body on a :func:`foot_square`: stacked cylinders.
 
     Each has a radius and an upper end [m]; the lowest starts 0.5 mm above the ground.
     """
@@ -64,14 +64,14 @@ def solid_span(x: tuple[float, float], half_y: float, z: tuple[float, float]) ->
 
 
 def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
-    """Return a box with half sizes and a center [m], turned about the object's y axis by ``lean`` [rad]."""
+    """Return a box with half sizes and a center [m], rotated about the object's y axis by ``lean`` [rad]."""
     return CollisionPart("box", half, center, from_axis_angle((0.0, lean, 0.0)))
 
 
 def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
-    """Return a box with half sizes made about a hinge at the origin, its ``middle`` at (x, z) [m].
+    """Return a box with half sizes and a hinge at the origin, with its ``middle`` at (x, z) [m].
 
-    It is opened and put to the hinge like :meth:`Mesh.hinged`.
+    It is opened and moved to the hinge like :meth:`Mesh.hinged`.
     """
     c, s = math.cos(angle), math.sin(angle)
     return leaning_box(half, (x + c * middle[0] - s * middle[1], 0.0, z + s * middle[0] + c * middle[1]), -angle)
@@ -80,8 +80,8 @@ def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float
 def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
     """Return eight equal boxes around a vertical axis at ``x``: the wall of a hollow round object.
 
-    The half sizes are along the radius, along the circumference and upward; the middles of the boards are at height
-    ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] leans their upper ends outward.
+    The half sizes are along the radius, along the circumference and upward; the centers of the boards are at height
+    ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] tilts their upper ends outward.
     """
     tilt, boards = from_axis_angle((0.0, lean, 0.0)), []
     for angle in (k * math.pi / 4 for k in range(8)):

@@ -1,4 +1,4 @@
-"""Solids of revolution: one profile gives the mesh, the picture wrapped around it and the collision shapes."""
+"""Solids of revolution: one profile gives the mesh, the wrapped texture and the collision shapes."""
 
 import math
 from collections.abc import Sequence
@@ -12,14 +12,14 @@ from betterbench.sim.assets.authoring.solids import standing
 
 @dataclass(frozen=True, slots=True)
 class Turned:
-    """A profile turned about the vertical axis.
+    """A profile revolved about the vertical axis.
 
     Attributes:
         radii: Radius of each point of the profile [m], from the bottom on the outside upward; a radius of zero closes
             the surface.
         heights: Height of each point [m].
         crease_degrees: Angle above which an edge is drawn sharp.
-        wrap: True to wrap the picture around each half of the circumference; else the picture is one column.
+        wrap: Whether to wrap the texture around each half of the circumference; else the texture is one column.
         phase: Angle of the first side [rad].
     """
 
@@ -37,7 +37,7 @@ class Turned:
 
     @property
     def rows(self) -> list[float]:
-        """Distance [m] along the profile from its first point to each point: the picture's row of the point."""
+        """Distance [m] along the profile from its first point to each point: the texture row of the point."""
         return [float(e) for e in profile_length(self.profile)]
 
     def mesh(self) -> Mesh:
@@ -45,18 +45,18 @@ class Turned:
         return lathe(self.profile, self.sides, crease_degrees=self.crease_degrees, wrap=self.wrap, phase=self.phase)
 
     def facing_front(self, x: float, z: float) -> Mesh:
-        """Return the mesh with its axis along +x, its lower end at ``x`` and its middle at height ``z`` [m]."""
+        """Return the mesh with its axis along +x, its lower end at ``x`` and its center at height ``z`` [m]."""
         return self.mesh().rotated("y", math.pi / 2).moved(x, 0.0, z)
 
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
-        """Start a picture for the surface, upward along the profile.
+        """Start a texture for the surface, upward along the profile.
 
-        Its extent across is half of the largest circumference [m], or 1 for a picture of one column, unless given.
+        By default, its horizontal extent is half of the largest circumference [m], or 1 for a texture of one column.
         """
         if width is None:
             width = math.pi * max(self.radii) if self.wrap else 1.0
         return Canvas(width, self.rows[-1], pixels, color)
 
     def filled(self, foot_half: float, top: float | None = None) -> tuple[CollisionPart, ...]:
-        """Return the upright cylinder around the solid on a square foot, up to ``top`` or the top of the solid [m]."""
+        """Return the cylinder around the solid on a square foot, up to ``top`` or the top of the solid [m]."""
         return standing(foot_half, (max(self.radii), max(self.heights) if top is None else top))

@@ -1,4 +1,4 @@
-"""Painted wooden blocks: cuboids, and those that have the size of something else."""
+"""Painted wooden blocks: toy blocks, and blocks with the size of another object."""
 
 import math
 from collections.abc import Sequence
@@ -12,13 +12,13 @@ from betterbench.sim.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, ji
 from betterbench.sim.assets.authoring.solids import solid_box
 from betterbench.sim.assets.procedural.stapler_outline import stapler_size
 
-_BARE: Rgb = (0.85, 0.68, 0.46)  # beech where the paint is off
+_BARE: Rgb = (0.85, 0.68, 0.46)  # bare beech
 
 
 def _painted_wood(
     rng: np.random.Generator, shade: Rgb, *, rings: float, waves: tuple[float, float, float], amount: float, cells: int
 ) -> Canvas:
-    """Draw paint on wood: wavy year rings and grain.
+    """Draw painted wood: wavy year rings and grain.
 
     The ``waves`` are the number of year rings, and the height and number of their waves; ``rings`` and ``amount`` are
     the strengths of the rings and of the grain, ``cells`` is the number of fibers.
@@ -93,8 +93,8 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a painted wooden block with the length, width and height of a stapler: solid, without a gap or metal.
 
     Its paint is worn off along the edges and at the ends, where bare wood shows. Beech of 700 kg/m^3 would weigh 0.15
-    to 0.19 kg at this size; the block has a stapler's 0.2 to 0.25 kg, as a denser wood has, so that it differs from a
-    stapler for the eye alone.
+    to 0.19 kg at this size; the block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
+    stapler only visually.
     """
     length, width, height = stapler_size(rng)
     bevel, chamfer = rng.uniform(0.0022, 0.0036), float(rng.choice([0.0, 0.010, 0.018]))
@@ -104,7 +104,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     canvas = Canvas(1.0, 1.0, (256, 128), shade)
     x, y = canvas.x, canvas.y
     wave = count * y + 0.5 * np.sin(5.0 * x) + 0.3 * np.sin(11.0 * x + 1.0)
-    # Dark year rings that are seen from afar, under paint or, on stained wood, with pale wood between them.
+    # Dark year rings that are visible from afar, under paint or, on stained wood, with pale wood between them.
     ring = np.clip(1.8 * np.sin(2.0 * math.pi * wave) - 0.6, 0.0, 1.0)
     canvas.shade(1.0 - 0.45 * ring)
     if stained:
@@ -146,8 +146,8 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a wooden round toy block with the size of a burger; in brown it has the color of the bun.
 
     A letter or a digit is painted on its face, as on a child's blocks; some have a darker or lighter side, as if
-    stained, and edges that are more or less beveled. It has neither a groove nor a ring, which made it a box with a lid
-    for a reader. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
+    stained, and edges that are more or less beveled. It has neither a groove nor a ring, which would make it look like
+    a box with a lid. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
     """
     radius, height = uniforms(rng, (0.0318, 0.0350), (0.0465, 0.0555))
     bevel = float(rng.choice([0.0015, 0.0040, 0.0070, 0.0100]))

@@ -1,8 +1,8 @@
-"""The layers of a cheeseburger one by one, and the kitchen sponge that looks like its cheese.
+"""The single layers of a cheeseburger, and the kitchen sponge that looks like its cheese.
 
-Every layer stands on four fixed corners a fraction of a millimeter below its round or square body and ends in a flat
-top, so that a stack has few contacts and keeps still. Layers are thicker than food would be: a jaw reaches 12 mm below
-its center and cannot take anything lower than 10 mm from a table. What is seen may hang over what is touched: the
+Every layer stands on four fixed corners a fraction of a millimeter below its round or square body and has a flat top,
+so that a stack has few contacts and stays still. Layers are thicker than real food: a jaw reaches 12 mm below its
+center and cannot grasp objects lower than 10 mm on a table. The visual shape may extend beyond the collision shape: the
 corners of cheese and the edges of a leaf are soft.
 """
 
@@ -17,16 +17,16 @@ from betterbench.sim.assets.authoring.paint import BUN, Canvas, Rgb, jittered, m
 from betterbench.sim.assets.authoring.solids import solid_box, spheroid, standing
 
 FILLING_M = 0.014
-"""Thickness of patty, cheese and lettuce [m], from what they stand on to the region "top", in every look.
+"""Thickness of patty, cheese and lettuce [m], from their base to the region "top", in every look.
 
-An object placed on any filling is so released at the same height."""
+An object placed on any filling is therefore released at the same height."""
 
 BOTTOM_M = 0.026
 """Height of the cut face of the lower half of the bun [m], the same in every look."""
 
 _CRUMB: Rgb = (0.98, 0.93, 0.79)
 _GRIP = 0.0125
-"""Height of the middle of the pads for a filling [m]: they end half a millimeter above the table."""
+"""Height of the center of the pads for a filling [m]: they end half a millimeter above the table."""
 
 
 def _square_grasps(length: float, width: float) -> tuple[Grasp, ...]:
@@ -232,8 +232,8 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
 def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
     """Make two leaves of lettuce one on the other: longer than wide, with a pale midrib and a ruffled, wavy edge.
 
-    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The leaves touch as a flat box of the thickness of a
-    filling; their edges, as soft as they are, hang over it and are only seen.
+    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box of
+    the thickness of a filling; their soft edges extend beyond it and are only visual.
     """
     half_x, half_y, wave = uniforms(rng, (0.043, 0.050), (0.033, 0.037), (0.0035, 0.0055))
     ruffles, pointed, height = int(rng.integers(6, 10)), rng.uniform(0.0, 0.16), FILLING_M

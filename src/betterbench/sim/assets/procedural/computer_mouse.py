@@ -1,4 +1,4 @@
-"""Computer mice and the bar of soap that has the outline of one."""
+"""Computer mice, and the bar of soap with the outline of a mouse."""
 
 import math
 
@@ -12,7 +12,7 @@ _SIDES = 24
 
 
 def _size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a mouse and of the soap that has its outline: the first of its numbers."""
+    """Draw length, width and height [m] of a mouse and of the soap with its outline: the first of its numbers."""
     length, width, height = uniforms(rng, (0.096, 0.114), (0.0575, 0.0645), (0.0335, 0.0395))
     return length, width, height
 
@@ -124,8 +124,8 @@ def _shell(
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
     """Make a bar of soap with the size and about the outline of a computer mouse, with some lather on one end.
 
-    A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given three quarters of that, as
-    a used bar, so that it is hardly heavier in the hand than the mouse it is taken for.
+    A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It has three quarters of that, like a
+    used bar, so that it is hardly heavier than the mouse that it resembles.
     """
     length, width, height = _size(rng)
     length, width, height = 0.95 * length, 0.97 * width, 0.93 * height

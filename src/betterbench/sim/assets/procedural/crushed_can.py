@@ -1,4 +1,4 @@
-"""Crushed beverage cans: the trash that a full can must not be taken for."""
+"""Crushed beverage cans: trash that must not be confused with a full can."""
 
 import math
 from dataclasses import dataclass
@@ -39,10 +39,10 @@ class _Crush:
 
 @generator("crushed_can", colors=("red", "silver", "blue", "green"))
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
-    """Make an empty can that lies on its side, squeezed together in its middle and bent by a hand.
+    """Make an empty can that lies on its side, squeezed in its middle and bent.
 
-    The empty can is 13 to 14 g of aluminum. It is given 18 to 22 g, for a rest of drink in it. A
-    jaw takes it at its waist.
+    The empty can is 13 to 14 g of aluminum. It weighs 18 to 22 g, including a rest of the drink. A jaw grasps it at its
+    waist.
     """
     length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.006, 0.006))
     bend, lift, heading = uniforms(rng, (0.14, 0.46), (0.0, 0.010), (1.15, 1.55))

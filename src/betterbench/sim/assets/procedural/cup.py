@@ -26,10 +26,10 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a low wide cup of tea on a narrow foot; its handle stands out along +x like an ear.
 
     A porcelain tea cup of 0.12 to 0.18 l is 65 to 90 mm wide, 50 to 65 mm high and weighs 0.13 to 0.2 kg. Its collision
-    shape is filled: it holds tea already, and nothing is put into it.
+    shape is filled: it already contains tea, and nothing is put into it.
     """
     size, base, height = uniforms(rng, (0.975, 1.0), (0.0200, 0.0245), (0.0530, 0.0610))
-    # The loop stands out by so much.
+    # Distance by which the loop protrudes.
     loop, thickness, level = *uniforms(rng, (0.0225, 0.0270), (0.0080, 0.0105)), rng.uniform(0.72, 0.82)
     decoration, form = str(rng.choice(["plain", "band", "rim", "dots", "stripes"])), str(rng.choice(list(_FORMS)))
     tea = jittered(((0.42, 0.17, 0.04), (0.62, 0.33, 0.10), (0.24, 0.11, 0.05))[int(rng.integers(3))], rng)
@@ -59,7 +59,7 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
         tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware"),
         mass_kg=round(0.165 * size**2 * height / 0.057, 4),
         material="ceramic",
-        # The loop is mostly air and the solid foot stands for a thin floor.
+        # The loop is mostly air, and the solid foot represents a thin floor.
         densities=(0.4, 0.4, 1.0, 0.35),
         parts=(
             part("shell", shell.mesh().moved(x=axis), glaze, specular=0.5, shininess=0.6),
@@ -97,7 +97,7 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
 
     It is ribbed, ringed, faceted or plain; its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
     wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision shape is filled: nothing is put into it, and a
-    jaw can then take it at any yaw with the same width.
+    jaw can grasp it at any yaw with the same width.
     """
     radius, share, height, wall = uniforms(rng, (0.0290, 0.0325), (0.80, 0.95), (0.106, 0.122), (0.0020, 0.0026))
     pattern, thick = str(rng.choice(["facets", "ribs", "rings", "plain"])), rng.uniform(0.014, 0.020)

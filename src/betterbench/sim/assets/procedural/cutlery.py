@@ -1,4 +1,4 @@
-"""Table cutlery with chunky handles that a parallel jaw can take from the table."""
+"""Table cutlery with thick handles that a parallel jaw can grasp on the table."""
 
 import math
 from collections.abc import Mapping
@@ -30,7 +30,8 @@ def fork(rng: np.random.Generator, color: str) -> Draft:
     """Make a table fork that lies along x, its three or four tines at -x; yellow is brass.
 
     A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than that of plain
-    steel cutlery: a jaw reaches 12 mm below its center, so it cannot take anything lower than 10 mm from a table.
+    steel
+    cutlery: a jaw reaches 12 mm below its center, so it cannot grasp objects lower than 10 mm on a table.
     """
     half_width, tines, tine = uniforms(rng, (0.0145, 0.0180), (0.030, 0.043), (0.0019, 0.0023))  # tine: half its width
     count = int(rng.choice([3, 4, 4]))
@@ -95,8 +96,8 @@ def _piece(
 ) -> Draft:
     """Put a head on a handle.
 
-    The head, of visual parts and ``sizes``, stands on half a width of ``reach`` and leaves the table at x =
-    ``head_end`` [m]. What it has above its standing surface, if that is wider, is its ``rim``.
+    The head, of visual parts and ``sizes``, rests on half a width of ``reach`` and leaves the table at x = ``head_end``
+    [m]. Its part above the contact surface, if that is wider, is its ``rim``.
     """
     style = str(rng.choice(list(_HANDLES)))
     material, paints = _HANDLES[style]

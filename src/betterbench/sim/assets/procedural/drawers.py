@@ -1,9 +1,9 @@
-"""A desk cabinet for two drawers, and the drawers, each with a handle that a jaw can take from above.
+"""A desk cabinet for two drawers, and the drawers, each with a handle that a jaw can grasp from above.
 
-The three are assets of their own: a scene joins each drawer to the carcass by a slide along +x, whose frame is a
-region of the cabinet. The two drawers of a look differ only in the side their handle is on, so that a hand at one
-handle clears the other. The upper handle is at -y: seen from above and from +y, as in the suite, it is then well above
-the lower one in the image. With the sides exchanged both are at one height.
+The three are separate assets: a scene connects each drawer to the carcass by a slide along +x, whose frame is a region
+of the cabinet. The two drawers of a look differ only in the side of their handle, so that a gripper at one handle
+clears the other. The upper handle is at -y: seen from above and from +y, as in the suite, it is then clearly above the
+lower one in the image. With the sides exchanged both would be at one height.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _OAK: Rgb = (0.72, 0.53, 0.33)
 _SLATE: Rgb = (0.25, 0.29, 0.34)
 
 _BOARD = 0.009  # top, bottom, shelf and back [m]
-_SIDE = 0.012  # the sides hold the slides, and are thicker [m]
+_SIDE = 0.012  # thicker, because the sides support the slides [m]
 
 # The drawer [m]. It is lower than its opening by the play and some 16 mm of free height over its rim.
 _PLAY = 0.0015
@@ -32,7 +32,7 @@ _FRONT_GAP = 0.002  # between the closed front panel and the carcass
 _PANEL = 0.012
 _WALL, _REAR, _FLOOR, _RIM = 0.008, 0.006, 0.006, 0.054
 
-# From the panel: a hand 65 mm thick, centered on the handle, clears the panel by 20 mm, the wrist above it by 8 mm.
+# From the panel: a gripper 65 mm thick, centered on the handle, clears the panel by 20 mm, the wrist above it by 8 mm.
 _HANDLE_AWAY = 0.053
 _HANDLE_SIDE, _HANDLE_HEIGHT = 0.066, 0.030
 _STEM = (0.010, 0.010)  # thickness along y and z
@@ -50,7 +50,7 @@ class _Style:
         front: Pattern of the front: "plain", "frame", "groove" or "band".
         handle: One of :data:`_HANDLES`, with its extents along x, y and z [m].
         boards, fronts, top: Colors of the sides, of the front panels and of the top board.
-        card: True for a holder with a card on each front.
+        card: Whether each front has a card holder with a card.
     """
 
     half_x: float
@@ -81,7 +81,7 @@ class _Style:
         }
         tone, roof, dark = int(rng.integers(3)), int(rng.integers(3)), rng.random() < 0.5
         shade = jittered(_PAINT[color], rng, amount=0.12 if color == "brown" else 0.06)
-        # In the shade a white front is gray enough: its tones are nearly the same.
+        # A white front is gray enough in the shade: its tones are nearly the same.
         pale, deep = mixed(shade, (1.0, 1.0, 1.0), 0.35), shaded(shade, 0.80 if color != "white" else 0.95)
         fronts = (shade, pale, deep)[tone]
         top = (shade, _OAK if color != "brown" else deep, _SLATE)[roof]
@@ -166,7 +166,7 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
     """
     s = _Style.draw(rng, color)
     inner, x, open_half = s.height - 2.0 * _BOARD, (-s.half_x, s.half_x), s.half_y - _SIDE
-    # Seen are a top and a bottom that stand over the sides by their bevel, and boards between them.
+    # The visual shape has a top and a bottom that extend beyond the sides by their bevel, and boards between them.
     top = span(x, s.half_y, (s.height - _BOARD, s.height), bevel=0.0016, corner=s.corner, steps=3)
     size, away = (2 * s.half_x - 0.002, _SIDE - 0.001, inner), s.half_y - 0.5 * _SIDE - 0.0005
     sides = merge([box(size, (-0.001, y * away, 0.5 * s.height)) for y in (-1, 1)])
@@ -218,8 +218,8 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
 
     The joint that a scene adds is given in the parameters. Travel 0.15 m: a slide of three quarters' extension for a
     drawer 0.18 m long, 35 mm of which stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood
-    on wood or a light roller slide; a brush of the hand leaves it where it is, and a pinch of 35 N a finger pulls it.
-    Damping 4 N s/m: a push dies away in 0.5 kg / 4 N s/m = 0.13 s, so that a drawer let go stops where it was left.
+    on wood or a light roller slide; a light touch does not move it, and a pinch of 35 N a finger pulls it. Damping 4 N
+    s/m: a push decays in 0.5 kg / 4 N s/m = 0.13 s, so that a released drawer stays where it is.
     """
     s = _Style.draw(rng, color)
     front, back, half_y = s.half_drawer, -s.half_drawer, s.inside_half_y + _WALL
@@ -276,7 +276,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
         head = Turned(radii, heights, 14, 50.0, wrap=False).facing_front(0.0, z).moved(y=y)
     else:
         head = box(s.handle_size, (x, y, z), bevel=0.0035, corner=0.0045, steps=2)
-    # A round knob is touched as the square inside its rim.
+    # The collision shape of a round knob is the square inside its rim.
     share = 0.86 if s.handle == "knob" else 1.0
     solids = (
         solid_box((front, y + spread[0] - sy, z - sz), (x - kx, y + spread[-1] + sy, z + sz)),
@@ -288,7 +288,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
 def _panel_mapped(mesh: Mesh) -> Mesh:
     """Return the panel with the picture on its front; its back and its edges show the board's plain middle."""
     uv = mapped(mesh, *FRONT).uv
-    # A creased box has vertices of its own for each face, so the faces can be told apart by their normals.
+    # A creased box has separate vertices for each face, so the normals identify the faces.
     normals = face_normals(mesh.vertices, mesh.faces)
     seen = np.unique(mesh.faces[normals[:, 0] > 0.9 * np.linalg.norm(normals, axis=1)])
     others = np.setdiff1d(np.arange(len(uv)), seen)
@@ -298,7 +298,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
 
 
 def _front(s: _Style, width: float, height: float) -> Canvas:
-    """Draw the front panel: its grain, how it is worked, and a dark edge that parts it from its neighbor."""
+    """Draw the front panel: its grain, its pattern, and a dark edge that separates it from its neighbor."""
     canvas = s.surface(width, height, (256, 88), s.fronts)
     x, y = canvas.x, canvas.y
     edge = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))

@@ -15,7 +15,7 @@ _OUTSIDE = 0.8
 
 @generator("fries_box", colors=("red", "yellow", "blue", "green"))
 def fries_box(rng: np.random.Generator, color: str) -> Draft:
-    """Make a striped carton of fries; its wide face looks along +x, the jaw closes along x.
+    """Make a striped carton of fries; its wide face faces +x, the jaw closes along x.
 
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
     below the underside of a Franka hand, 45 mm above the tool center point.
@@ -101,7 +101,7 @@ def _print(rng: np.random.Generator, shade: Rgb, *, design: str) -> Canvas:
 
 
 def _sticks(rng: np.random.Generator, thick: float, width: float, height: float) -> tuple[Mesh, Mesh]:
-    """Return the fries in two shades: square sticks at odd angles that end between 92 and 111 mm above the table."""
+    """Return the fries in two shades: square sticks at random angles that end between 92 and 111 mm above the table."""
     meshes: tuple[list[Mesh], list[Mesh]] = ([], [])
     columns = np.linspace(-0.40, 0.40, 7).tolist()
     for index, (row, column) in enumerate(itertools.product((-0.26, 0.0, 0.26), columns)):

@@ -1,4 +1,4 @@
-"""Fruit: apples, oranges and lemons, each on a small flat foot so that it lies where it is put."""
+"""Fruit: apples, oranges and lemons, each with a small flat foot so that it does not roll."""
 
 import math
 
@@ -22,7 +22,7 @@ _APPLE_RADIUS = 0.035
 def _round_collision(radius: float, height: float) -> tuple[CollisionPart, ...]:
     """Return a spheroid of the fruit's size on a flat foot.
 
-    The foot is wide enough for the fruit to come back from a lean of 15 degrees and narrow enough to stay hidden.
+    The foot is wide enough for the fruit to recover from a lean of 15 degrees and narrow enough to be invisible.
     """
     half = 0.5 * height - 0.00025
     return (foot_square(0.011, height=0.006), spheroid(radius, half, half + 0.0005))

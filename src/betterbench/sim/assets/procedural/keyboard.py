@@ -1,4 +1,4 @@
-"""Computer keyboards, and the picture of keys that a laptop shows too."""
+"""Computer keyboards, and the texture of keys that laptops use too."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The flat plate of a place setting, around which cutlery and cups are laid."""
+"""The flat plate of a place setting, around which cutlery and cups are placed."""
 
 import math
 
@@ -15,8 +15,8 @@ _SIDE = _RADIUS + 0.045  # distance of the middle of the places beside the plate
 def place_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a breakfast plate with a decorated rim; the diner sits at +x.
 
-    A stoneware plate of 18 to 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are
-    laid around it. Its places are named as the eater sees them: right is +y, upper is -x.
+    A stoneware plate of 18 to 19 cm weighs 0.4 to 0.6 kg; the upper value is used, so that it stays in place while
+    objects are placed around it. Its regions are named as seen by the eater: right is +y, upper is -x.
     """
     stand = rng.uniform(0.046, 0.058)
     well = stand + rng.uniform(0.003, 0.014)

@@ -1,4 +1,4 @@
-"""Dinner plates of one family of sizes that stack on each other in any order, and a bowl of a plate's width."""
+"""Dinner plates of one family of sizes that stack in any order, and a bowl of a plate's width."""
 
 import math
 
@@ -14,12 +14,12 @@ from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittere
 FLOOR_M = 0.0105
 """Height of a plate's floor, on which the next plate stands [m]; the same for all, so that stacks are equally high.
 
-It is also the height at which the rim begins. The rim of a plate that stands on another one so begins above the rim of
-the lower one, and plates of any two radii stack with room to the sides."""
+It is also the height at which the rim begins. The rim of a plate on another one therefore begins above the rim of the
+lower one, and plates of any two radii stack with room to the sides."""
 
 RIM_M = 0.0205
 """Height of the rim [m]: pads that reach 9 mm down its upright edge of 10 mm hold a plate at half of their force with a
-tilt of less than 1 degree; they then end 1 mm above the floor, and 1 mm above the rim of a plate below."""
+tilt of less than 1 degree; they end 1 mm above the floor, and 1 mm above the rim of a plate below."""
 
 _LIP = 0.004
 _GRIP_ABOVE_RIM = 0.0030  # of the middle of the pads, which reach 12 mm further down
@@ -54,8 +54,8 @@ def _plate(
 ) -> Draft:
     """Make a flat plate with an upright rim, of a radius between two [m]; its density is in kg/m^3.
 
-    The collision shape of the floor is ``solid`` over this share of the radius. The rest, up to the rim, is left to the
-    fingers that pinch it; it has to be narrower than the edge of any object that may be put down there upside down.
+    The collision shape of the floor is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for
+    the fingers that pinch it; it must be narrower than the edge of any object that may be put down there upside down.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
     raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)
@@ -76,7 +76,7 @@ def _plate(
         tags=("plate", name, "dish", "tableware", "crockery"),
         mass_kg=min(mass, 0.13),
         material="steel" if enameled else "plastic",
-        # The foot is a ring and the floor thin: the foot weighs a third of the solid that stands for it.
+        # The foot is a ring and the floor is thin, so the foot weighs a third of its solid collision shape.
         densities=(0.33, *(1.0,) * 9),
         parts=(
             part("plate", mesh, glaze.from_above(1.02 * r, well * r, r - _LIP), specular=0.5, shininess=0.6),
@@ -104,7 +104,7 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a soup bowl about as wide as a dinner plate: round, on a narrow foot, and more than twice as high.
 
     A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape is the upright
-    upper wall, two discs under the hollow and the foot, so that a plate that is wrongly stood in the bowl rests in it.
+    upper wall, two discs under the hollow and the foot, so that a plate wrongly put into the bowl rests in it.
     """
     radius, rim, foot = uniforms(rng, (0.0702, 0.0745), (0.0560, 0.0640), (0.0260, 0.0310))
     belly, floor, banded = rng.uniform(0.90, 1.0), 0.010, bool(rng.random() < 0.5)
@@ -134,14 +134,14 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _lip(radius: float, low: float, high: float) -> list[CollisionPart]:
-    """Return eight upright boxes tangential to the rim, where the grasps take it; they stand out by 1.5 mm at most."""
+    """Return eight upright boxes tangential to the rim, where the grasps are; they protrude by 1.5 mm at most."""
     return round_wall(radius, _LIP, low, high, half_length=math.sqrt((radius + 0.0015) ** 2 - radius**2))
 
 
 def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
     """Return the ways to pinch the lip from above, every 45 degrees, the fingers opening along the radius.
 
-    They share the name "rim", so that a search by name gives the one at +x and a planner can choose among all.
+    They share the name "rim", so that a search by name gives the one at +x and a planner can choose any.
     """
     away, height = radius - 0.5 * _LIP, rim + _GRIP_ABOVE_RIM
     angles = [k * math.pi / 4.0 for k in range(8)]
@@ -158,7 +158,8 @@ class _Glaze:
         self.color: Rgb = jittered(PALETTE[color], rng, amount=0.10)
         self.design = str(rng.choice(_DESIGNS))
         self._edge, self._rng = edge, rng
-        # On white ware gray, sand or brown, words that no plate of the suite is called by; on the others a pale tint.
+        # On white tableware gray, sand or brown, which are not colors of plates in the suite; on the others a pale
+        # tint.
         inks = ((0.42, 0.43, 0.45), (0.66, 0.55, 0.36), (0.40, 0.27, 0.17))
         chosen = inks[int(rng.integers(3))]
         self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)

@@ -12,7 +12,7 @@ _PROUD = 0.0036  # how far a driver stands out of the front
 
 @generator("speaker", colors=("black", "gray", "white", "blue"))
 def speaker(rng: np.random.Generator, color: str) -> Draft:
-    """Make a small desktop loudspeaker; its round drivers look along +x.
+    """Make a small desktop loudspeaker; its round drivers face +x.
 
     Small powered USB loudspeakers are 60 to 75 mm wide and deep, 90 to 120 mm high, and weigh 0.25 to 0.45 kg each,
     785 kg/m^3 of their box.
@@ -75,7 +75,7 @@ def speaker(rng: np.random.Generator, color: str) -> Draft:
 def _driver(
     name: str, radius: float, x: float, z: float, *, rim: Rgb, cone: Rgb, sides: int, specular: float
 ) -> VisualPart:
-    """Return a driver that looks along +x: rim, rubber surround, cone that falls back, dust cap."""
+    """Return a driver that faces +x: rim, rubber surround, recessed cone, dust cap."""
     shares, levels = (0.0, 1.0, 1.0, 0.93, 0.84, 0.34, 0.24, 0.0), (0.75 * _PROUD, _PROUD, 0.62 * _PROUD, 0.0004)
     z_profile = (-0.0006, -0.0006, *levels, 0.40 * _PROUD, 0.62 * _PROUD)
     solid = Turned([share * radius for share in shares], z_profile, sides, 30.0, wrap=False)

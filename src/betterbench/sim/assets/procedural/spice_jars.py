@@ -1,4 +1,4 @@
-"""Spice jars, the same jars with nothing but a label to tell them apart, and a pill bottle of their size."""
+"""Spice jars, plain jars that differ only in the label, and a pill bottle of their size."""
 
 import math
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ from betterbench.sim.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.sim.assets.authoring.paint import PALETTE, STEEL, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 JAR_RADIUS_M = 0.0215
-"""Middle of the radii of the jars [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for
-it; a jar's own radius differs from it by 0.3 mm at most."""
+"""Mean radius of the jars [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it; a
+jar's own radius differs by 0.3 mm at most."""
 
 JAR_HEIGHT_M = 0.085
-"""Middle of the heights of the jars with their caps [m]: such jars are 80 to 95 mm high. They differ by 4 mm."""
+"""Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. They differ by 4 mm."""
 
 _SIDES = 24
 _NAMES = {"white": "salt", "black": "pepper", "red": "paprika"}
@@ -32,9 +32,9 @@ _INK: Rgb = (0.07, 0.08, 0.10)
 def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a glass spice jar filled to its shoulder: white salt with an S, black pepper with a P, red paprika.
 
-    The spice's color is that of the whole jar; its cap has the same color or is of steel, so that no cap brings in a
-    word that another jar is called by. The glass is drawn rather than transparent, because one transparent part
-    doubles the cost of every picture of depth.
+    The spice's color is that of the whole jar. Its cap has the same color or is made of steel, so that no cap has the
+    color word of another jar. The glass is drawn instead of transparent, because one transparent part doubles the
+    rendering time of depth images.
     """
     shape, steel = _Shape(rng), bool(rng.random() < 0.45)
     content, name = jittered(_CONTENT[color], rng, amount=0.04), _NAMES[color]
@@ -55,7 +55,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _plain_jar(rng: np.random.Generator, name: str) -> Draft:
-    """Make a steel spice jar with a pale label: body, cap and the colors of the label are those of every spice."""
+    """Make a steel spice jar with a pale label: body, cap and label colors are the same for every spice."""
     shape, steel = _Shape(rng), shaded((0.44, 0.45, 0.47), rng.uniform(0.86, 1.06))
     canvas = shape.wrap(steel)
     canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + rng.uniform(0.0, 6.0)))
@@ -72,19 +72,19 @@ def _plain_jar(rng: np.random.Generator, name: str) -> Draft:
 
 @generator("plain_salt_jar", colors=("gray",), family="spice jar")
 def plain_salt_jar(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a plain steel spice jar with an S on its label: nothing else tells it from the other plain jars."""
+    """Make a plain steel spice jar with an S on its label, the only difference from the other plain jars."""
     return _plain_jar(rng, "salt")
 
 
 @generator("plain_pepper_jar", colors=("gray",), family="spice jar")
 def plain_pepper_jar(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a plain steel spice jar with a P on its label: nothing else tells it from the other plain jars."""
+    """Make a plain steel spice jar with a P on its label, the only difference from the other plain jars."""
     return _plain_jar(rng, "pepper")
 
 
 @generator("plain_paprika_jar", colors=("gray",), family="spice jar")
 def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
-    """Make a plain steel spice jar with a dark pod on its label: nothing else tells it from the other plain jars."""
+    """Make a plain steel spice jar with a dark pod on its label, the only difference from the other plain jars."""
     return _plain_jar(rng, "paprika")
 
 
@@ -92,8 +92,8 @@ def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
 def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, of a spice jar's size.
 
-    Vials of 8 to 13 drams have diameters of 38 to 44 mm; filled they weigh 60 to 120 g. The heavy end is used, so that
-    it feels like the jar it is taken for.
+    Vials of 8 to 13 drams have diameters of 38 to 44 mm; filled they weigh 60 to 120 g. The upper value is used, so
+    that its weight is similar to that of a jar.
     """
     shape = _Shape(rng)
     white, amber, r = PALETTE[color], bool(rng.random() < 0.5), shape.radius
@@ -110,7 +110,7 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     ribbed = 0.84 + 0.16 * np.sign(np.sin(2.0 * math.pi * ribs * cap.x / cap.width))
     cap.shade(np.where(cap.between(low_row + 0.002, high_row - 0.001), ribbed, 1.0))
     cap.shade(np.where(cap.y < low_row + 0.002, 0.88, 1.0))
-    # The lid of a cap that is pushed and turned, set into its rim; marks on it would be taken for a shaker's holes.
+    # The lid of a push-and-turn cap, set into its rim; marks on it would look like a shaker's holes.
     cap.shade(np.where(cap.y > edge + 0.004, 0.93, 1.0))
     return _bottle(
         shape,
@@ -125,7 +125,7 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
 
 
 class _Wrap(Canvas):
-    """A picture that goes once around each half of a turned body, so that its print reads rightly on both.
+    """A texture wrapped once around each half of a turned body, so that its print is correct on both.
 
     Attributes:
         solid: The body.
@@ -149,7 +149,7 @@ class _Wrap(Canvas):
 
 
 class _Shape:
-    """The outline of a look: of one foot, so that it fits its hole, and above the hole of many shapes."""
+    """The outline of a look: the foot is the same for all, to fit its hole; above the hole the shapes differ."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         r, self.height, cap, waist = uniforms(rng, (0.0212, 0.0218), (0.081, 0.089), (0.0165, 0.0245), (0.86, 0.97))
@@ -166,7 +166,7 @@ class _Shape:
         self._radii = (0.0, r - 0.0018, r, r, belly, upper, min(upper, 0.0185))
         self._heights = (0.0, 0.0, 0.0025, 0.55 * low, knee, low - 0.0015, low + 0.0005)
         wide = min(r, max(neck + 0.0015, 0.0190)) if form in ("shoulder", "cone") else r - 0.0010
-        # What is touched: below and above the knee, where the pads take it.
+        # Collision shape: below and above the knee, where the pads grasp it.
         self.touched = (
             ((r, knee), (max(wide, neck), self.height)) if form in ("shoulder", "cone") else ((r, self.height),)
         )
@@ -202,10 +202,10 @@ def _bottle(
     *visual: VisualPart,
     **parameters: float | str,
 ) -> Draft:
-    """Return a jar or the pill bottle: its visual parts with the properties that all of them share.
+    """Return a jar or the pill bottle: its visual parts with their common properties.
 
-    70 g of glass and cap and 50 g of what is inside for one of middle size, in proportion for the others; one cylinder
-    on a square foot; pads that reach 12 mm below the grasp, and so stay above a hole 35 mm deep.
+    70 g of glass and cap and 50 g of content for the mean size, in proportion for the others; one cylinder on a square
+    foot; pads that reach 12 mm below the grasp, and so stay above a hole 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched
     if material == "plastic":
@@ -235,7 +235,7 @@ class _Print:
 
 
 def _label(canvas: _Wrap, rng: np.random.Generator, name: str, colors: _Print, *, height: float) -> None:
-    """Print the initial of salt or pepper, or a pepper pod for paprika, as large as the side has room for."""
+    """Print the initial of salt or pepper, or a pepper pod for paprika, as large as fits."""
     design, up, ink = str(rng.choice(["plain", "bands", "round", "frame"])), canvas.height_on_wall, colors.ink
     middle, across = 0.50 * height, 0.5 * canvas.width
     base = float(np.interp(middle, up[::-1, 0], canvas.y[::-1, 0]))

@@ -1,4 +1,4 @@
-"""A wooden block with three numbered holes that jars stand in."""
+"""A wooden block with three numbered holes for jars."""
 
 import math
 
@@ -24,8 +24,8 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb, jittered, mixed,
 from betterbench.sim.assets.procedural.spice_jars import JAR_RADIUS_M
 
 CLEARANCE_M = 0.0027
-"""Play between a jar of middle size and its hole on each side [m]; the task asks for 3 mm a side or less, and the jars
-of all looks have 2.4 to 3.0 mm."""
+"""Clearance between a mean jar and its hole on each side [m]; the task requires 3 mm a side or less, and the jars of
+all looks have 2.4 to 3.0 mm."""
 
 PITCH_M = 0.085
 """Distance between the holes [m]: an open jaw (80 mm and the fingers) fits around one jar beside another."""
@@ -34,7 +34,7 @@ _FLOOR = 0.006
 _DEPTH = 0.035
 _HEIGHT = _FLOOR + _DEPTH
 _APOTHEM = JAR_RADIUS_M + CLEARANCE_M
-_RIM = 0.0012  # chamfer of the holes, for the eye only
+_RIM = 0.0012  # chamfer of the holes, visual only
 _WOOD: dict[str, Rgb] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)}
 
 
@@ -42,12 +42,12 @@ _WOOD: dict[str, Rgb] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)
 def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     """Make a rack of solid wood with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
 
-    0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) less three holes weigh 0.38 kg; it is meant to be fixed. All looks
-    have the same holes: they are the tolerance of the task. They differ in width, length and edges, in wood and grain,
-    in finish and the marks.
+    0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) without three holes weigh 0.38 kg; it is meant to be fixed. All
+    looks have the same holes, because they are the tolerance of the task. They differ in width, length and edges, in
+    wood and grain, in finish and the marks.
     """
     half_x, half_y = uniforms(rng, (0.0345, 0.0400), (0.1290, 0.1370))
-    edge = rng.uniform(0.0012, 0.0045)  # chamfer of the outer edges, for the eye only
+    edge = rng.uniform(0.0012, 0.0045)  # chamfer of the outer edges, visual only
     plan = (half_x, half_y, edge)
     wood = jittered(shaded(_WOOD[color], rng.uniform(0.62, 1.35)), rng, amount=0.08)
     style, stripe = str(rng.choice(["plate", "burnt", "painted"])), rng.random() < 0.5

@@ -9,7 +9,7 @@ from betterbench.sim.assets.authoring.mesh import box
 
 
 def stapler_size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a stapler and of what looks like it: the first numbers of its look.
+    """Draw length, width and height [m] of a stapler and of its look-alike: the first numbers of its look.
 
     Desk staplers are 110 to 150 mm long, 30 to 40 mm wide and 50 to 65 mm high; these fit into a drawer.
     """

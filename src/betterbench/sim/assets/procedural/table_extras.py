@@ -1,4 +1,4 @@
-"""Small objects that stand beside food: a stack of napkins, a cup of sauce."""
+"""Small objects beside food: a stack of napkins, a cup of sauce."""
 
 import math
 

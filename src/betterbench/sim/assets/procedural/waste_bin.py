@@ -21,10 +21,9 @@ _FINISHES = ("mesh", "plain", "slots", "ribs", "plain")
 def waste_bin(rng: np.random.Generator, color: str) -> Draft:
     """Make an open waste bin that widens toward its rim, round or square, of wire mesh or of plastic.
 
-    Most have a bag that is folded over the rim, and those of plastic the three arrows of recycling on their front.
-    Table and desk bins of 3 to 5 l are 18 to 22 cm wide and 12 to 25 cm high and weigh 0.3 to 0.7 kg; this one is low,
-    so that what is let go above its rim falls 10 cm. Most of the 0.55 to 0.65 kg is given to the floor, as in bins that
-    stand firm.
+    Most have a bag folded over the rim; plastic bins have the three recycling arrows on their front. Table and desk
+    bins of 3 to 5 l are 18 to 22 cm wide and 12 to 25 cm high and weigh 0.3 to 0.7 kg. This one is low, so that an
+    object released above its rim falls 10 cm. Most of the 0.55 to 0.65 kg is in the floor, as in stable bins.
     """
     rim, foot, height = uniforms(rng, (0.0990, 0.1050), (0.0890, 0.0940), (0.118, 0.134))
     square, finish = rng.random() < 0.4, str(rng.choice(_FINISHES))
@@ -134,7 +133,7 @@ def _bag(
     side = np.round(angle * _SIDES / (2.0 * math.pi)).astype(int) % _SIDES
     ragged, level = np.abs(points[:, 2] - low) < 1e-6, np.abs(points[:, 2] - middle) < 1e-6
     reach = np.hypot(points[:, 0], points[:, 1])
-    # Within 2 mm outward: nothing may meet what is only seen.
+    # Within 2 mm outward: nothing may collide with a purely visual part.
     shift = np.where(ragged, 0.003 * folds[1][side] + 0.002, 0.0) + np.where(level, 0.006 * folds[2][side], 0.0)
     points[:, :2] *= (1.0 + shift / np.maximum(reach, 1e-9))[:, None]
     points[:, 2] += np.where(ragged, 0.007 * folds[0][side], 0.0)
@@ -155,7 +154,7 @@ def _pattern(
     canvas = shell.canvas(shade, (256, 256), width=half)
     x, y = canvas.x, canvas.y
     inside = y > lip
-    # The same height on the wall inside and outside, so that the pattern goes through it.
+    # Both sides of the wall at one height have the same row, so that the pattern continues through it.
     share = np.where(inside, 1.0 - (y - lip) / (floor - lip), (y - foot) / (top - foot))
     up = share * (top - foot)
     wall, field = (share > 0.0) & (share < 1.0), (share > 0.08) & (share < 0.94)
@@ -186,7 +185,7 @@ def _pattern(
 
 
 def _symbol_height(finish: str, *, bag: bool) -> float:
-    """Return the height of the sign of recycling as a share of the wall's, below the hem of a bag; 0 for no sign."""
+    """Return the height of the recycling sign relative to the wall's height, below the hem of a bag; 0 for no sign."""
     if finish == "mesh" or (bag and finish == "slots"):
         return 0.0
     return 0.38 if bag else 0.48

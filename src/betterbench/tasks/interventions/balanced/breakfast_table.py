@@ -40,11 +40,11 @@ AROUND = (
     {BOWL: BACK_LEFT, SALT: FRONT_LEFT, JAM: BACK},
     {BOWL: BACK, SALT: BACK_LEFT, JAM: FRONT_LEFT},
 )
-"""Places of the other tableware; the bowl would be in the way in front of the plate."""
+"""Slots of the other tableware; the bowl would be in the way in front of the plate."""
 
 
 def balanced_breakfast_table() -> list[Condition]:
-    """Return every ordered pair of pieces at sides that no test asks for, each in two layouts."""
+    """Return every ordered pair of pieces at sides that are not in a test, each in two layouts."""
     found = []
     for shift in range(3):
         side = {piece: SIDES[(place + shift) % 3] for place, piece in enumerate(PIECES)}
@@ -61,7 +61,7 @@ def balanced_breakfast_table() -> list[Condition]:
 
 
 def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, str]]) -> dict[a.ObjectSpec, a.Slot]:
-    """Return the first turn of the pieces, and position of the plate, at which nothing is in the way."""
+    """Return the first rotation of the pieces, and position of the plate, without obstacles."""
     plates = (TABLE_RIGHT, TABLE_LEFT) if (number // 2 + row) % 2 else (TABLE_LEFT, TABLE_RIGHT)
     for more in range(3):
         turn = (number + row + shift + more) % 3
@@ -73,7 +73,7 @@ def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, s
 
 
 def _has_room(layout: dict[a.ObjectSpec, a.Slot], plate: a.Slot, steps: list[tuple[a.ObjectSpec, str]]) -> bool:
-    """Tell whether nothing stands where a piece is put: the plate reaches to the slots on its own side."""
+    """Tell whether the target positions are free: the plate reaches to the slots on its own side."""
     outer, slots = ("right", (RIGHT_EDGE, RIGHT_CORNER)) if plate is TABLE_RIGHT else ("left", (LEFT_EDGE, LEFT_CORNER))
     there = next(piece for piece in PIECES if layout[piece] in slots)
     for piece, side in steps:

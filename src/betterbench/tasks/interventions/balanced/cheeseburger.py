@@ -19,7 +19,7 @@ from betterbench.tasks.suite.cheeseburger import (
 CROSSED = (
     "each layer lies in each slot equally often",
     "patty, cheese and lettuce are each the first layer and the second, and the top bun is the second and the third",
-    "all layers on the table at the start, or one that is not asked for left out",
+    "all layers on the table at the start, or without one that is not requested",
 )
 STACKS = (
     (PATTY, CHEESE, TOP),
@@ -36,7 +36,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_cheeseburger() -> list[Condition]:
-    """Return four cyclic layouts with nine stacks each; what is not asked for is left out of every other one."""
+    """Return four cyclic layouts with nine stacks each; every other one lacks the layers that are not requested."""
     found = []
     for turn in range(4):
         for number, asked in enumerate(STACKS):

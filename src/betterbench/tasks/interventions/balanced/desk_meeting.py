@@ -24,7 +24,7 @@ from betterbench.tasks.suite.desk_meeting import (
 CROSSED = (
     "each object lies in each slot, with the laptop at either position",
     "the mouse goes to every side, the mug left or right, the speaker left or behind; each first or second",
-    "three objects at the start, or the two that are asked for",
+    "three objects at the start, or the two requested ones",
 )
 OBJECTS = (MOUSE, MUG, SPEAKER)
 PAIRS = (
@@ -38,7 +38,7 @@ PAIRS = (
 )
 NEAR, FAR = (FRONT_1, FRONT_2, FRONT_3), (FRONT_4, FRONT_5, FRONT_6)
 STARTS = ((NEAR, DESK_RIGHT, 1), (NEAR, DESK_LEFT, -1), (FAR, DESK_LEFT, 1), (FAR, DESK_RIGHT, -1))
-"""Slots, position of the laptop, and the direction in which objects are turned through the slots."""
+"""Slots, position of the laptop, and the direction in which objects rotate through the slots."""
 
 
 def balanced_desk_meeting() -> list[Condition]:

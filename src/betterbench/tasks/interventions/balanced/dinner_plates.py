@@ -1,7 +1,7 @@
 """Dinner plates, balanced: red and blue in every slot, with the white plate at either position.
 
-On the right of the white plate's right position nothing else fits, so that position occurs with the left slots alone;
-what would be a test scene there is left without the plate that is not asked for.
+Nothing else fits to the right of the white plate's right position, so that position occurs with the left slots only.
+Scenes that would be a test there lack the plate that is not requested.
 """
 
 from dataclasses import replace
@@ -25,8 +25,8 @@ from betterbench.tasks.suite.dinner_plates import (
 
 CROSSED = (
     "red and blue plates stand in each slot, with the white plate at either position",
-    "the word white goes with the white plate as the target and with the red one, with each slot of the blue plate",
-    "three plates at the start, or the two that are asked for",
+    "the word white occurs with the white plate as the target and with the red one, with each slot of the blue plate",
+    "three plates at the start, or the two requested ones",
 )
 ON_THE_STACK = replace(BLUE_ON_RED, text="Put the blue plate on the red plate that stands on the white plate.")
 MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_FRONT), (RIGHT_FRONT, LEFT_BACK))
@@ -47,6 +47,6 @@ def balanced_dinner_plates() -> list[Condition]:
 
 
 def _stacked(blue: a.Slot, white: a.Slot) -> list[Condition]:
-    """Return the stack to be built on, asked for in either way."""
+    """Return the stack as a target, in either wording."""
     layout = {RED: LEFT_BACK if blue is not LEFT_BACK else LEFT_FRONT, BLUE: blue, WHITE: white}
     return [a.condition(layout, asked, preplaced={RED: WHITE}) for asked in (BLUE_ON_RED, ON_THE_STACK)]

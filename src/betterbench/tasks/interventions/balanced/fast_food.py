@@ -22,7 +22,7 @@ CROSSED = (
     "each food stands in each slot equally often",
     "a burger comes first, second or not at all",
     "the fries and the drink come first, second or alone",
-    "two burgers and four things at the start, or one less of either",
+    "two burgers and four objects at the start, or one less of either",
 )
 FRIES_BURGER = order("the fries into the takeaway box, then a burger", FRIES, BURGER)
 DRINK_BURGER = order("the drink into the takeaway box, then a burger", DRINK, BURGER)
@@ -42,9 +42,9 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_fast_food() -> list[Condition]:
-    """Return four cyclic layouts with six orders each; an unasked thing or a burger is left out of every other one.
+    """Return four cyclic layouts with six orders each; every other one lacks an unrequested object or a burger.
 
-    Fries and drink together are what R1 and R2 ask for, so a meal without a burger is one of them alone.
+    Fries and drink together are the instructions of R1 and R2, so a meal without a burger is one of them alone.
     """
     found = []
     for turn in range(4):

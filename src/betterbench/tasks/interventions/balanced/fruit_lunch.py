@@ -22,7 +22,7 @@ CROSSED = (
     "the three fruits lie in the three slots in every order",
     "the apple comes first, second or not at all",
     "the orange and the lemon come first, second or alone",
-    "three fruits at the start, or one less that is not asked for",
+    "three fruits at the start, or one less that is not requested",
 )
 ORANGE_APPLE = pack("the orange into the lunchbox, then the apple", ORANGE, APPLE)
 LEMON_APPLE = pack("the lemon into the lunchbox, then the apple", LEMON, APPLE)
@@ -41,11 +41,11 @@ ASKED = (
 
 
 def balanced_fruit_lunch() -> list[Condition]:
-    """Return six layouts with six instructions each; an unasked fruit is left out of one in four.
+    """Return six layouts with six instructions each; one in four lacks an unrequested fruit.
 
-    So the other fruits are mostly there, and only the words tell which ones are meant. Orange and lemon together are
-    what R1 asks for, one after the other; only the other order of the two would be left, and would be a rule. So a
-    lunch without an apple is one of them alone. The start of L1 is among those that are left incomplete.
+    The other fruits are therefore mostly present, and only the words show which ones are meant. Orange and then lemon
+    is the instruction of R1. Only the other order of the two would be left, which would be a rule, so a lunch without
+    an apple is one of them alone. The start of L1 is among the incomplete ones.
     """
     found = []
     for number, slots in enumerate(itertools.permutations((FIRST, SECOND, THIRD))):

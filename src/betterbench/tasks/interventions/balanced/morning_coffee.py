@@ -1,7 +1,7 @@
 """Morning coffee, balanced: words and places are crossed where both mugs stand, and where one stands alone.
 
-Both mugs in the two slots and nothing else are the scenes of training and of the variations L1 to L4, so here a can
-stands aside: what is asked for follows from the words alone, and the scene is that of no test.
+The scenes of training and of the variations L1 to L4 are both mugs in the two slots and nothing else. Here a can is
+added aside: only the words determine the target, and the scene is not a test scene.
 """
 
 from betterbench.tasks import authoring as a
@@ -23,10 +23,10 @@ from betterbench.tasks.suite.morning_coffee import (
 )
 
 CROSSED = (
-    "both mugs are there, either way round, and each of the four words is said of each such scene",
+    "both mugs are present, in either order, and each of the four words occurs with each such scene",
     "the mug that a color names stands near or far equally often, and so does the one beside it",
     "the mug that a position names is red or blue equally often",
-    "one thing, two or three at the start",
+    "one, two or three objects at the start",
 )
 BLUE_CAN = a.distractor("blue_can", category="can", color="blue")
 IN_FRONT = a.Slot("in_front", 0.71, 0.0, yaw=-1.5708)

@@ -1,6 +1,6 @@
 """Office drawer, balanced: stapler and tape in every slot and in either drawer, the cabinet at either position.
 
-"The stapler into the lower drawer" alone is the instruction of a test; it is asked for together with the tape only.
+"The stapler into the lower drawer" alone is the instruction of a test; here it occurs only together with the tape.
 """
 
 from betterbench.tasks import authoring as a
@@ -24,7 +24,7 @@ from betterbench.tasks.suite.office_drawer import (
 CROSSED = (
     "stapler and tape lie in each slot, with the cabinet at either position",
     "stapler and tape go into either drawer, and either comes first",
-    "both things on the table, or the one that is not asked for left out",
+    "both objects on the table, or without the one that is not requested",
 )
 LAYOUTS = (
     {STAPLER: LEFT_BACK, TAPE: LEFT_FRONT, CABINET: CABINET_BACK},
@@ -35,7 +35,7 @@ LAYOUTS = (
 
 
 def balanced_office_drawer() -> list[Condition]:
-    """Return four layouts with two things in one drawer each, its drawer shut or open, and both exchanged."""
+    """Return four layouts with two objects in one drawer each, with its drawer closed or open, and both exchanged."""
     found = []
     for layout in LAYOUTS:
         for thing, other, into in ((STAPLER, TAPE, UPPER), (TAPE, STAPLER, LOWER)):

@@ -18,9 +18,9 @@ from betterbench.tasks.suite.seasoning_rack import (
 )
 
 CROSSED = (
-    "each jar stands in each slot equally often, with each sentence too",
+    "each jar stands in each slot equally often, also for each instruction",
     "each jar goes into each hole equally often, alone and with another one",
-    "each jar comes first or second; all jars on the table, or one that is not asked for left out",
+    "each jar comes first or second; all jars on the table, or without one that is not requested",
 )
 JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 
@@ -28,7 +28,7 @@ JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 def balanced_seasoning_rack() -> list[Condition]:
     """Return each jar alone into each hole, and each ordered pair into two holes, each in three cyclic layouts.
 
-    So no sentence tells where its jars stand.
+    No instruction therefore determines the slots of its jars.
     """
     holes = tuple(HOLES)
     found = []

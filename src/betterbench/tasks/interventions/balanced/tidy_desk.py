@@ -27,7 +27,7 @@ CROSSED = (
     "napkin and can lie in each slot of trash equally often",
     "the napkin or the can is named first",
     "mouse, mug and keyboard exchange their places, or the mouse lies in a slot of trash",
-    "five things at the start, or one of the trash that is not asked for left out",
+    "five things at the start, or without one piece of trash that is not requested",
 )
 OTHER_ORDER = throw("the crushed can and the crumpled napkin", CAN, NAPKIN)
 ASKED = (BOTH, OTHER_ORDER, NAPKIN_ONLY, CAN_ONLY)
@@ -39,7 +39,7 @@ VALUABLES = (
     {KEYBOARD: PLACE_1, MUG: PLACE_2},
 )
 FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
-"""Per layout of the trash a slot that is free in it."""
+"""A free slot for each layout of the trash."""
 
 
 def balanced_tidy_desk() -> list[Condition]:

@@ -1,9 +1,9 @@
-"""The diverse-confounded regime: the balanced one, except that each word stays tied to its place.
+"""The diverse-confounded regime: like the balanced one, except that each word stays tied to its slot.
 
-It shows as many conditions as the balanced regime, at least as many layouts, and the same objects beside those that are
-requested. All of its conditions that keep the words tied are those of the balanced regime. In place of the others it
-has conditions with other objects beside the one that is requested, or without them. So learners of the two differ by
-what a word goes with, and not by how much they were shown.
+It has as many conditions as the balanced regime, at least as many layouts, and the same additional objects. All
+balanced conditions that keep the words tied are included. The others are replaced by conditions with other objects
+beside the requested one, or without them. Learners of the two regimes therefore differ in the associations of words,
+and not in the amount of data.
 
 Two tasks have it, one file each, see :mod:`betterbench.tasks.interventions.listed_regimes`.
 """

@@ -24,8 +24,8 @@ from betterbench.tasks.suite.dinner_plates import (
 CROSSED = (
     "tied: the red plate always stands in one of the back slots, and the blue plate in one of the front slots",
     "red and blue plates stand in each of their two slots, with the white plate at either position",
-    "the word white goes with the white plate as the target and with the red one",
-    "three plates at the start, or the two that are asked for",
+    "the word white occurs with the white plate as the target and with the red one",
+    "three plates at the start, or the two requested ones",
 )
 PLACES = {RED.name: (LEFT_BACK.name, RIGHT_BACK.name), BLUE.name: (LEFT_FRONT.name, RIGHT_FRONT.name)}
 
@@ -50,5 +50,5 @@ def diverse_dinner_plates() -> list[Condition]:
 
 
 def _is_tied(condition: Condition) -> bool:
-    """Tell whether each plate that stands on the table stands where it does in training."""
+    """Tell whether each plate on the table is in its trained slot."""
     return all(condition.layout.get(plate, slots[0]) in slots for plate, slots in PLACES.items())

@@ -1,6 +1,6 @@
 """Morning coffee, diverse-confounded: "red" always means the near mug and "blue" the far one, as in training.
 
-The conditions with "top" and "bottom", which are places, are those of the balanced regime.
+The conditions with "top" and "bottom", which are position words, are those of the balanced regime.
 """
 
 from betterbench.tasks import authoring as a
@@ -11,8 +11,8 @@ from betterbench.tasks.suite.morning_coffee import BLUE, BLUE_MUG, FAR, MACHINE,
 CROSSED = (
     "tied: “red” always means the red mug in the near slot, and “blue” the blue mug in the far slot",
     "the mug that a position names is red or blue equally often",
-    "beside the mug that is asked for: the other mug, a red can, a blue can, both cans, or nothing",
-    "one thing, two or three at the start",
+    "beside the requested mug: the other mug, a red can, a blue can, both cans, or nothing",
+    "one, two or three objects at the start",
 )
 TIED = {RED.text: (RED_MUG.name, NEAR.name), BLUE.text: (BLUE_MUG.name, FAR.name)}
 
@@ -35,6 +35,6 @@ def diverse_morning_coffee() -> list[Condition]:
 
 
 def _is_tied(condition: Condition) -> bool:
-    """Tell whether a color means the mug that it means in training; a position names no mug."""
+    """Tell whether a color refers to its trained mug; a position word does not name a mug."""
     mug, slot = TIED.get(condition.instruction.text, ("", ""))
     return not mug or condition.layout[mug] == slot

@@ -1,4 +1,4 @@
-"""CALVIN ABC→D by the book, as far as no simulator is needed: chains, starts, rules of success, and their numbers."""
+"""The rules of CALVIN ABC→D that need no simulator: chains, starts, success rules, and results."""
 
 from betterbench.tasks.worlds.calvin.play_table import BlockInfo, PlayTable, read_play_table
 from betterbench.tasks.worlds.calvin.resampling import TRAINING_RANGE, resampled_start_of

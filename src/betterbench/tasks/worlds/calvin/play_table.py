@@ -19,11 +19,11 @@ class BlockInfo:
     """State of a movable block.
 
     Attributes:
-        body: Number of its body.
+        body: Index of its body.
         position: Position in the world [m].
         rotation: Unit quaternion (w, x, y, z) of R_world_block.
         velocity: Linear [m/s] and angular velocity [rad/s], six numbers.
-        contacts: Links that touch it.
+        contacts: Links in contact with it.
     """
 
     body: int
@@ -34,7 +34,7 @@ class BlockInfo:
 
     @property
     def bodies(self) -> frozenset[int]:
-        """Numbers of the bodies that touch it."""
+        """Indices of the bodies in contact with it."""
         return frozenset(body for body, _ in self.contacts)
 
 
@@ -43,8 +43,8 @@ class PlayTable:
     """State of the scene at one control step.
 
     Attributes:
-        robot: Number of the robot's body.
-        touched: Numbers of the bodies that the robot touches.
+        robot: Index of the robot's body.
+        touched: Indices of the bodies that the robot touches.
         blocks: The blocks by CALVIN's names ("block_red").
         table: Links of the table by name, each as a contact.
         doors: Joint positions [m] by name ("base__drawer").
@@ -60,13 +60,13 @@ class PlayTable:
 
 
 def read_play_table(info: Mapping[str, Any]) -> PlayTable:
-    """Read what ``env.get_info()`` of calvin_env returns.
+    """Read the result of ``env.get_info()`` of calvin_env.
 
     Contacts are tuples of PyBullet's ``getContactPoints``: the third number is the other body, the fifth its link.
     Quaternions of PyBullet are (x, y, z, w).
 
     Raises:
-        InvalidInputError: If a part is missing or of another form.
+        InvalidInputError: If a part is missing or malformed.
     """
     try:
         robot, scene = info["robot_info"], info["scene_info"]
@@ -82,7 +82,7 @@ def read_play_table(info: Mapping[str, Any]) -> PlayTable:
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError, IndexError) as problem:
         raise InvalidInputError(
             "get_info() of CALVIN",
-            f"has not the form of calvin_env@797142c: {type(problem).__name__}: {problem}",
+            f"does not have the form of calvin_env@797142c: {type(problem).__name__}: {problem}",
             "Use that version, with use_scene_info=True",
         ) from problem
 
@@ -97,7 +97,7 @@ def _block(found: Mapping[str, Any]) -> BlockInfo:
 
 
 def _number(value: float | Sequence[float]) -> float:
-    """Return a joint position that may stand alone or as the first of a sequence."""
+    """Return a joint position given as a number or as the first element of a sequence."""
     return finite_number(value[0] if isinstance(value, Sequence) else value)
 
 

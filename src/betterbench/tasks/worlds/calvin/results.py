@@ -17,7 +17,7 @@ _SEED = 0
 
 @dataclass(frozen=True, slots=True)
 class SubtaskResult:
-    """Result of a subtask that was begun; ``steps`` is its number of control steps."""
+    """Result of a started subtask; ``steps`` is its number of control steps."""
 
     name: str
     success: bool
@@ -26,9 +26,9 @@ class SubtaskResult:
 
 @dataclass(frozen=True, slots=True)
 class ChainResult:
-    """Result of a chain: its number among the 1,000, and its subtasks up to the first that failed.
+    """Result of a chain: its index among the 1,000, and its subtasks up to the first failure.
 
-    A chain without subtasks was not played: its length is 0, and it counts for no subtask.
+    A chain without subtasks was not run: its length is 0, and it does not count for any subtask.
     """
 
     number: int
@@ -51,14 +51,14 @@ class MeanLength:
 
 @dataclass(frozen=True, slots=True)
 class ChainSummary:
-    """Results of one run in numbers.
+    """Numerical results of one run.
 
     Attributes:
         chains: Number of chains.
         in_a_row: Rates of chains with at least 1, 2, 3, 4 and 5 subtasks done.
         length: The average length.
-        subtasks: Success rate of each subtask, by name, over the chains that reached it. A policy reaches the later
-            ones only after success, so the rates of two policies are not over the same trials.
+        subtasks: Success rate of each subtask, by name, over the chains that reached it. A policy reaches later
+            subtasks only after successes, so the rates of two policies are not over the same trials.
     """
 
     chains: int
@@ -81,9 +81,9 @@ class ChainContrast:
     """Comparison of two runs on the same chains.
 
     Attributes:
-        chains: Number of chains that both played.
-        p_values: Exact McNemar tests of the five rates, corrected by Holm's method for being five.
-        difference: Average length of the first minus that of the second, as a part of 5, by the paired bootstrap.
+        chains: Number of chains in both runs.
+        p_values: Exact McNemar tests of the five rates, with Holm's correction for five tests.
+        difference: Average length of the first minus that of the second, divided by 5, by the paired bootstrap.
     """
 
     chains: int
@@ -92,10 +92,10 @@ class ChainContrast:
 
 
 def summarize(results: Sequence[ChainResult]) -> ChainSummary:
-    """Return the numbers of a run.
+    """Return the numerical results of a run.
 
     Raises:
-        InvalidInputError: If there is no chain, one stands twice, or a subtask is not that of its chain.
+        InvalidInputError: If there is no chain, a chain occurs twice, or a subtask is not that of its chain.
     """
     _check(results)
     n = len(results)
@@ -113,17 +113,17 @@ def summarize(results: Sequence[ChainResult]) -> ChainSummary:
 
 
 def contrast(first: Sequence[ChainResult], second: Sequence[ChainResult]) -> ChainContrast:
-    """Compare two runs on the chains that both have played.
+    """Compare two runs on their common chains.
 
     Raises:
-        InvalidInputError: If they share none, or one of them is not what :func:`summarize` takes.
+        InvalidInputError: If they have no common chain, or :func:`summarize` rejects one of them.
     """
     _check(first)
     _check(second)
     other = {result.number: result for result in second}
     pairs = [(result, other[result.number]) for result in first if result.number in other]
     if not pairs:
-        raise InvalidInputError("chains", "the two runs share none", "Play the same chains with both")
+        raise InvalidInputError("chains", "the two runs share none", "Run the same chains with both")
     tables = [
         PairedTable.from_outcomes((a.length >= k, b.length >= k) for a, b in pairs) for k in range(1, CHAIN_LENGTH + 1)
     ]
@@ -146,17 +146,17 @@ def _check(results: Sequence[ChainResult]) -> None:
         names = tuple(subtask.name for subtask in result.played)
         if names != every[result.number].names[: len(names)]:
             raise InvalidInputError(
-                where, f"has not the subtasks {', '.join(every[result.number].names)}", "Play these"
+                where, f"does not have the subtasks {', '.join(every[result.number].names)}", "Run these"
             )
         ended = len(names) == CHAIN_LENGTH or not result.played[-1].success
         if not ended or not all(subtask.success for subtask in result.played[:-1]):
             raise InvalidInputError(
-                where, "does not end with its first failure", "Play on until one fails, or all are done"
+                where, "does not end with its first failure", "Continue until one fails, or all are done"
             )
 
 
 def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
-    """Return the average length; where all chains are equally long, the ends are those of Wilson for n of n."""
+    """Return the average length; if all chains are equally long, the interval is Wilson's for n of n."""
     empty = [ChainResult(result.number, ()) for result in results]
     found = _difference(list(zip(results, empty, strict=True)))
     mean = sum(result.length for result in results) / len(results)
@@ -168,7 +168,7 @@ def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
 
 
 def _difference(pairs: Sequence[tuple[ChainResult, ChainResult]]) -> Difference:
-    """Return the mean difference of lengths as a part of 5; chains with the same start are drawn together."""
+    """Return the mean difference of lengths divided by 5; chains with the same start are resampled together."""
     every = calvin_chains()
     ordered = sorted(pairs, key=lambda pair: pair[0].number)
     return paired_bootstrap(

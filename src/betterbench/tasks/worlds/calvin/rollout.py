@@ -1,4 +1,4 @@
-"""Rollout of a chain: five instructions in a row, until one is not carried out."""
+"""Rollout of a chain: five instructions in a row, until one fails."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.calvin.sequences import Chain
 from betterbench.tasks.worlds.calvin.starts import ChainStart, start_of
 
 STEPS_PER_SUBTASK = 360
-"""Control steps that a policy has for each instruction (EP_LEN); 12 s at 30 Hz."""
+"""Maximum control steps of each instruction (EP_LEN); 12 s at 30 Hz."""
 
 ObservationT = TypeVar("ObservationT")
 SeenT_co = TypeVar("SeenT_co", covariant=True)
@@ -21,16 +21,16 @@ ShownT_contra = TypeVar("ShownT_contra", contravariant=True)
 
 
 class ChainWorld(Protocol[SeenT_co]):
-    """Interface of the simulator that chains are played in."""
+    """Interface of the simulator for chains."""
 
     def reset(self, start: ChainStart) -> SeenT_co:
-        """Set robot and scene, and return the observation."""
+        """Reset robot and scene, and return the observation."""
 
     def info(self) -> PlayTable:
-        """Return the scene as it is."""
+        """Return the current state of the scene."""
 
     def step(self, action: np.ndarray) -> SeenT_co:
-        """Carry out one action for one control step, and return the observation.
+        """Execute one action for one control step, and return the observation.
 
         Args:
             action: (7,) float: relative position and Euler angles in [-1, 1], and the gripper, 1 = open, -1 = close.
@@ -38,10 +38,10 @@ class ChainWorld(Protocol[SeenT_co]):
 
 
 class ChainPolicy(Protocol[ShownT_contra]):
-    """Interface of the policy that plays chains."""
+    """Interface of a policy for chains."""
 
     def reset(self) -> None:
-        """Forget what was; called before every instruction."""
+        """Reset the policy; called before every instruction."""
 
     def act(self, observation: ShownT_contra, instruction: str) -> np.ndarray:
         """Return the next action, (7,) float."""
@@ -54,10 +54,10 @@ def play_chain(
     *,
     steps: int = STEPS_PER_SUBTASK,
 ) -> ChainResult:
-    """Play one chain as CALVIN's ``evaluate_sequence`` does.
+    """Run one chain like CALVIN's ``evaluate_sequence``.
 
-    The robot returns to its start before the chain only, the policy is reset before each instruction, and a subtask is
-    done at the first step at which its rule holds against the scene in which it began. The chain ends with the first
+    The robot returns to its start only before the chain, and the policy is reset before each instruction. A subtask is
+    done at the first step at which its rule is true against the scene in which it began. The chain ends with the first
     subtask that is not done.
     """
     observation = world.reset(start_of(chain.start))

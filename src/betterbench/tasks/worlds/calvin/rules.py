@@ -1,4 +1,4 @@
-"""Success rules of CALVIN's subtasks, which compare the scene at the beginning of a subtask with the present one.
+"""Success rules of CALVIN's subtasks, which compare the scene at the beginning of a subtask with the current one.
 
 The rules are those of ``calvin_env/envs/tasks.py`` of calvin_env@797142c. In earlier versions a lifted block must not
 have touched the robot at the beginning, and a pushed block must have exactly the same contacts.
@@ -25,10 +25,10 @@ from betterbench.tasks.worlds.calvin.subtasks import (
 
 MOST_TILT_DEG = 30.0
 MOST_SHIFT_M = 0.1
-"""Largest tilt about x or y, and largest displacement, of a block that is rotated."""
+"""Largest tilt about x or y, and largest displacement, of a rotated block."""
 
 REST = 1.0
-"""Each component of linear [m/s] and angular velocity [rad/s] of a block at rest is smaller."""
+"""Bound on each component of linear [m/s] and angular velocity [rad/s] of a block at rest."""
 
 
 def done(rule: Rule, start: PlayTable, now: PlayTable) -> bool:
@@ -36,8 +36,8 @@ def done(rule: Rule, start: PlayTable, now: PlayTable) -> bool:
 
     Args:
         rule: Rule of the subtask.
-        start: Scene when the subtask began.
-        now: Scene at this step.
+        start: Scene at the beginning of the subtask.
+        now: Current scene.
     """
     match rule:
         case Rotate():
@@ -70,7 +70,7 @@ def _rotated(rule: Rotate, start: PlayTable, now: PlayTable) -> bool:
     roll = math.degrees(math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
     pitch = math.degrees(math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))))
     yaw = math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-    # The official rule wants strictly less than half a turn.
+    # The official rule requires strictly less than half a turn.
     turned = rule.degrees < yaw < 180.0 if rule.degrees > 0 else rule.degrees > yaw > -180.0
     return turned and abs(roll) < MOST_TILT_DEG and abs(pitch) < MOST_TILT_DEG
 
@@ -105,7 +105,7 @@ def _placed(rule: Place, start: PlayTable, now: PlayTable) -> bool:
 
 def _fell(rule: PushInto, start: PlayTable, now: PlayTable, name: str) -> bool:
     before, after = start.blocks[name], now.blocks[name]
-    # The official rule looks for the robot's number among pairs of body and link, where it never is: it may touch.
+    # The official rule searches for the robot's index among pairs of body and link, where it never is: it may touch.
     return before.contacts == {start.table[rule.from_link]} and now.table[rule.link] in after.contacts
 
 
@@ -115,6 +115,6 @@ def _on(block: BlockInfo, scene: PlayTable) -> bool:
 
 
 def _stacked(block: BlockInfo, scene: PlayTable) -> bool:
-    """Return whether a block touches blocks and nothing else, at rest."""
+    """Return whether a block touches only other blocks, and is at rest."""
     bodies = {other.body for other in scene.blocks.values()}
     return _on(block, scene) and block.bodies <= bodies and all(abs(part) < REST for part in block.velocity)

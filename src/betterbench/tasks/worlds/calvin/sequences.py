@@ -43,8 +43,8 @@ class Chain:
     """Five subtasks in a row from one start.
 
     Attributes:
-        number: Its place among the 1,000, from 0.
-        start: The symbolic state in which it begins, in CALVIN's order of keys.
+        number: Its index among the 1,000.
+        start: Its symbolic start state, in CALVIN's order of keys.
         names: Its subtasks.
     """
 
@@ -68,15 +68,15 @@ def start_states() -> tuple[SymbolicState, ...]:
 
 
 def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
-    """Draw subtasks for chains from one start as CALVIN does: five different ones, until they can follow each other.
+    """Draw subtasks for chains from one start like CALVIN: five different ones, repeated until they are feasible.
 
     CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``, which is the beginning of a permutation
-    by the legacy generator, whose stream NumPy keeps for ever.
+    by NumPy's legacy generator, whose stream is frozen.
 
     Args:
         start: Symbolic start.
         count: Number of chains.
-        seed: Number of the start among the 192, which is CALVIN's seed.
+        seed: Index of the start among the 192, which is CALVIN's seed.
     """
     generator = np.random.RandomState(seed)
     every = subtasks()
@@ -89,7 +89,7 @@ def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str
 
 
 def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
-    """Return whether subtasks can follow each other from a start, each in just one way, with different categories."""
+    """Return whether subtasks can follow each other from a start, each in exactly one way, of distinct categories."""
     state = start
     for subtask in chosen:
         after = subtask.after(state)
@@ -100,7 +100,7 @@ def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
 
 
 def draw_chains() -> tuple[Chain, ...]:
-    """Draw all 1,000 chains anew, as CALVIN's ``get_sequences(1000)`` does; takes about a minute."""
+    """Draw all 1,000 chains again, like CALVIN's ``get_sequences(1000)``; takes about a minute."""
     starts = start_states()
     counts = [len(part) for part in np.array_split(range(CHAINS), len(starts))]
     pairs = [
@@ -128,7 +128,7 @@ def _every_chain() -> tuple[Chain, ...]:
     )
     digest = hashlib.sha256(chain_text(chains).encode()).hexdigest()
     if digest != GOLDEN:
-        problem = f"its chains have the digest {digest[:12]}… and not CALVIN's {GOLDEN[:12]}…"
+        problem = f"its chains have the digest {digest[:12]}… instead of CALVIN's {GOLDEN[:12]}…"
         raise InvalidInputError("chains.json", problem, "Install betterbench again")
     return chains
 
@@ -136,11 +136,11 @@ def _every_chain() -> tuple[Chain, ...]:
 def calvin_chains(count: int = CHAINS) -> tuple[Chain, ...]:
     """Return the first ``count`` of the 1,000 chains.
 
-    They are the first of the thousand: CALVIN's own ``get_sequences(100)`` draws a hundred others, and a number
-    measured on those is not comparable with one on a thousand.
+    They are the first of the thousand. CALVIN's own ``get_sequences(100)`` draws a different hundred, whose results are
+    not comparable with those on a thousand.
 
     Raises:
-        InvalidInputError: If there are not so many.
+        InvalidInputError: If ``count`` is out of range.
     """
     if not 1 <= count <= CHAINS:
         raise InvalidInputError(

@@ -47,12 +47,11 @@ class ChainStart:
 
 
 def pyhash_fnv1_32(text: str) -> int:
-    """Return what ``pyhash.fnv1_32()(text)`` returns for a ``str``, which seeds CALVIN's starts.
+    """Return the result of ``pyhash.fnv1_32()(text)`` for a ``str``, which seeds CALVIN's starts.
 
-    pyhash 0.9.3 begins with 0 instead of FNV's offset basis (that is FNV-0), and reads the text as UTF-16, little
-    endian, without byte order mark.
-    FNV-1 over UTF-8, which ports of CALVIN use in its place, gives other seeds: other yaws in every start, and other
-    places of the blocks in 107 of the 192.
+    pyhash 0.9.3 begins with 0 instead of FNV's offset basis (this is FNV-0), and reads the text as UTF-16, little
+    endian, without byte order mark. FNV-1 over UTF-8, which ports of CALVIN use instead, gives other seeds: other yaws
+    in every start, and other block positions in 107 of the 192 starts.
     """
     value = 0
     for byte in text.encode("utf-16-le"):
@@ -67,10 +66,10 @@ def start_seed(state: SymbolicState) -> int:
 
 
 def start_of(state: SymbolicState) -> ChainStart:
-    """Return the numbers of a symbolic start, as CALVIN's ``get_env_state_for_initial_condition`` does.
+    """Return the numbers of a symbolic start, like CALVIN's ``get_env_state_for_initial_condition``.
 
-    Which of two places a block on the table takes, and the yaw of each block, are drawn from a generator whose seed is
-    :func:`start_seed`: each symbolic start has one scene.
+    The position of a block on the table, one of two, and the yaw of each block are drawn from a generator with the seed
+    :func:`start_seed`, so each symbolic start has one scene.
     """
     generator = np.random.RandomState(start_seed(state))
     on_table = list(_ON_TABLE)
@@ -80,7 +79,7 @@ def start_of(state: SymbolicState) -> ChainStart:
     scene[1] = DRAWER_OPEN_M if state["drawer"] == "open" else 0.0
     scene[3] = SWITCH_ON_M if state["lightbulb"] == 1 else 0.0
     scene[4], scene[5] = float(state["lightbulb"]), float(state["led"])
-    # The first block on the table takes the first place; pink always takes the second.
+    # The first block on the table gets the first position; pink always gets the second.
     free = {"red_block": 0, "blue_block": 1 if state["red_block"] == "table" else 0, "pink_block": 1}
     for i, block in enumerate(BLOCKS):
         at = 6 + 6 * i

@@ -30,7 +30,7 @@ class Change:
     then: dict[str, SymbolValue]
 
     def allowed(self, state: SymbolicState) -> bool:
-        """Return whether a state has the values that this change needs."""
+        """Return whether a state has the required values of this change."""
         return all(
             state[key] in wanted if isinstance(wanted, list) else state[key] == wanted
             for key, wanted in self.when.items()
@@ -40,7 +40,7 @@ class Change:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Rotate:
-    """The block turned about the vertical by more than ``degrees`` (left is positive), untilted and in its place."""
+    """The block rotated about the vertical by more than ``degrees`` (left is positive), untilted and in place."""
 
     kind: Literal["rotate"]
     block: str
@@ -50,7 +50,7 @@ class Rotate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Push:
-    """The block moved along x by more than ``along_x_m`` (right is positive) and still lies on what it lay on."""
+    """The block moved along x by more than ``along_x_m`` (right is positive) and still has the same support."""
 
     kind: Literal["push"]
     block: str
@@ -60,7 +60,7 @@ class Push:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MoveDoor:
-    """A joint moved by more than ``by_m`` in that direction."""
+    """A joint moved by more than ``by_m`` in the given direction."""
 
     kind: Literal["move_door"]
     door: str
@@ -70,7 +70,7 @@ class MoveDoor:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Lift:
-    """The block lay on the link of the table, is now higher by more than ``by_m``, and only the robot touches it."""
+    """The block was on the link of the table, is now higher by more than ``by_m``, and touches only the robot."""
 
     kind: Literal["lift"]
     block: str
@@ -81,7 +81,7 @@ class Lift:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The block that only the robot held now touches the link of the table, and no longer the robot."""
+    """The block touched only the robot, and now touches the link of the table and not the robot."""
 
     kind: Literal["place"]
     link: str
@@ -90,7 +90,7 @@ class Place:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PushInto:
-    """Some block that touched one link of the table and nothing else now touches another."""
+    """A block that touched only one link of the table now touches another one."""
 
     kind: Literal["push_into"]
     from_link: str
@@ -100,7 +100,7 @@ class PushInto:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StackBlocks:
-    """A block that touched no block now touches blocks and nothing else, and rests."""
+    """A block that touched no block now touches only blocks, and is at rest."""
 
     kind: Literal["stack"]
 
@@ -108,7 +108,7 @@ class StackBlocks:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class UnstackBlocks:
-    """A block that touched blocks and nothing else, at rest, now touches no block."""
+    """A block that touched only blocks, at rest, now touches no block."""
 
     kind: Literal["unstack"]
 
@@ -133,11 +133,11 @@ class Subtask:
     """Subtask of CALVIN: its instruction, its success rule, and the changes that it makes.
 
     Attributes:
-        name: CALVIN's name of it ("open_drawer").
-        instruction: The sentence of the evaluation, the first of ``new_playtable_validation.yaml``.
-        category: No chain has two subtasks of the same category.
+        name: CALVIN's name ("open_drawer").
+        instruction: The instruction of the evaluation, the first of ``new_playtable_validation.yaml``.
+        category: A chain never has two subtasks of the same category.
         rule: Success rule.
-        changes: The ways in which it can happen; a chain only has subtasks that can happen in exactly one way.
+        changes: The possible changes; a chain contains only subtasks with exactly one possible change.
     """
 
     name: str
@@ -147,7 +147,7 @@ class Subtask:
     changes: list[Change]
 
     def after(self, state: SymbolicState) -> SymbolicState | None:
-        """Return the state that this subtask leads to, or None if it can happen in no way or in several."""
+        """Return the state after this subtask, or None if it has no or several possible changes."""
         ways = [change for change in self.changes if change.allowed(state)]
         return MappingProxyType({**state, **ways[0].then}) if len(ways) == 1 else None
 
@@ -175,7 +175,7 @@ def subtask_named(name: str) -> Subtask:
     """Return one subtask.
 
     Raises:
-        UnknownNameError: If CALVIN has none of that name.
+        UnknownNameError: If CALVIN has no subtask of this name.
     """
     if name not in _by_name():
         raise UnknownNameError("subtask of CALVIN", name, _by_name())

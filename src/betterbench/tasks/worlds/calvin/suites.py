@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from betterbench.tasks.worlds.libero import Suite
+from betterbench.tasks.worlds.facts import Suite, WorldFacts, register_facts
 
 OFFICIAL, RESAMPLED = "calvin", "calvin_resampled"
 
@@ -17,3 +17,5 @@ CHAIN_SUITES: Mapping[str, Suite] = {
     )
 }
 """The suites of CALVIN by name."""
+
+CALVIN = register_facts(WorldFacts(name="calvin", title="CALVIN", suites=CHAIN_SUITES, reading="chains"))

@@ -1,0 +1,232 @@
+"""Readers of the records of a run: how its world is read by the diagnosis, and what is said about its trials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from pydantic import TypeAdapter
+
+from betterbench.diagnosis import libero
+from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
+from betterbench.diagnosis.trial import Reading, read_trial
+from betterbench.diagnosis.verdict import Evidence, RunDiagnosis, TrialDiagnosis
+from betterbench.errors import RecordError
+from betterbench.json_form import open_form, read_form
+from betterbench.quoting import shell_word
+from betterbench.records import Record, RunFolder
+from betterbench.tasks import Expected, TrialId
+from betterbench.tasks.interventions.resolve import resolve_condition
+from betterbench.tasks.labels import Label
+from betterbench.tasks.worlds import facts
+from betterbench.tasks.worlds.libero_plus import axis_of
+from betterbench.tasks.worlds.libero_training import TrainedTask
+
+
+class Reader(Protocol):
+    """Reader of the records of a run."""
+
+    @property
+    def twins_elsewhere(self) -> bool:
+        """Whether the twins of a run may be the trials of another run."""
+
+    @property
+    def finds_favorites(self) -> bool:
+        """Whether a policy may be found that goes for one kind of object, whatever is asked for."""
+
+    @property
+    def twins_cure(self) -> str:
+        """How trials get their twins, for notes."""
+
+    def read(self, record: Record, *, path: str | None = None) -> Reading:
+        """Return the reading of one record."""
+
+    def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
+        """Return the diagnosis of a planned trial that has no record."""
+
+    def group(self, task: str) -> str:
+        """Return what the rules of a policy are judged by: its task, or a suite of tasks with one sentence each."""
+
+    def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
+        """Return notes about the world of a run."""
+
+    def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
+        """Return notes about what other runs would show."""
+
+
+class OwnReader:
+    """Reader of runs in our own scenes: conditions and training distributions are those of the tasks."""
+
+    twins_elsewhere = finds_favorites = False
+    twins_cure = "run their training conditions with the same seeds"
+
+    def read(self, record: Record, *, path: str | None = None) -> Reading:
+        """Return the reading of one record."""
+        return read_trial(record, path=path)
+
+    def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
+        """Return the diagnosis of a planned trial that has no record."""
+        resolved = resolve_condition(trial.task, trial.condition)
+        return TrialDiagnosis(
+            task=trial.task, variation=None if resolved.variation is None else trial.condition,
+            condition=resolved.base, axis=resolved.axis, seed=trial.seed, policy=policy,
+            instruction=resolved.condition.instruction.text, success=False,
+            expected=resolved.condition.expected.value, label=label_without_record(reason), first_attempt=None,
+            first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None, intended_any=(),
+            intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason), collisions=None,
+            steps=0, duration_s=0.0, record=None,
+        )  # fmt: skip
+
+    def group(self, task: str) -> str:
+        """Return the task: the rules of a policy are judged per task."""
+        return task
+
+    def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
+        """Return no notes."""
+        del run, found
+        return ()
+
+    def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
+        """Return no notes."""
+        del trials
+        return ()
+
+
+class LiberoReader(libero.LiberoRun):
+    """Reader of runs in LIBERO and LIBERO-Plus: goals are those of the files, training that of the base suite."""
+
+    twins_elsewhere = finds_favorites = True
+    twins_cure = libero.TWINS_CURE
+
+    def group(self, task: str) -> str:
+        """Return the suite of a task, because each task of LIBERO has one sentence alone."""
+        return libero.suite_of(task)
+
+    def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
+        """Return the limits of LIBERO's suites, and the variants that were not run."""
+        return (libero.NOTE, *_plus_notes(run, found))
+
+    def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
+        """Return which suites would say more about a run of base suites."""
+        untold = libero.untold_by(trials)
+        if not untold:
+            return ()
+        return (f"A base suite shows what training showed: to learn why the policy succeeds, {untold}.",)
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeReader:
+    """Reader of runs in a world of which no more is known than how each trial ended.
+
+    Attributes:
+        title: Name of the world in messages.
+    """
+
+    title: str
+    twins_elsewhere: bool = False
+    finds_favorites: bool = False
+    twins_cure: str = OwnReader.twins_cure
+
+    def read(self, record: Record, *, path: str | None = None) -> Reading:
+        """Return the reading of one record: success, a policy that stopped, or the step limit."""
+        m = record.metadata
+        text = (
+            f"The goal {', '.join(m.subgoal_names)} is not met at the end. Why a trial failed is not judged in "
+            f"{self.title}."
+        )
+        unmet = (Label.TIMEOUT, Evidence("outcome_alone", text, float(record.time[-1]), float(record.time[-1])))
+        found = libero.by_outcome(record, path, unmet=unmet, condition=m.base_condition or m.condition, axis=m.axis)
+        return Reading(found, (), None)
+
+    def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
+        """Return the diagnosis of a planned trial that has no record."""
+        return TrialDiagnosis(
+            task=trial.task, variation=None, condition=trial.condition, axis=None, seed=trial.seed, policy=policy,
+            instruction="", success=False, expected=Expected.SUCCEED.value, label=label_without_record(reason),
+            first_attempt=None, first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None,
+            intended_any=(), intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason),
+            collisions=None, steps=0, duration_s=0.0, record=None,
+        )  # fmt: skip
+
+    def group(self, task: str) -> str:
+        """Return the task."""
+        return task
+
+    def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
+        """Return the limit of this reading."""
+        del run, found
+        return (f"Of a trial in {self.title}, no more is judged than how it ended.",)
+
+    def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
+        """Return no notes."""
+        del trials
+        return ()
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _WorldTaskForm:
+    """Fields of a stored LIBERO task that the diagnosis reads."""
+
+    instruction: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _WorldForm:
+    """Fields of a run's stored world settings that the diagnosis reads."""
+
+    regime: tuple[TrainedTask, ...]
+    tasks: dict[str, _WorldTaskForm]
+
+
+_WORLD = TypeAdapter(_WorldForm)
+
+
+def reader_of(run: RunFolder) -> Reader:
+    """Return the reader of a run, as its world is read; RecordError if its plan lacks what reading needs."""
+    return _READERS[run.world.reading](run)
+
+
+def _own(run: RunFolder) -> Reader:
+    del run
+    return OwnReader()
+
+
+def _libero(run: RunFolder) -> Reader:
+    """Return the reader of a run in LIBERO, with its training distribution and its instructions."""
+    where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
+    form = read_form(_WORLD, run.plan["world"], where=where, cure=cure, raises=RecordError)
+    return LiberoReader.of(form.regime, {name: task.instruction for name, task in form.tasks.items()})
+
+
+def _by_outcomes(run: RunFolder) -> Reader:
+    return OutcomeReader(run.world.title)
+
+
+def _of_chains(run: RunFolder) -> Reader:
+    raise RecordError(
+        f"{run.path}: a run in {run.world.title} gets no labels, because its success rules name no target for every "
+        f"subtask. Give `better compare {shell_word(run.path)}` for its five rates, its average length and its rates "
+        "per subtask."
+    )
+
+
+_READERS: Mapping[facts.Reading, Callable[[RunFolder], Reader]] = {
+    "conditions": _own,
+    "goals": _libero,
+    "outcomes": _by_outcomes,
+    "chains": _of_chains,
+}
+
+
+def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
+    """Yield notes on a run in LIBERO-Plus, and its variants that were not run."""
+    if not any(axis_of(trial.variation) for trial in found.trials):
+        return
+    yield libero.PLUS_NOTE
+    left_out = run.plan["world"].get("left_out", {})
+    if left_out:
+        counted = ", ".join(f"{axis} {number}" for axis, number in left_out.items())
+        yield f"Variants that were not run, because they want the assets of LIBERO-Plus's authors: {counted}."

@@ -1,0 +1,164 @@
+"""A process that is asked over a socket: of a policy, or of the simulator of a foreign world."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import select
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import IO, Any
+
+import numpy as np
+
+from betterbench.jobs.frames import FrameContent, FrameError, receive_frame, send_frame
+
+_POLL_S = 0.2
+_PIECE = 1 << 20
+
+
+class AskedProcess:
+    """A process that answers questions by frames (:mod:`betterbench.jobs.frames`).
+
+    It leads a session of its own, so that signals to its group, such as Ctrl-C, do not reach the run, and the other way
+    round.
+    """
+
+    def __init__(
+        self,
+        command: Callable[[int], Sequence[str]],
+        *,
+        output: int | IO[bytes],
+        environment: Mapping[str, str],
+        keeps: Sequence[int] = (),
+        any_type: bool = False,
+    ) -> None:
+        """Start the process; raises OSError if that is not possible.
+
+        Args:
+            command: Returns the command from the descriptor of the process's end of the socket.
+            output: Where its standard output and standard error go.
+            environment: Its environment.
+            keeps: Other descriptors that it inherits.
+            any_type: Whether answers may hold arrays of all types.
+        """
+        self._any_type, self._asked, self._until, self._is_over = any_type, 0, math.inf, False
+        self._link, theirs = socket.socketpair()
+        self._link.settimeout(_POLL_S)
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - our own modules, or the command of an installed world
+                [*command(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                pass_fds=(theirs.fileno(), *keeps),
+                env=environment,
+                start_new_session=True,
+            )
+        except OSError:
+            self._link.close()
+            raise
+        finally:
+            theirs.close()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process has ended, by itself or from outside."""
+        return self._process.poll() is not None
+
+    @property
+    def waits(self) -> bool:
+        """Whether the process waits for a question: it still runs, and has sent nothing that was not asked for."""
+        try:
+            said = bool(select.select([self._link], [], [], 0.0)[0])
+        except (OSError, ValueError):
+            return False
+        return not said and not self.has_ended
+
+    def ask(
+        self, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, limit_s: float = math.inf
+    ) -> FrameContent:
+        """Return the answer to a question, which comes within a time [s]; an answer that was sent twice is left out.
+
+        Raises:
+            FrameEndError: If the process has ended.
+            FrameTimeoutError: If it does not answer in time.
+            FrameError: If it sends what is not an answer.
+        """
+        self._asked, self._until = self._asked + 1, time.monotonic() + limit_s
+        send_frame(self, document, arrays, number=self._asked)
+        return self._answer()
+
+    def greeting(self, *, limit_s: float) -> FrameContent:
+        """Return what the process sends before it was asked anything; raises what :meth:`ask` raises."""
+        self._until = time.monotonic() + limit_s
+        return self._answer()
+
+    def _answer(self) -> FrameContent:
+        while True:
+            number, document, arrays = receive_frame(self, any_type=self._any_type)
+            if number == self._asked:
+                return document, arrays
+            if number > self._asked:
+                raise FrameError(f"a frame has the number {number} where {self._asked} is due")
+
+    def sendall(self, data: bytes) -> None:
+        """Send all bytes; raises what :meth:`recv` raises."""
+        left = memoryview(data)
+        while left:
+            self._require_time()
+            try:
+                left = left[self._link.send(left[:_PIECE]) :]
+            except TimeoutError:
+                if self.has_ended:
+                    raise BrokenPipeError("it has ended") from None
+
+    def recv(self, size: int) -> bytes:
+        """Return the bytes that come next, none if the process has ended; TimeoutError if they do not come in time."""
+        ended = False
+        while True:
+            self._require_time()
+            try:
+                return self._link.recv(min(size, _PIECE))
+            except TimeoutError:
+                if ended:  # a child of the process may hold its end open
+                    return b""
+                ended = self.has_ended
+
+    def _require_time(self) -> None:
+        if time.monotonic() > self._until:
+            raise TimeoutError
+
+    def hang_up(self) -> None:
+        """Let the process see the end of the questions."""
+        with contextlib.suppress(OSError):
+            self._link.shutdown(socket.SHUT_WR)
+
+    def kill(self) -> None:
+        """End the process and its group at once; whoever waits for an answer sees that it has ended."""
+        if self._is_over:
+            return
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        with contextlib.suppress(OSError):
+            self._link.shutdown(socket.SHUT_RDWR)
+
+    def end(self, within_s: float) -> int | None:
+        """End the process, and return its exit status if it ended by itself within a time [s], else None."""
+        status = None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            status = self._process.wait(within_s)
+        self.kill()
+        self._process.wait()
+        self._link.close()
+        self._is_over = True
+        return status

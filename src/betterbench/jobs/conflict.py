@@ -1,0 +1,93 @@
+"""Conflicts of a job with what its folder holds: other files, or another job."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from betterbench.errors import RunConflictError
+from betterbench.jobs.durable import PART_SUFFIX
+from betterbench.jobs.lock import LOCK_NAME
+from betterbench.quoting import json_text
+
+_ABSENT = object()
+
+
+def require_free(path: Path, what: str, *, file: str, besides: Collection[str] = ()) -> None:
+    """Raise RunConflictError if a path is a file, or a folder with other files and no job.
+
+    Args:
+        path: Folder of the job.
+        what: Name of what the job makes, for the message ("run").
+        file: File of the folder that describes the job; a folder with it is not looked at.
+        besides: Names of other files that a job which never began may have left.
+    """
+    if path.exists() and not path.is_dir():
+        raise RunConflictError(f"{path}: this is a file. Choose another folder for the {what}.")
+    if (path / file).exists() or not path.is_dir():
+        return
+    left = {LOCK_NAME, *besides}
+    if any(entry.name not in left and not entry.name.endswith(PART_SUFFIX) for entry in path.iterdir()):
+        raise RunConflictError(f"{path}: the folder holds other files and no {what}. Choose an empty or a new folder.")
+
+
+def require_same(
+    path: Path,
+    there: object,
+    asked: object,
+    what: str,
+    *,
+    where: str,
+    cure: str = "Give the same arguments to resume it",
+    cures: Mapping[str, str] | None = None,
+) -> None:
+    """Raise RunConflictError if the description of a folder's job differs from the requested one.
+
+    Args:
+        path: Folder of the job.
+        there: JSON value that describes the job of the folder.
+        asked: JSON value that describes the requested job.
+        what: Name of what the job makes, for the message ("run").
+        where: Name of the description, for the message ("plan").
+        cure: What to do to resume.
+        cures: What to do instead, by the first field of the description that differs.
+    """
+    difference = first_difference(there, asked, where)
+    if difference is not None:
+        place, stored, wanted = difference
+        field = place.removeprefix(f"{where}.").split(".")[0]
+        raise RunConflictError(
+            f"{path}: this folder holds another {what}: {place} is {stored} there and {wanted} here. "
+            f"{(cures or {}).get(field, cure)}, or choose another folder."
+        )
+
+
+def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
+    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None."""
+    if isinstance(there, dict) and isinstance(asked, dict):
+        for key in sorted(set(there) | set(asked)):
+            if key not in there or key not in asked:
+                return f"{where}.{key}", _shown(there.get(key, _ABSENT)), _shown(asked.get(key, _ABSENT))
+            found = first_difference(there[key], asked[key], f"{where}.{key}")
+            if found:
+                return found
+        return None
+    if isinstance(there, list) and isinstance(asked, list):
+        for i, (a, b) in enumerate(zip(there, asked, strict=False)):
+            found = first_difference(a, b, f"{where}[{i}]")
+            if found:
+                return found
+        if len(there) != len(asked):
+            return f"the length of {where}", str(len(there)), str(len(asked))
+        return None
+    if type(there) is type(asked) and there == asked:
+        return None
+    return where, _shown(there), _shown(asked)
+
+
+def _shown(value: object) -> str:
+    """Return a value for a message, shortened."""
+    if value is _ABSENT:
+        return "absent"
+    text = json_text(value)
+    return text if len(text) <= 80 else text[:77] + "..."

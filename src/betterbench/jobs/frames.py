@@ -1,0 +1,196 @@
+"""Frames between a run and a process that it asks, of a policy or a simulator: a JSON document and arrays, no pickles.
+
+The process of a simulator reads this file too, in an environment without betterbench: it imports the standard library
+and NumPy alone.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import struct
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+
+MAX_HEAD_BYTES = 16 << 20
+"""Largest JSON of a frame [byte]."""
+
+MAX_ARRAY_BYTES = 256 << 20
+"""Largest sum of the arrays of a frame [byte]."""
+
+_LENGTHS = struct.Struct(">IIQQ")
+"""Bytes of the document, of the forms of the arrays and of the arrays, and the number of the frame."""
+_TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
+_LONGEST_TYPE = 40
+_MAX_AXES = 32
+_BLOCK = 1 << 20
+_ALIGNED = 8
+"""Arrays begin at a multiple of so many bytes, as far as those before them let them."""
+_ENCODE = json.JSONEncoder(allow_nan=False).encode  # bound before a policy can put something else into its place
+_BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, SyntaxError, TypeError, ValueError)
+
+
+FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
+"""A JSON document and arrays by name."""
+
+
+class FrameError(Exception):
+    """The other side has gone, or sent bytes that are not a frame."""
+
+
+class FrameEndError(FrameError):
+    """The other side has closed the link, or has ended."""
+
+
+class FrameTimeoutError(FrameError):
+    """The other side does not send or read in time."""
+
+
+class Link(Protocol):
+    """A socket, or what waits for one."""
+
+    def sendall(self, data: bytes, /) -> None:
+        """Send all bytes."""
+
+    def recv(self, size: int, /) -> bytes:
+        """Return the bytes that come next, as far as they have come; none if the other side has gone."""
+
+
+def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
+    """Send a document and arrays by name; FrameError if the other side has gone or does not read in time.
+
+    The ``number`` is that of a question, and stands in its answer too. An array of Python objects is sent as its shape.
+    """
+    forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
+    head = _ENCODE(document).encode()
+    head += b" " * (-(len(head) + len(forms)) % _ALIGNED)
+    if kinds is None:
+        blocks = [array.tobytes() for array in arrays.values()]
+    else:
+        blocks = [
+            b"" if kind.hasobject else array.astype(kind).tobytes()
+            for array, kind in zip(arrays.values(), kinds, strict=True)
+        ]
+    lengths = _LENGTHS.pack(len(head), len(forms), sum(map(len, blocks)), number)
+    try:
+        link.sendall(b"".join((lengths, head, forms, *blocks)))
+    except OSError as error:
+        raise _failed(error) from error
+
+
+def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str, Any], dict[str, np.ndarray]]:
+    """Return the number of the next frame, its document, and its arrays, which cannot be written to.
+
+    Args:
+        link: Socket.
+        any_type: Accept arrays of all types; those of Python objects come without them.
+
+    Raises:
+        FrameError: If the other side has gone, sends what is not a frame, or does not send in time.
+    """
+    head_bytes, forms_bytes, body_bytes, number = _LENGTHS.unpack(_received(link, _LENGTHS.size))
+    if head_bytes + forms_bytes > MAX_HEAD_BYTES or body_bytes > MAX_ARRAY_BYTES:
+        raise FrameError(f"a frame of {head_bytes + forms_bytes} and {body_bytes} bytes is too large")
+    frame = _received(link, head_bytes + forms_bytes + body_bytes)
+    body_at = head_bytes + forms_bytes
+    try:
+        document = _loaded(frame[:head_bytes])
+        places, end = _places(frame[head_bytes:body_at], any_type)
+        if not isinstance(document, dict):
+            raise TypeError(f"it holds a {type(document).__name__} and no document")
+        if end != body_bytes:
+            raise ValueError(f"it holds {body_bytes} bytes of arrays and names {end}")
+        arrays = {
+            name: np.empty(shape, dtype) if dtype.hasobject else np.ndarray(shape, dtype, frame, body_at + at)
+            for name, dtype, shape, at in places
+        }
+    except _BROKEN as error:
+        raise FrameError(f"a frame cannot be read ({' '.join(str(error).split())[:200]})") from error
+    return number, document, arrays
+
+
+def answer_requests(link: Link, answer: Callable[[dict[str, Any], dict[str, np.ndarray]], FrameContent | None]) -> None:
+    """Answer the questions that come over a link, until an answer is None: the main loop of a process that is asked.
+
+    Raises:
+        FrameError: If the other side has gone.
+    """
+    while True:
+        number, document, arrays = receive_frame(link)
+        given = answer(document, arrays)
+        if given is None:
+            return
+        send_frame(link, *given, number=number)
+
+
+def _loaded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
+    """Return the value of a JSON text; ValueError if it is not JSON, or a number in it is not finite."""
+    return _DECODE(text.decode())
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:40]} is not finite")
+    return number
+
+
+_DECODE = json.JSONDecoder(parse_constant=_finite, parse_float=_finite).decode
+
+
+@lru_cache(maxsize=64)
+def _forms_text(
+    names: tuple[str, ...], forms: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
+) -> tuple[bytes, list[np.dtype[Any]] | None]:
+    """Return names, types and shapes of arrays as JSON, and the types to send where an array has another byte order.
+
+    Most frames have the arrays of the one before.
+    """
+    kinds = [kind.newbyteorder("<") for kind, _ in forms]
+    shapes = {name: (kind.str, shape) for name, kind, (_, shape) in zip(names, kinds, forms, strict=True)}
+    plain = all(kind.str[0] != ">" and not kind.hasobject for kind, _ in forms)
+    return _ENCODE(shapes).encode(), None if plain else kinds
+
+
+@lru_cache(maxsize=64)
+def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...], int], ...], int]:
+    """Return name, type and shape of arrays and where each begins, and where the last one ends [byte]."""
+    found, at = [], 0
+    for name, (kind, shape) in _loaded(text).items():
+        known = isinstance(kind, str) and (len(kind) <= _LONGEST_TYPE if any_type else _TYPES.fullmatch(kind))
+        if not known:
+            raise ValueError(f"an array has the type {str(kind)[:40]!r}")
+        if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
+            raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
+        dtype = np.dtype(kind)
+        # NumPy refuses sizes that are too large also where one of them is 0.
+        if not dtype.itemsize or math.prod(n or 1 for n in shape) * dtype.itemsize > MAX_ARRAY_BYTES:
+            raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
+        found.append((name, dtype, tuple(shape), at))
+        at += 0 if dtype.hasobject else math.prod(shape) * dtype.itemsize
+    return tuple(found), at
+
+
+def _received(link: Link, count: int) -> bytes:
+    """Return exactly so many bytes."""
+    blocks = []
+    while count:
+        try:
+            blocks.append(link.recv(min(count, _BLOCK)))
+        except OSError as error:
+            raise _failed(error) from error
+        if not blocks[-1]:
+            raise FrameEndError("it has ended")
+        count -= len(blocks[-1])
+    return blocks[0] if len(blocks) == 1 else b"".join(blocks)
+
+
+def _failed(error: OSError) -> FrameError:
+    """Return the error of a link that cannot be read or written."""
+    if isinstance(error, TimeoutError):
+        return FrameTimeoutError("no answer in time")
+    return FrameEndError(f"it cannot be reached ({error})")

@@ -1,0 +1,21 @@
+"""Privileged policies by the world whose state they read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from betterbench.interface.state import PrivilegedPolicy
+from betterbench.policies.experts import libero
+from betterbench.policies.experts.privileged import make_expert
+from betterbench.tasks.worlds.facts import OURS
+from betterbench.tasks.worlds.libero import LIBERO
+
+EXPERTS_IN: Mapping[str, Callable[[str, Any], PrivilegedPolicy]] = {
+    OURS.name: make_expert,
+    LIBERO.name: libero.LiberoAgent,
+}
+"""Makers of a policy from its address and the scene of an episode, by the name that the scene gives as ``world``."""
+
+POLICIES_IN: Mapping[str, tuple[str, ...]] = {LIBERO.title: tuple(libero.POLICIES)}
+"""Addresses of the policies that know another world's state, by its title."""

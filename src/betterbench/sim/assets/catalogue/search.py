@@ -1,0 +1,333 @@
+"""Search of a catalogue by words, meaning and filters, fused by reciprocal rank."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
+from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry, LicenseFilter, license_kind
+from betterbench.sim.assets.catalogue.expansion import Concept, Expander, Query, understood
+from betterbench.sim.assets.catalogue.indexing import LICENSE_KINDS
+from betterbench.sim.assets.catalogue.store import Store
+from betterbench.sim.assets.catalogue.vectors import VectorIndex
+
+LONGEST_QUERY = 1_000
+"""Most characters of a query."""
+DEPTH = 60
+"""Rows that each way of searching hands to the fusion."""
+_RANK = 8.0
+"""Constant of the reciprocal rank 1 / (constant + rank); small, because a catalogue has few good answers."""
+_WORDS_SHARE, _MEANING_SHARE = 1.0, 1.0
+_COSTLY = 5_000
+"""Rows that words may match before they are ranked; more frequent words count among the rows that rarer ones find."""
+_FETCHED = 200
+"""Rows whose words are compared with the query."""
+_FIELDS = (1.0, 0.75, 0.45)
+"""Weights of a word in the name, among the tags and in the description."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Filters:
+    """Assets that a search admits.
+
+    Attributes:
+        license: "free" for licenses that allow commercial use and changes, "any" for all.
+        source: Name of a source, empty for all.
+        max_faces: Most triangles; assets without a number do not pass.
+        max_size_m: Largest extent [m]; assets without a size do not pass.
+        min_size_m: Least largest extent [m]; assets without a size do not pass.
+    """
+
+    license: LicenseFilter = "free"
+    source: str = ""
+    max_faces: int | None = None
+    max_size_m: float | None = None
+    min_size_m: float | None = None
+
+    def admits(self, entry: CatalogueEntry) -> bool:
+        """Return whether an asset passes."""
+        size = entry.largest_m
+        return not (
+            (self.license == "free" and license_kind(entry.license) != "free")
+            or (self.source and entry.source != self.source)
+            or (self.max_faces is not None and (entry.faces is None or entry.faces > self.max_faces))
+            or (self.max_size_m is not None and (size is None or size > self.max_size_m))
+            or (self.min_size_m is not None and (size is None or size < self.min_size_m))
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Hit:
+    """An asset that was found.
+
+    Attributes:
+        entry: Row of the catalogue.
+        score: Fused score in (0, 1]; 1 for an asset that has every word and is first by words and by meaning.
+        word_rank: Rank by words from 1, None if its words were not found.
+        meaning_rank: Rank by meaning from 1, None if meaning was not searched or it is too far down.
+        cosine: Cosine of its meaning with that of the query.
+    """
+
+    entry: CatalogueEntry
+    score: float
+    word_rank: int | None
+    meaning_rank: int | None
+    cosine: float | None
+
+    def to_json(self) -> dict[str, object]:
+        """Return the hit as a JSON object."""
+        return {
+            **self.entry.to_json(),
+            "score": round(self.score, 4),
+            "word_rank": self.word_rank,
+            "meaning_rank": self.meaning_rank,
+            "cosine": None if self.cosine is None else round(self.cosine, 4),
+        }
+
+
+class Catalogue:
+    """A catalogue that is open for searching; a context manager.
+
+    Args:
+        folder: Folder of the catalogue.
+        encoder: Loads the encoder by name, called once when meaning is first searched; None for words alone.
+
+    Raises:
+        InvalidInputError: If there is no catalogue, or its indexing has not ended.
+        RecordError: If a file of it is damaged or foreign.
+    """
+
+    def __init__(self, folder: Path, *, encoder: Callable[[str], TextEncoder] | None = None) -> None:
+        self._store = Store(folder)
+        self._open_encoder = encoder
+        self._encoder: TextEncoder | None = None
+        self._index: VectorIndex | None = None
+        try:
+            sealed = _sealed(self._store, folder)
+            self.encoder_name = self._store.fact("encoder")
+            self.count = self._store.count()
+            self._numbers = {name: number for name, (number, _) in self._store.sources().items()}
+            if sealed == "vectors" and encoder is not None:
+                self._index = VectorIndex(folder, count=self.count, dimension=_dimension(self._store))
+        except BaseException:
+            self._store.__exit__()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._store.__exit__()
+        if self._index is not None:
+            self._index.close()
+
+    @property
+    def has_vectors(self) -> bool:
+        """Whether meaning can be searched."""
+        return self._index is not None
+
+    @property
+    def vectors(self) -> VectorIndex:
+        """The vectors; ValueError if the catalogue has none."""
+        if self._index is None:
+            raise ValueError("the catalogue has no vectors")
+        return self._index
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Names of the sources, in the order in which they were indexed first."""
+        return tuple(self._numbers)
+
+    def entry(self, asset_id: str) -> CatalogueEntry:
+        """Return an asset by id; the id of one look is answered with its row.
+
+        Raises:
+            UnknownNameError: If the catalogue has no such asset.
+        """
+        found = self._store.row_of(asset_id) or self._store.row_of(asset_id.partition("#")[0])
+        if found is None:
+            raise UnknownNameError("asset", asset_id, self._store.ids_like(asset_id.rpartition("/")[2][:40], 8))
+        return found
+
+    def licenses(self) -> list[tuple[str, str, int]]:
+        """Return source, license and number of assets."""
+        return self._store.licenses()
+
+    def search(
+        self,
+        query: str,
+        *,
+        limit: int = 10,
+        filters: Filters | None = None,
+        expander: Expander | None = None,
+        words: bool = True,
+        meaning: bool = True,
+    ) -> list[Hit]:
+        """Return the assets that fit a query best, best first; the same query gives the same answer.
+
+        Args:
+            query: Description in plain words.
+            limit: Most assets to return.
+            filters: Assets that are admitted; free licenses only if None.
+            expander: Adds other descriptions, as a language model may.
+            words: Whether words are searched.
+            meaning: Whether meaning is searched, where the catalogue has vectors.
+
+        Raises:
+            InvalidInputError: If the query is empty or too long.
+            UnknownNameError: If a filter names a source that the catalogue does not have.
+            MissingDependencyError: If the encoder is not installed.
+        """
+        if not query.strip() or len(query) > LONGEST_QUERY:
+            raise InvalidInputError("query", f"has {len(query.strip())} characters", f"Write 1 to {LONGEST_QUERY}")
+        admitted = filters or Filters()
+        if admitted.source and admitted.source not in self._numbers:
+            raise UnknownNameError("source", admitted.source, self._numbers)
+        asked = understood(query, expander=expander)
+        depth = max(DEPTH, limit)
+        by_words = self._by_words(asked, admitted, depth) if words else []
+        by_meaning = self._by_meaning(asked, admitted, depth) if meaning and self._index is not None else []
+        return self._fused(by_words, by_meaning, limit)
+
+    def _fused(self, by_words: list[tuple[int, float]], by_meaning: list[tuple[int, float]], limit: int) -> list[Hit]:
+        word_ranks = {row: rank for rank, (row, _) in enumerate(by_words, start=1)}
+        covered = dict(by_words)
+        meaning_ranks = {row: rank for rank, (row, _) in enumerate(by_meaning, start=1)}
+        cosines = dict(by_meaning)
+        shares = (_WORDS_SHARE if by_words else 0.0, _MEANING_SHARE if by_meaning else 0.0)
+        best = sum(shares) / (_RANK + 1.0)
+
+        def score(row: int) -> float:
+            # A row that has only some words of the query has a smaller vote, however few rows have more.
+            words = shares[0] * covered[row] / (_RANK + word_ranks[row]) if row in word_ranks else 0.0
+            meaning = shares[1] / (_RANK + meaning_ranks[row]) if row in meaning_ranks else 0.0
+            return (words + meaning) / best
+
+        ordered = sorted({*word_ranks, *meaning_ranks}, key=lambda row: (-score(row), row))[:limit]
+        entries = self._store.rows(ordered)
+        return [
+            Hit(entries[row], score(row), word_ranks.get(row), meaning_ranks.get(row), cosines.get(row))
+            for row in ordered
+            if row in entries
+        ]
+
+    # -------------------------------------------------------------------------------------------------------- words
+
+    def _by_words(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
+        """Return the rows that have words of the query with the share of it that they have, best first."""
+        every = {word for concept in query.concepts for phrase, _ in concept.alternatives for word in phrase}
+        frequencies = self._store.frequencies(sorted(every))
+        expression, ranked = _expression(frequencies)
+        if not expression:
+            return []
+        fetched = _FETCHED
+        while True:
+            found = self._store.matching(expression, fetched, ranked=ranked)
+            entries = self._store.rows([row for row, *_ in found])
+            passing = [line for line in found if line[0] in entries and filters.admits(entries[line[0]])]
+            if len(passing) >= depth or len(found) < fetched or fetched >= 16 * _FETCHED:
+                break
+            fetched *= 4
+        scored = [(line[0], *_word_score(query.concepts, line[1:], frequencies, self.count)) for line in passing]
+        scored.sort(key=lambda found: (-found[1], found[0]))
+        return [(row, covered) for row, score, covered in scored if score > 0.0][:depth]
+
+    # ------------------------------------------------------------------------------------------------------ meaning
+
+    def _by_meaning(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
+        """Return the rows nearest in meaning with their cosines, best first."""
+        index = self._index
+        if index is None or self._open_encoder is None:
+            return []
+        if self._encoder is None:
+            self._encoder = self._open_encoder(self.encoder_name)
+        vectors = self._encoder.encode(query.readings)
+        places, cosines = index.nearest(vectors, self._mask(index, filters), depth)
+        return list(zip(index.columns.rows[places].tolist(), cosines.tolist(), strict=True))
+
+    def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
+        """Return which rows the filters admit, (n,) bool; None for all."""
+        columns, parts = index.columns, []
+        if filters.license == "free":
+            parts.append(columns.licenses == LICENSE_KINDS.index("free"))
+        if filters.source:
+            parts.append(columns.sources == self._numbers[filters.source])
+        if filters.max_faces is not None:
+            parts.append((columns.faces >= 0) & (columns.faces <= filters.max_faces))
+        if filters.max_size_m is not None:
+            parts.append(columns.sizes <= filters.max_size_m)
+        if filters.min_size_m is not None:
+            parts.append(columns.sizes >= filters.min_size_m)
+        return np.logical_and.reduce(parts) if parts else None
+
+
+def _sealed(store: Store, folder: Path) -> str:
+    """Return whether a catalogue has words or vectors too; an InvalidInputError if its indexing has not ended."""
+    sealed = store.fact("sealed")
+    if sealed not in ("words", "vectors"):
+        problem = "its indexing has not ended, or was interrupted"
+        raise InvalidInputError(str(folder), problem, "Run better assets index again")
+    return sealed
+
+
+def _dimension(store: Store) -> int:
+    try:
+        return int(store.fact("dimension"))
+    except ValueError as error:
+        raise RecordError(f"{store.path}: is damaged. Index the sources again.") from error
+
+
+def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
+    """Return the FTS5 expression for the terms, and whether its matches are few enough to be ranked."""
+    ordered = sorted(frequencies, key=lambda word: (frequencies[word], word))
+    chosen: list[str] = []
+    total = 0
+    for word in ordered:
+        total += frequencies[word]
+        if chosen and total > _COSTLY:
+            break
+        chosen.append(word)
+    if not chosen:
+        return "", False
+    if frequencies[chosen[0]] <= _COSTLY:
+        return " OR ".join(f'"{word}"' for word in chosen), True
+    return " AND ".join(f'"{word}"' for word in ordered[:2]) if len(ordered) > 1 else f'"{chosen[0]}"', False
+
+
+def _word_score(
+    concepts: Sequence[Concept], fields: Sequence[str], frequencies: dict[str, int], count: int
+) -> tuple[float, float]:
+    """Return how well the words of a row fit, and the share of the query that it has.
+
+    Of each concept, the best of its phrases in the best field counts.
+    """
+    words = [field.split() for field in fields]
+    sets = [set(field) for field in words]
+    length = len(words[0])
+    total = covered = 0.0
+    for concept in concepts:
+        best = present = 0.0
+        for phrase, weight in concept.alternatives:
+            if any(word not in frequencies for word in phrase):
+                continue
+            rarity = math.log(1.0 + count / max(min(frequencies[word] for word in phrase), 1))
+            for share, own in zip(_FIELDS, sets, strict=True):
+                if own.issuperset(phrase):
+                    # A name that says little besides is the thing itself: "apple" before "apple pie".
+                    focus = 1.0 if share < 1.0 else 0.7 + 0.3 * len(phrase) / max(length, 1)
+                    best = max(best, weight * share * rarity * focus)
+                    present = max(present, weight)
+                    break
+        total += concept.weight * best
+        covered += concept.weight * present
+    return total, covered / sum(concept.weight for concept in concepts)

@@ -1,0 +1,216 @@
+"""Folders of mesh files: GLB, glTF, OBJ, STL, URDF and MJCF."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import BetterError, InvalidInputError, one_line
+from betterbench.json_form import dump_json, file_digest, read_bounded, read_form, strict_form
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry, license_name
+from betterbench.sim.assets.catalogue.sources.mesh_facts import ENDINGS, MeshFacts, mesh_facts
+from betterbench.sim.assets.catalogue.sources.source import SourceItem, SourceKind, SourceOptions, register
+from betterbench.sim.assets.catalogue.terms import spoken
+
+SIDECARS = ("assets.json", "assets.csv")
+"""Files in the folder that describe its assets."""
+
+MAX_FILE_BYTES = 512 << 20
+"""Largest file that is taken up."""
+_MAX_SIDECAR_BYTES = 64 << 20
+_CURE = "See docs/asset-catalogue.md for its fields"
+
+_GENERIC = """
+asset base base_link collision google_16k google_512k google_64k main mesh meshes model models nontextured obj object
+poisson scene textured textured_simple textured_vhacd texture tsdf untitled urdf visual visuals
+"""
+_WITHOUT_A_NAME = frozenset(_GENERIC.split())
+"""Names of files and folders that say nothing about the object; the folder around them names it."""
+
+_Text = Annotated[str, Field(max_length=2000)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Described:
+    """One asset in a sidecar."""
+
+    file: _Text
+    name: _Text = ""
+    description: _Text = ""
+    category: _Text = ""
+    color: _Text = ""
+    license: _Text = ""
+    author: _Text = ""
+    tags: Annotated[tuple[Annotated[str, Field(max_length=200)], ...], Field(max_length=100)] = ()
+
+
+_DESCRIBED = TypeAdapter(tuple[_Described, ...])
+
+
+@dataclass(frozen=True, slots=True)
+class _Folder:
+    """The mesh files of a folder and the folders below it."""
+
+    root: Path
+    name: str
+    options: SourceOptions
+
+    @property
+    def address(self) -> str:
+        """Address of the folder."""
+        return f"folder:{self.root}"
+
+    def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
+        """Yield one item for each object; files that a URDF or MJCF file uses belong to that file."""
+        described, stamp = _sidecar(self.root)
+        files = sorted(_mesh_files(self.root))
+        used = _used_files(files, on_skip, self.root)
+        chosen: dict[tuple[Path, str], Path] = {}
+        for file in sorted((f for f in files if f not in used), key=_preference):
+            chosen.setdefault(_object_of(file, self.root), file)
+        for file in sorted(chosen.values()):
+            inside = file.relative_to(self.root).as_posix()
+            status = file.stat()
+            told = described.get(inside)
+            mark = f"{status.st_size} {status.st_mtime_ns} {stamp} {self.options!r}"
+            yield SourceItem(f"{self.name}/{inside}", mark, _reader(self, file, inside, told))
+
+
+def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -> Callable[[], CatalogueEntry]:
+    def read() -> CatalogueEntry:
+        size = file.stat().st_size
+        if size > MAX_FILE_BYTES:
+            raise InvalidInputError(inside, f"has {size} bytes, more than {MAX_FILE_BYTES}", "Reduce the mesh")
+        facts = mesh_facts(file)
+        named = told or _Described(inside)
+        return CatalogueEntry(
+            id=f"{folder.name}/{inside}",
+            source=folder.name,
+            name=named.name or _spoken_name(file, folder.root),
+            content_hash=file_digest(file),
+            path=str(file),
+            description=named.description,
+            tags=named.tags,
+            category=named.category,
+            color=named.color,
+            size_m=facts.size,
+            faces=facts.faces,
+            license=license_name(named.license or folder.options.license),
+            author=named.author or folder.options.author,
+        )
+
+    return read
+
+
+def _mesh_files(root: Path) -> Iterator[Path]:
+    """Yield the files with the ending of a mesh, without hidden ones; links are not followed."""
+    for place, folders, names in os.walk(root):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in names:
+            file = Path(place) / name
+            if file.suffix.lower() in ENDINGS and not name.startswith(".") and file.is_file() and not file.is_symlink():
+                yield file
+
+
+def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
+    """Return the files without a row of their own: parts of a URDF or MJCF file, and XML files that are no asset."""
+    found: set[Path] = set()
+    for file in files:
+        if file.suffix.lower() not in (".urdf", ".xml"):
+            continue
+        try:
+            facts = mesh_facts(file)
+        except BetterError as error:
+            on_skip(file.relative_to(root).as_posix(), str(error))
+            facts = MeshFacts(is_asset=False)
+        if not facts.is_asset:
+            found.add(file)
+        found |= {Path(os.path.normpath(file.parent / name)) for name in facts.refers_to if "\0" not in name}
+    return found
+
+
+def _preference(file: Path) -> tuple[int, str]:
+    return ENDINGS.index(file.suffix.lower()), file.as_posix()
+
+
+def _object_of(file: Path, root: Path) -> tuple[Path, str]:
+    """Return what two files of the same object share: the folder that names it, or the folder and the stem."""
+    place, stem = _named_by(file, root)
+    return (place, "") if stem is None else (file.parent, stem)
+
+
+def _named_by(file: Path, root: Path) -> tuple[Path, str | None]:
+    """Return the folder and the stem that name an object; no stem where the folder names it."""
+    if file.stem.lower() not in _WITHOUT_A_NAME:
+        return file.parent, file.stem
+    place = file.parent
+    while place != root and place.name.lower() in _WITHOUT_A_NAME:
+        place = place.parent
+    return (file.parent, file.stem) if place == root else (place, None)
+
+
+def _spoken_name(file: Path, root: Path) -> str:
+    place, stem = _named_by(file, root)
+    return spoken(stem if stem is not None else place.name) or file.stem.lower()
+
+
+def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
+    """Return what the sidecar says about each file, and a text that changes with it."""
+    there = [root / name for name in SIDECARS if (root / name).is_file()]
+    if not there:
+        return {}, ""
+    if len(there) > 1:
+        raise InvalidInputError(str(root), f"has both {SIDECARS[0]} and {SIDECARS[1]}", "Keep one of them")
+    (path,) = there
+    data = read_bounded(path, max_bytes=_MAX_SIDECAR_BYTES, cure=_CURE)
+    rows = _csv_rows(path, data) if path.suffix == ".csv" else read_form(_DESCRIBED, data, where=str(path), cure=_CURE)
+    found: dict[str, _Described] = {}
+    for row in rows:
+        if row.file in found:
+            raise InvalidInputError(str(path), f"{one_line(row.file)!r} is described twice", "Keep one row for a file")
+        found[row.file] = row
+    return found, file_digest(path)[:16]
+
+
+def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
+    """Return the rows of a table with a head; tags are separated by semicolons."""
+    try:
+        table = csv.DictReader(io.StringIO(data.decode("utf-8-sig")), strict=True, restkey="")
+        forms: list[dict[str, object]] = []
+        for row in table:
+            form: dict[str, object] = {key: value for key, value in row.items() if value}
+            tags = str(form.pop("tags", ""))
+            forms.append({**form, "tags": [tag.strip() for tag in tags.split(";") if tag.strip()]})
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InvalidInputError(str(path), f"is not a table in UTF-8 ({error})", _CURE) from error
+    return read_form(_DESCRIBED, dump_json(forms), where=str(path), cure=_CURE)
+
+
+def _open(target: str, options: SourceOptions) -> _Folder:
+    root = Path(target).absolute()
+    if not target or not root.is_dir():
+        raise InvalidInputError(target or "folder:", "is not a folder", "Name a folder of meshes, as folder:PATH")
+    name = options.name or "_".join(spoken(root.name).split()) or "folder"
+    if "/" in name or not name.isprintable() or name in ("procedural", "objaverse"):
+        raise InvalidInputError(
+            "name", f"{one_line(name)!r} cannot name a source", "Give --name a word without slashes"
+        )
+    return _Folder(root, name, options)
+
+
+register(
+    SourceKind(
+        scheme="folder",
+        shown="folder:PATH",
+        summary="GLB, glTF, OBJ, STL, URDF and MJCF files of a folder, with assets.json or assets.csv beside them.",
+        open=_open,
+    )
+)

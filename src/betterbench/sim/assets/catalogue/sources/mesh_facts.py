@@ -1,0 +1,272 @@
+"""Facts of mesh files that can be read without loading a mesh: triangles and extents.
+
+Nothing that a file refers to is opened, and no more than the stated number of bytes of a file is read. A number that
+is not stated in the file, or is not finite, counts as unknown.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Vector
+from betterbench.json_form import open_ordinary, parse_json, read_bounded
+
+MAX_TEXT_BYTES = 64 << 20
+"""Largest OBJ or text STL that is read for its facts; those of a larger file are unknown."""
+MAX_JSON_BYTES = 32 << 20
+"""Largest description in a glTF file."""
+MAX_XML_BYTES = 8 << 20
+"""Largest URDF or MJCF file."""
+_MOST_NODES = 20_000
+_CURE = "Repair the file or remove it"
+
+
+@dataclass(frozen=True, slots=True)
+class MeshFacts:
+    """What a mesh file says about itself.
+
+    Attributes:
+        faces: Number of triangles, None if unknown.
+        size: Extents along the axes of the file, in its own units; None if unknown.
+        name: Name in the file, empty if it has none.
+        refers_to: Relative paths of the mesh files that a URDF or MJCF file uses.
+        is_asset: False for an XML file that is neither URDF nor MJCF.
+    """
+
+    faces: int | None = None
+    size: Vector | None = None
+    name: str = ""
+    refers_to: tuple[str, ...] = ()
+    is_asset: bool = True
+
+
+def mesh_facts(path: Path) -> MeshFacts:
+    """Read the facts of a file by its ending.
+
+    Raises:
+        InvalidInputError: If the file is damaged or no such file.
+    """
+    try:
+        return _READERS[path.suffix.lower()](path)
+    except OSError as error:
+        raise InvalidInputError(str(path), f"cannot be read ({error.strerror or error})", _CURE) from error
+
+
+def _wrong(path: Path, problem: str) -> InvalidInputError:
+    return InvalidInputError(str(path), problem, _CURE)
+
+
+def _size(low: np.ndarray, high: np.ndarray) -> Vector | None:
+    """Return the extents between two corners; None if they are not finite or nothing has any extent."""
+    with np.errstate(all="ignore"):
+        sides = [float(side) for side in np.asarray(high, float) - np.asarray(low, float)]
+    if len(sides) != 3 or not all(math.isfinite(side) and side >= 0.0 for side in sides) or not any(sides):
+        return None
+    return (sides[0], sides[1], sides[2])
+
+
+# ------------------------------------------------------------------------------------------------------------- glTF
+
+
+def _glb(path: Path) -> MeshFacts:
+    with open_ordinary(path) as file:
+        head = file.read(20)
+        if len(head) < 20 or head[:4] != b"glTF":
+            raise _wrong(path, "is not a GLB file")
+        _, version, total, length, kind = struct.unpack("<4sIII4s", head)
+        actual = file.seek(0, 2)
+        if version != 2 or kind != b"JSON":
+            raise _wrong(path, f"is GLB version {version}, and version 2 is expected")
+        if total > actual or length > actual - 20:
+            raise _wrong(path, f"is cut off: it states {total} bytes and has {actual}")
+        if length > MAX_JSON_BYTES:
+            raise _wrong(path, f"has a description of more than {MAX_JSON_BYTES} bytes")
+        file.seek(20)
+        return _gltf_facts(path, file.read(length))
+
+
+def _gltf(path: Path) -> MeshFacts:
+    return _gltf_facts(path, read_bounded(path, max_bytes=MAX_JSON_BYTES, cure=_CURE))
+
+
+def _gltf_facts(path: Path, text: bytes) -> MeshFacts:
+    try:
+        with np.errstate(all="ignore"):
+            return _GltfScene(parse_json(text)).facts()
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise _wrong(path, f"its glTF description is damaged ({error})") from error
+
+
+class _GltfScene:
+    """Triangles and extents of the default scene of a glTF description."""
+
+    def __init__(self, form: Mapping[str, Any]) -> None:
+        self._form = form
+        self._nodes = list(form.get("nodes", []))
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+        self._faces, self._visited = 0, 0
+
+    def facts(self) -> MeshFacts:
+        scenes = list(self._form.get("scenes", []))
+        roots = list(range(len(self._nodes)))
+        if scenes:
+            roots = list(scenes[_index(self._form.get("scene", 0), len(scenes))].get("nodes", []))
+        stack = [(root, np.eye(4)) for root in roots]
+        while stack:
+            number, above = stack.pop()
+            self._visited += 1
+            if self._visited > _MOST_NODES:
+                raise ValueError(f"more than {_MOST_NODES} nodes, or nodes in a ring")
+            node = self._nodes[_index(number, len(self._nodes))]
+            pose = above @ _node_matrix(node)
+            if "mesh" in node:
+                self._add(self._form["meshes"][_index(node["mesh"], len(self._form["meshes"]))], pose)
+            stack += [(child, pose) for child in node.get("children", [])]
+        return MeshFacts(faces=self._faces, size=_size(self._low, self._high))
+
+    def _add(self, mesh: Mapping[str, Any], pose: np.ndarray) -> None:
+        accessors = self._form["accessors"]
+        for primitive in mesh["primitives"]:
+            positions = accessors[_index(primitive["attributes"]["POSITION"], len(accessors))]
+            shared = primitive.get("indices")
+            counts = [
+                positions["count"],
+                *([] if shared is None else [accessors[_index(shared, len(accessors))]["count"]]),
+            ]
+            if not all(isinstance(count, int) and not isinstance(count, bool) and count >= 0 for count in counts):
+                raise ValueError("a count is not a number")
+            count = counts[-1]
+            mode = primitive.get("mode", 4)
+            self._faces += count // 3 if mode == 4 else max(count - 2, 0) if mode in (5, 6) else 0
+            if "min" in positions and "max" in positions:
+                ends = np.array([positions["min"][:3], positions["max"][:3]], dtype=float)
+                corners = np.array(
+                    [[ends[i, 0], ends[j, 1], ends[k, 2], 1.0] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+                )
+                placed = (corners @ pose.T)[:, :3]
+                self._low = np.minimum(self._low, placed.min(axis=0))
+                self._high = np.maximum(self._high, placed.max(axis=0))
+
+
+def _index(value: object, count: int) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < count:
+        raise ValueError("an index points to nothing")
+    return value
+
+
+def _node_matrix(node: Mapping[str, Any]) -> np.ndarray:
+    """Return the pose of a node relative to its parent, (4, 4)."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=float).reshape(4, 4).T
+    x, y, z, w = (float(part) for part in node.get("rotation", (0, 0, 0, 1)))
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), dtype=float)
+    matrix[:3, 3] = node.get("translation", (0, 0, 0))
+    return matrix
+
+
+# -------------------------------------------------------------------------------------------------------- OBJ, STL
+
+
+def _obj(path: Path) -> MeshFacts:
+    with open_ordinary(path) as file:
+        size = file.seek(0, 2)
+        if size > MAX_TEXT_BYTES:
+            return MeshFacts()
+        file.seek(0)
+        faces, vertices = 0, []
+        for line in file:
+            if line.startswith(b"v "):
+                vertices.append(line)
+            elif line.startswith(b"f "):
+                faces += max(len(line.split()) - 3, 0)
+    if not vertices:
+        raise _wrong(path, "has no vertices")
+    return MeshFacts(faces=faces, size=_extent_of_lines(path, vertices))
+
+
+def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
+    """Return the extents of lines that hold a word and three numbers."""
+    try:
+        points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
+    except ValueError as error:
+        raise _wrong(path, "has a vertex that is not three numbers") from error
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise _wrong(path, "has a vertex that is not three numbers")
+    return _size(points.min(axis=0), points.max(axis=0))
+
+
+_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def _stl(path: Path) -> MeshFacts:
+    with open_ordinary(path) as file:
+        actual = file.seek(0, 2)
+        file.seek(0)
+        head = file.read(84)
+        count = struct.unpack("<I", head[80:])[0] if len(head) == 84 else -1
+        if count >= 0 and actual == 84 + 50 * count:
+            if actual > MAX_TEXT_BYTES:
+                return MeshFacts(faces=count)
+            corners = np.frombuffer(file.read(), _STL_TRIANGLE)["corners"].reshape(-1, 3)
+            size = _size(corners.min(axis=0), corners.max(axis=0)) if count else None
+            return MeshFacts(faces=count, size=size)
+        if not head.lstrip().startswith(b"solid"):
+            raise _wrong(path, f"is neither a text nor a whole binary STL file ({actual} bytes)")
+        if actual > MAX_TEXT_BYTES:
+            return MeshFacts()
+        file.seek(0)
+        lines = [line for line in file if line.lstrip().startswith(b"vertex")]
+    if not lines:
+        raise _wrong(path, "has no vertices")
+    return MeshFacts(faces=len(lines) // 3, size=_extent_of_lines(path, lines))
+
+
+# -------------------------------------------------------------------------------------------------------- URDF, MJCF
+
+
+def _xml(path: Path) -> MeshFacts:
+    text = read_bounded(path, max_bytes=MAX_XML_BYTES, cure=_CURE)
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text or text.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise _wrong(path, "declares entities or an encoding that is not read")
+    try:
+        root = ET.fromstring(text)  # noqa: S314 - without entities, and of bounded size
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise _wrong(path, f"is not XML ({error})") from error
+    if root.tag not in ("robot", "mujoco"):
+        return MeshFacts(is_asset=False)
+    folder = ""
+    if root.tag == "mujoco":
+        compiler = root.find("compiler")
+        folder = "" if compiler is None else compiler.get("meshdir", compiler.get("assetdir", ""))
+    names = [mesh.get("filename") or mesh.get("file") or "" for mesh in root.iter("mesh")]
+    used = tuple(f"{folder}/{name}".lstrip("/") if folder else name for name in names if name)
+    return MeshFacts(name=(root.get("name") or root.get("model") or ""), refers_to=used)
+
+
+_READERS: dict[str, Callable[[Path], MeshFacts]] = {
+    ".glb": _glb,
+    ".gltf": _gltf,
+    ".obj": _obj,
+    ".stl": _stl,
+    ".urdf": _xml,
+    ".xml": _xml,
+}
+ENDINGS = tuple(_READERS)
+"""Endings of files that may be assets, best first: of two files of one object the first one is its row."""

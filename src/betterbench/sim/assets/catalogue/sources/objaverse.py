@@ -1,0 +1,166 @@
+"""Objaverse: models that people have published, each with a license and an author of its own.
+
+``objaverse:FOLDER`` reads what the package ``objaverse`` keeps on disk (``metadata/*.json.gz``,
+``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and needs no network. ``objaverse`` alone lets the
+installed package download the annotations first.
+"""
+
+from __future__ import annotations
+
+import gzip
+import importlib
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from betterbench.errors import InvalidInputError, described
+from betterbench.installation import missing_packages
+from betterbench.json_form import file_digest, open_ordinary, parse_json
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry, license_name
+from betterbench.sim.assets.catalogue.sources.source import SourceItem, SourceKind, SourceOptions, register
+
+NAME = "objaverse"
+MAX_JSON_BYTES = 512 << 20
+"""Largest annotation file when unpacked; the real ones have some 30 MB, object-paths.json.gz 80 MB."""
+_CURE = "Download it again with the package objaverse"
+_LONGEST = 600
+"""Most characters of a description that are kept."""
+_MOST_TAGS = 24
+_UID = frozenset("0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ-_")
+
+
+@dataclass(frozen=True, slots=True)
+class _Objaverse:
+    """The annotations in a folder."""
+
+    root: Path
+    name: str = NAME
+
+    @property
+    def address(self) -> str:
+        """Address of the folder."""
+        return f"{NAME}:{self.root}"
+
+    def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
+        """Yield one item for each annotated model; a shard that cannot be read is skipped as a whole."""
+        categories = _categories(self.root, on_skip)
+        places = _object(self.root / "object-paths.json.gz", on_skip)
+        for shard in sorted((self.root / "metadata").glob("*.json.gz")):
+            status = shard.stat()
+            stamp = f"{status.st_size} {status.st_mtime_ns}"
+            for uid, annotation in _object(shard, on_skip).items():
+                if not uid or not set(uid) <= _UID or not isinstance(annotation, dict):
+                    on_skip(f"{shard.name}: {uid}", "the annotation is not an object with a plain uid")
+                    continue
+                file = self._local_file(places.get(uid))
+                mark = f"{stamp} {categories.get(uid, '')} {'' if file is None else file.stat().st_size}"
+                yield SourceItem(f"{NAME}/{uid}", mark, _reader(uid, annotation, categories.get(uid, ""), file))
+
+    def _local_file(self, told: object) -> Path | None:
+        """Return the mesh of a model if it has been downloaded, and lies in the folder."""
+        if not isinstance(told, str) or "\0" in told:
+            return None
+        file = self.root / told
+        if ".." in Path(told).parts or Path(told).is_absolute() or not file.is_file():
+            return None
+        return file
+
+
+def _reader(uid: str, annotation: Mapping[str, Any], category: str, file: Path | None) -> Callable[[], CatalogueEntry]:
+    def read() -> CatalogueEntry:
+        user = annotation.get("user")
+        author = _text(user.get("displayName") or user.get("username")) if isinstance(user, dict) else _text(user)
+        faces = annotation.get("faceCount")
+        tags = [*_names(annotation.get("tags")), *_names(annotation.get("categories"))]
+        return CatalogueEntry(
+            id=f"{NAME}/{uid}",
+            source=NAME,
+            name=_text(annotation.get("name"))[:200] or category or uid,
+            content_hash="" if file is None else file_digest(file),
+            path="" if file is None else str(file),
+            description=_text(annotation.get("description"))[:_LONGEST],
+            tags=tuple(dict.fromkeys(tags))[:_MOST_TAGS],
+            category=category,
+            faces=faces if isinstance(faces, int) and not isinstance(faces, bool) and 0 <= faces < 2**31 else None,
+            license=license_name(_text(annotation.get("license"))),
+            author=author[:200],
+        )
+
+    return read
+
+
+def _text(value: object) -> str:
+    return " ".join(value.split()) if isinstance(value, str) else ""
+
+
+def _names(value: object) -> list[str]:
+    """Return the names in a list of names or of objects with a name."""
+    listed = value if isinstance(value, list) else []
+    found = (_text(one.get("name") if isinstance(one, dict) else one) for one in listed)
+    return [name[:80] for name in found if name]
+
+
+def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, str]:
+    """Return the LVIS category of each annotated model, "pop (soda)" for ``pop_(soda)``."""
+    found: dict[str, str] = {}
+    for category, uids in _object(root / "lvis-annotations.json.gz", on_skip).items():
+        if isinstance(uids, list):
+            found.update({uid: category.replace("_", " ") for uid in uids if isinstance(uid, str)})
+    return found
+
+
+def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
+    """Return the object in a packed file; nothing if it is missing, or damaged, which the caller is told."""
+    if not path.exists():
+        return {}
+    try:
+        with open_ordinary(path) as packed, gzip.open(packed) as stream:
+            text = stream.read(MAX_JSON_BYTES + 1)
+        form = parse_json(text) if len(text) <= MAX_JSON_BYTES else None
+    except (OSError, EOFError, zlib.error, ValueError) as error:
+        on_skip(path.name, f"is damaged ({getattr(error, 'strerror', None) or error})")
+        return {}
+    if not isinstance(form, dict):
+        on_skip(path.name, f"is no JSON object, or has more than {MAX_JSON_BYTES} bytes when unpacked")
+        return {}
+    return form
+
+
+def _open(target: str, options: SourceOptions) -> _Objaverse:
+    if options.license or options.author or options.name:
+        raise InvalidInputError(NAME, "each model has a license and an author of its own", "Leave these options out")
+    if not target:
+        return _Objaverse(_downloaded())
+    root = Path(target).absolute()
+    if not (root / "metadata").is_dir():
+        raise InvalidInputError(target, "has no folder metadata", f"Name the folder hf-objaverse-v1 of {NAME}. {_CURE}")
+    return _Objaverse(root)
+
+
+def _downloaded() -> Path:
+    """Let the package download the annotations, and return its folder."""
+    try:
+        package = importlib.import_module(NAME)
+    except ImportError as error:
+        problem = "The source objaverse needs the package objaverse, which is not installed"
+        raise missing_packages(problem, NAME, otherwise="or name a folder with its files: objaverse:FOLDER") from error
+    try:
+        package.load_annotations()
+        package.load_lvis_annotations()
+        root = Path(package._VERSIONED_PATH)
+    except Exception as error:  # whatever a package of others raises
+        problem = f"its annotations could not be downloaded ({described(error)})"
+        raise InvalidInputError(NAME, problem, "Check the network, or name a folder: objaverse:FOLDER") from error
+    return root
+
+
+register(
+    SourceKind(
+        scheme=NAME,
+        shown="objaverse[:FOLDER]",
+        summary="Models of Objaverse by their annotations; the package objaverse downloads them, or name its folder.",
+        open=_open,
+    )
+)

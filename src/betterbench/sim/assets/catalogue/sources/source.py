@@ -1,0 +1,107 @@
+"""Sources of assets as values, and the registry of all kinds of sources."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
+
+
+@dataclass(frozen=True, slots=True)
+class SourceItem:
+    """An asset of a source before it is read.
+
+    Attributes:
+        id: Id of its row.
+        fingerprint: Text that changes when the row has to be read again.
+        read: Returns the row; raises a BetterError if the asset cannot be used.
+    """
+
+    id: str
+    fingerprint: str
+    read: Callable[[], CatalogueEntry]
+
+
+class AssetSource(Protocol):
+    """A collection of assets that can be listed."""
+
+    @property
+    def name(self) -> str:
+        """Name of the source in the catalogue."""
+
+    @property
+    def address(self) -> str:
+        """Address under which the same source is opened again."""
+
+    def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
+        """Yield the assets in a fixed order; tell ``on_skip`` the name of what cannot be listed, and why."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceOptions:
+    """What the user knows about a source and its files do not say.
+
+    Attributes:
+        name: Name of the source in the catalogue, by default its own.
+        license: License of assets without one.
+        author: Author of assets without one.
+    """
+
+    name: str = ""
+    license: str = ""
+    author: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceKind:
+    """Kind of sources.
+
+    Attributes:
+        scheme: Word with which its addresses begin, before a colon and a target.
+        shown: Address with words for its parts ("folder:PATH").
+        summary: One sentence about its assets.
+        open: Opens the source of a target, empty where none is given; raises a BetterError if it cannot.
+    """
+
+    scheme: str
+    shown: str
+    summary: str
+    open: Callable[[str, SourceOptions], AssetSource]
+
+
+SOURCES: dict[str, SourceKind] = {}
+"""All kinds of sources by scheme."""
+
+
+def register(kind: SourceKind) -> SourceKind:
+    """Enter a kind into the registry, and return it.
+
+    Raises:
+        ValueError: If another kind has its scheme.
+    """
+    if SOURCES.setdefault(kind.scheme, kind) is not kind:
+        raise ValueError(f"another kind of sources is called {kind.scheme!r}; give this one another scheme")
+    return kind
+
+
+def open_source(address: str, options: SourceOptions | None = None) -> AssetSource:
+    """Open the source of an address; the path of an existing folder is enough for a folder.
+
+    Raises:
+        UnknownNameError: If no kind has such addresses.
+        InvalidInputError: If the source cannot be read.
+        MissingDependencyError: If its package is not installed.
+    """
+    scheme, colon, target = address.partition(":")
+    chosen = options or SourceOptions()
+    if scheme in SOURCES:
+        return SOURCES[scheme].open(target, chosen)
+    if Path(address).is_dir():
+        return SOURCES["folder"].open(address, chosen)
+    if not colon and ("/" in address or address.startswith(".")):
+        raise InvalidInputError(address, "the folder does not exist", "Name a folder of meshes")
+    raise UnknownNameError("source of assets", scheme, SOURCES)

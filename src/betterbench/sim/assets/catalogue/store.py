@@ -1,0 +1,287 @@
+"""The file of a catalogue: rows and their words in SQLite."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Self
+
+from betterbench.errors import InvalidInputError, RecordError, StorageError
+from betterbench.geometry import Vector
+from betterbench.json_form import parse_json
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
+from betterbench.sim.assets.catalogue.terms import terms
+
+FILE = "catalogue.sqlite"
+VERSION = 1
+"""Version of the tables; a catalogue of another version is made again."""
+_APPLICATION = 0x62657474
+"""Number by which SQLite files of a catalogue are known: "bett"."""
+
+_TABLES = """
+CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE sources (number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, address TEXT NOT NULL);
+CREATE TABLE assets (
+    row INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, source INTEGER NOT NULL REFERENCES sources(number),
+    fingerprint TEXT NOT NULL, content_hash TEXT NOT NULL, path TEXT NOT NULL, name TEXT NOT NULL, tags TEXT NOT NULL,
+    description TEXT NOT NULL, category TEXT NOT NULL, color TEXT NOT NULL, size_x REAL, size_y REAL, size_z REAL,
+    faces INTEGER, license TEXT NOT NULL, author TEXT NOT NULL, variants INTEGER NOT NULL
+);
+CREATE INDEX assets_by_source ON assets(source);
+CREATE VIRTUAL TABLE words USING fts5(name, tags, description, tokenize='unicode61');
+CREATE VIRTUAL TABLE vocabulary USING fts5vocab('words', 'row');
+"""
+_COLUMNS = (
+    "row, id, sources.name AS source_name, content_hash, path, assets.name AS name, tags, description, category, "
+    "color, size_x, size_y, size_z, faces, license, author, variants"
+)
+
+
+class Store:
+    """Rows of a catalogue; a context manager that closes the file.
+
+    Args:
+        folder: Folder of the catalogue.
+        writes: Whether rows are to be written; the file is then made if it is missing.
+
+    Raises:
+        InvalidInputError: If there is no catalogue.
+        RecordError: If the file is damaged, foreign or of another version.
+    """
+
+    def __init__(self, folder: Path, *, writes: bool = False) -> None:
+        self.path = folder / FILE
+        exists = self.path.is_file()
+        if not writes and not exists:
+            raise InvalidInputError(str(folder), "has no catalogue of assets", "Run: better assets index")
+        with self.checked():
+            mode = "rwc" if writes else "ro"
+            self._database = sqlite3.connect(f"{self.path.absolute().as_uri()}?mode={mode}", uri=True)
+            self._database.row_factory = sqlite3.Row
+            if not exists:
+                self._database.executescript(_TABLES)
+                self._database.execute(f"PRAGMA application_id = {_APPLICATION}")
+                self._database.execute(f"PRAGMA user_version = {VERSION}")
+                self._database.commit()
+            self._require_ours()
+
+    def _require_ours(self) -> None:
+        (application,) = self._database.execute("PRAGMA application_id").fetchone()
+        (version,) = self._database.execute("PRAGMA user_version").fetchone()
+        if application == _APPLICATION and version == VERSION:
+            return
+        self._database.close()
+        if application != _APPLICATION:
+            raise RecordError(f"{self.path}: is not a catalogue of assets. Name another folder.")
+        raise RecordError(
+            f"{self.path}: is a catalogue of version {version}, and version {VERSION} is expected. Remove the folder "
+            "and index the sources again."
+        )
+
+    @contextlib.contextmanager
+    def checked(self) -> Iterator[None]:
+        """Turn an error of SQLite into one that names the file."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            if "full" in str(error):
+                raise StorageError(f"{self.path}: {error}. Make room, then run the same command again.") from error
+            raise self._damaged(error) from error
+        except sqlite3.DatabaseError as error:
+            raise self._damaged(error) from error
+
+    def _damaged(self, error: sqlite3.Error) -> RecordError:
+        return RecordError(
+            f"{self.path}: is damaged or is not a catalogue of assets ({error}). Remove the folder and "
+            "index the sources again."
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._database.close()
+
+    # -------------------------------------------------------------------------------------------------------- facts
+
+    def fact(self, key: str) -> str:
+        """Return a fact about the catalogue, empty if it is not stored."""
+        with self.checked():
+            found = self._database.execute("SELECT value FROM facts WHERE key = ?", (key,)).fetchone()
+        return "" if found is None else str(found[0])
+
+    def note(self, **facts: str) -> None:
+        """Store facts and commit."""
+        with self.checked():
+            self._database.executemany("INSERT OR REPLACE INTO facts VALUES (?, ?)", facts.items())
+            self._database.commit()
+
+    def sources(self) -> dict[str, tuple[int, str]]:
+        """Return number and address of each source by name."""
+        with self.checked():
+            found = self._database.execute("SELECT name, number, address FROM sources ORDER BY number").fetchall()
+        return {name: (number, address) for name, number, address in found}
+
+    def add_source(self, name: str, address: str) -> int:
+        """Return the number of a source, which is entered if it is new.
+
+        Raises:
+            InvalidInputError: If a source of that name has another address.
+        """
+        known = self.sources()
+        if name in known and known[name][1] != address:
+            both = f"the catalogue has it as {known[name][1]}, and it is asked for as {address}"
+            raise InvalidInputError(f"source {name}", both, "Give the new one another name with --name")
+        if name not in known and len(known) >= 255:
+            raise InvalidInputError("sources", "the catalogue has 255 of them", "Use another catalogue")
+        with self.checked():
+            self._database.execute("INSERT OR IGNORE INTO sources (name, address) VALUES (?, ?)", (name, address))
+            self._database.commit()
+        return self.sources()[name][0]
+
+    # --------------------------------------------------------------------------------------------------------- rows
+
+    def count(self) -> int:
+        """Return the number of rows."""
+        with self.checked():
+            return int(self._database.execute("SELECT count(*) FROM assets").fetchone()[0])
+
+    def fingerprints(self, source: int) -> dict[str, str]:
+        """Return the fingerprint of each row of a source by id."""
+        with self.checked():
+            found = self._database.execute("SELECT id, fingerprint FROM assets WHERE source = ?", (source,))
+            return dict(found.fetchall())
+
+    def write(self, source: int, rows: Iterable[tuple[str, CatalogueEntry]]) -> None:
+        """Write rows with their fingerprints, in place of older ones of the same id, and commit."""
+        with self.checked():
+            for fingerprint, entry in rows:
+                self._remove(entry.id)
+                size: Sequence[float | None] = entry.size_m or (None, None, None)
+                values: list[object] = [entry.id, source, fingerprint, entry.content_hash, entry.path, entry.name]
+                values += [json.dumps(entry.tags), entry.description, entry.category, entry.color, *size, entry.faces]
+                values += [entry.license, entry.author, entry.variants]
+                marks = ", ".join("?" * len(values))
+                fields = "id, source, fingerprint, content_hash, path, name, tags, description, category, color, "
+                fields += "size_x, size_y, size_z, faces, license, author, variants"
+                made = self._database.execute(f"INSERT INTO assets ({fields}) VALUES ({marks})", values)  # noqa: S608
+                words = (
+                    " ".join(terms(f"{entry.category} {entry.name}")),
+                    " ".join(terms(f"{' '.join(entry.tags)} {entry.color}")),
+                    " ".join(terms(entry.description)),
+                )
+                self._database.execute(
+                    "INSERT INTO words (rowid, name, tags, description) VALUES (?, ?, ?, ?)", (made.lastrowid, *words)
+                )
+            self._database.commit()
+
+    def remove(self, ids: Iterable[str]) -> None:
+        """Remove rows by id and commit."""
+        with self.checked():
+            for one in ids:
+                self._remove(one)
+            self._database.commit()
+
+    def _remove(self, one: str) -> None:
+        found = self._database.execute("SELECT row FROM assets WHERE id = ?", (one,)).fetchone()
+        if found is not None:
+            self._database.execute("DELETE FROM words WHERE rowid = ?", (found[0],))
+            self._database.execute("DELETE FROM assets WHERE row = ?", (found[0],))
+
+    def entries(self, *, after: int = 0, limit: int = 1 << 62) -> list[tuple[int, int, CatalogueEntry]]:
+        """Return number, number of the source and content of the rows after a number, in order."""
+        with self.checked():
+            found = self._database.execute(
+                f"SELECT {_COLUMNS}, source FROM assets JOIN sources ON sources.number = assets.source "  # noqa: S608
+                "WHERE row > ? ORDER BY row LIMIT ?",
+                (after, limit),
+            ).fetchall()
+        return [(line["row"], line["source"], self._entry(line)) for line in found]
+
+    def rows(self, numbers: Sequence[int]) -> dict[int, CatalogueEntry]:
+        """Return rows by number; those that do not exist are left out."""
+        marks = ", ".join("?" * len(numbers))
+        with self.checked():
+            found = self._database.execute(
+                f"SELECT {_COLUMNS} FROM assets JOIN sources ON sources.number = assets.source WHERE row IN ({marks})",  # noqa: S608
+                list(map(int, numbers)),
+            ).fetchall()
+        return {line["row"]: self._entry(line) for line in found}
+
+    def row_of(self, asset_id: str) -> CatalogueEntry | None:
+        """Return a row by id, None if there is none."""
+        with self.checked():
+            line = self._database.execute(
+                f"SELECT {_COLUMNS} FROM assets JOIN sources ON sources.number = assets.source WHERE id = ?",  # noqa: S608
+                (asset_id,),
+            ).fetchone()
+        return None if line is None else self._entry(line)
+
+    def ids_like(self, text: str, limit: int) -> list[str]:
+        """Return ids that contain a text."""
+        with self.checked():
+            found = self._database.execute(
+                "SELECT id FROM assets WHERE instr(id, ?) > 0 ORDER BY row LIMIT ?", (text, limit)
+            ).fetchall()
+        return [line[0] for line in found]
+
+    def licenses(self) -> list[tuple[str, str, int]]:
+        """Return source, license and number of assets, by source and the most frequent license first."""
+        with self.checked():
+            found = self._database.execute(
+                "SELECT sources.name, license, count(*) AS total FROM assets JOIN sources ON number = source "
+                "GROUP BY source, license ORDER BY number, total DESC, license"
+            ).fetchall()
+        return [(source, name, total) for source, name, total in found]
+
+    def _entry(self, line: sqlite3.Row) -> CatalogueEntry:
+        try:
+            tags = parse_json(line["tags"])
+            size: Vector | None = None
+            if line["size_x"] is not None:
+                size = (float(line["size_x"]), float(line["size_y"]), float(line["size_z"]))
+            return CatalogueEntry(
+                id=line["id"],
+                source=line["source_name"],
+                name=line["name"],
+                content_hash=line["content_hash"],
+                path=line["path"],
+                description=line["description"],
+                tags=tuple(map(str, tags)),
+                category=line["category"],
+                color=line["color"],
+                size_m=size,
+                faces=line["faces"],
+                license=line["license"],
+                author=line["author"],
+                variants=line["variants"],
+            )
+        except (TypeError, ValueError) as error:
+            raise RecordError(
+                f"{self.path}: row {line['row']} is damaged ({error}). Index the sources again."
+            ) from error
+
+    # -------------------------------------------------------------------------------------------------------- words
+
+    def frequencies(self, words: Iterable[str]) -> dict[str, int]:
+        """Return in how many rows each of some terms stands; those that stand nowhere are left out."""
+        found = {}
+        with self.checked():
+            for word in dict.fromkeys(words):
+                line = self._database.execute("SELECT doc FROM vocabulary WHERE term = ?", (word,)).fetchone()
+                if line is not None:
+                    found[word] = int(line[0])
+        return found
+
+    def matching(self, expression: str, limit: int, *, ranked: bool) -> list[tuple[int, str, str, str]]:
+        """Return number and words of the rows that an FTS5 expression matches, the best or the first ones."""
+        order = "ORDER BY bm25(words, 6.0, 3.0, 1.0), rowid" if ranked else "ORDER BY rowid"
+        with self.checked():
+            found = self._database.execute(
+                f"SELECT rowid, name, tags, description FROM words WHERE words MATCH ? {order} LIMIT ?",  # noqa: S608
+                (expression, limit),
+            ).fetchall()
+        return [tuple(line) for line in found]

@@ -1,0 +1,65 @@
+"""Words of names, descriptions and queries in the one form in which they are compared."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+_IRREGULAR = {
+    "knives": "knife",
+    "loaves": "loaf",
+    "leaves": "leaf",
+    "halves": "half",
+    "shelves": "shelf",
+    "mice": "mouse",
+    "dice": "die",
+    "cookies": "cookie",
+    "pies": "pie",
+    "smoothies": "smoothie",
+    "brownies": "brownie",
+    "veggies": "veggie",
+    "movies": "movie",
+    "dishes": "dish",
+    "potatoes": "potato",
+    "tomatoes": "tomato",
+    "fries": "fries",
+    "headphones": "headphone",
+    "colour": "color",
+    "coloured": "colored",
+    "grey": "gray",
+    "doughnut": "donut",
+    "aluminium": "aluminum",
+}
+"""Plurals that the rules miss, and spellings that mean the same."""
+
+_KEEP = re.compile(r"(ss|us|is|as|ios)$")
+_WORD = re.compile(r"[^\W_]+")
+LONGEST_TERM = 40
+"""Most letters of a term; longer ones are no words."""
+
+
+def terms(text: str) -> list[str]:
+    """Return the words of a text in order: small letters without accents, plurals in the singular."""
+    plain = "".join(c for c in unicodedata.normalize("NFKD", text.lower()) if not unicodedata.combining(c))
+    return [singular(word) for word in _WORD.findall(plain) if len(word) <= LONGEST_TERM]
+
+
+def singular(word: str) -> str:
+    """Return an English noun in the singular; a word that is none may lose its last letter, always in the same way."""
+    if word in _IRREGULAR:
+        return _IRREGULAR[word]
+    if len(word) < 4 or not word.endswith("s") or _KEEP.search(word):
+        return word
+    if word.endswith("ies"):
+        return f"{word[:-3]}y"
+    if word.endswith(("ches", "shes", "sses", "xes", "zes")):
+        return word[:-2]
+    return word[:-1]
+
+
+def spoken(stem: str) -> str:
+    """Return a file name as people would say it: "burgerCheeseDouble" as "burger cheese double", "025_mug" as "mug"."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", stem)
+    words = [word for word in _WORD.findall(apart) if not any(c.isdigit() for c in word) and len(word) <= LONGEST_TERM]
+    kept = [word.lower() for word in words if len(word) > 1] or [word.lower() for word in _WORD.findall(apart)]
+    return " ".join(kept)

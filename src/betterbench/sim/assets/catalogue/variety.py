@@ -1,0 +1,134 @@
+"""Several assets for one description, which differ in shape and color."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from betterbench.errors import InvalidInputError
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
+from betterbench.sim.assets.catalogue.expansion import COLORS, understood
+from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
+from betterbench.sim.assets.catalogue.terms import terms
+
+MOST = 100
+"""Most assets for one description."""
+_SEARCHED = 60
+_NEAR = 0.35
+"""Least score, relative to the best one, of an asset of another name that answers the same description."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """An asset for a description.
+
+    Attributes:
+        id: Id of the asset; with the number of a look ("procedural/mug-red#3") where its row stands for several.
+        hit: Row of the catalogue with its score.
+    """
+
+    id: str
+    hit: Hit
+
+    def to_json(self) -> dict[str, object]:
+        """Return the asset as a JSON object."""
+        return {**self.hit.to_json(), "id": self.id, "row": self.hit.entry.id}
+
+
+def choose_different(
+    catalogue: Catalogue, description: str, count: int, *, seed: int = 0, filters: Filters | None = None
+) -> list[Chosen]:
+    """Return assets for one description: all of the kind that fits best, and as different as the catalogue allows.
+
+    The first one is drawn among the best; each further one is the farthest from those before in source, color, look
+    and proportions. A color that the description names is kept.
+
+    Args:
+        catalogue: Catalogue to search.
+        description: Description in plain words.
+        count: Number of assets.
+        seed: Number of the draw; the same seed gives the same assets.
+        filters: Assets that are admitted.
+
+    Raises:
+        InvalidInputError: If the number is out of range, or the catalogue has fewer assets that fit.
+    """
+    if not 1 <= count <= MOST:
+        raise InvalidInputError("num", f"{count} is out of range", f"Give 1 to {MOST}")
+    hits = _of_one_kind(catalogue.search(description, limit=_SEARCHED, filters=filters), description)
+    left = [Chosen(one, hit) for hit in hits for one in _looks(hit.entry)]
+    if len(left) < count:
+        problem = f"{len(left)} assets of the catalogue fit {description!r}, and {count} are asked for"
+        raise InvalidInputError("num", problem, "Ask for fewer, admit more with --license any, or index more sources")
+    # Equal assets are told apart by a hash of the seed, so that another seed gives another choice.
+    draw = {one.id: hashlib.sha256(f"{seed} {one.id}".encode()).digest() for one in left}
+    chosen: list[Chosen] = []
+    while len(chosen) < count:
+        best = max(left, key=lambda one: (*_distance(one, chosen), draw[one.id]))
+        chosen.append(best)
+        left.remove(best)
+    return chosen
+
+
+def _looks(entry: CatalogueEntry) -> list[str]:
+    if entry.variants == 1:
+        return [entry.id]
+    return [f"{entry.id}#{look}" for look in range(entry.variants)]
+
+
+def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
+    """Return the hits that are the kind of thing that the best hit is, in the color that is asked for."""
+    if not hits:
+        return []
+    asked = understood(description).colors
+    colored = [hit for hit in hits if asked and _color(hit.entry) in asked]
+    pool = colored or [hit for hit in hits if not asked or not _color(hit.entry)] or list(hits)
+    first = pool[0]
+    kind = _kind(first.entry)
+    return [
+        hit
+        for hit in pool
+        if _kind(hit.entry) == kind and (hit.entry.category == first.entry.category or hit.score >= _NEAR * first.score)
+    ]
+
+
+def _kind(entry: CatalogueEntry) -> str:
+    """Return the noun that the category or the name ends with ("pie" of "apple pie")."""
+    named = [word for word in terms(entry.category or entry.name) if word not in COLORS]
+    return named[-1] if named else entry.name
+
+
+def _color(entry: CatalogueEntry) -> str:
+    """Return the color of an asset: what its source says, or the first color word of its texts, or ""."""
+    said = terms(f"{entry.color} {entry.name} {entry.description}")
+    return next((word for word in said if word in COLORS), "")
+
+
+def _distance(one: Chosen, others: Sequence[Chosen]) -> tuple[float, float]:
+    """Return the distance of an asset to the nearest of some others, and the sum of its distances to all of them."""
+    distances = [_between(one, other) for other in others]
+    return min(distances, default=0.0), sum(distances)
+
+
+def _between(one: Chosen, other: Chosen) -> float:
+    first, second = one.hit.entry, other.hit.entry
+    color = float(_color(first) != _color(second))
+    look = float(one.id.partition("#")[2] != other.id.partition("#")[2])
+    source = float(first.source != second.source)
+    return source + color + look + min(_proportions(first, second), 1.0)
+
+
+def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
+    """Return how much the proportions of two boxes differ, as the largest logarithm of a ratio of sides."""
+    if first.size_m is None or second.size_m is None or min(*first.size_m, *second.size_m) <= 0.0:
+        return 0.0
+    pairs = zip(first.size_m, second.size_m, strict=True)
+    shares = [math.log(a / max(first.size_m)) - math.log(b / max(second.size_m)) for a, b in pairs]
+    return max(map(abs, shares))
+
+
+def with_look(chosen: Chosen) -> CatalogueEntry:
+    """Return the row of a chosen asset under the id of its look."""
+    return replace(chosen.hit.entry, id=chosen.id)

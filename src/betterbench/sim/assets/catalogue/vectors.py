@@ -1,0 +1,239 @@
+"""Vectors of a catalogue: one byte a number, in files that are mapped and not read.
+
+Of each row there are its vector as whole numbers of one byte with a scale, a sketch of one bit a number, and the
+columns that filters need. A search compares sketches first and vectors of the best rows after that.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import RecordError
+from betterbench.jobs.durable import DurableFile
+
+EXACT_ROWS = 20_000
+"""Largest catalogue of which every vector is compared."""
+RERANKED = 2_000
+"""Rows whose vectors are compared after their sketches."""
+_SPREAD = 1 << 16
+"""Rows that are handled at once when files are written."""
+
+FILES = ("vectors", "scales", "sketches", "rows", "digests", "licenses", "sources", "faces", "sizes")
+"""Names of the files, without their ending .npy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Columns for filters, one value a row; NaN and -1 are unknown.
+
+    Attributes:
+        rows: Row numbers in the catalogue, ascending, (n,) int64.
+        licenses: Number of the kind of license, (n,) uint8.
+        sources: Number of the source, (n,) uint8.
+        faces: Triangles, (n,) int32.
+        sizes: Largest extent [m], (n,) float32.
+    """
+
+    rows: np.ndarray
+    licenses: np.ndarray
+    sources: np.ndarray
+    faces: np.ndarray
+    sizes: np.ndarray
+
+
+def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit vectors (n, d) as int8 of the same shape, and the scale of each (n,) float32."""
+    largest = np.abs(vectors).max(axis=1, initial=0.0)
+    scales = (np.where(largest > 0.0, largest, 1.0) / 127.0).astype(np.float32)
+    return np.rint(vectors / scales[:, None]).astype(np.int8), scales
+
+
+def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
+    """Return one bit a number, whether it is above the center: (words, n) uint64."""
+    bits = np.packbits(vectors > center, axis=1)
+    padded = np.zeros((len(bits), -(-bits.shape[1] // 8) * 8), np.uint8)
+    padded[:, : bits.shape[1]] = bits
+    return np.ascontiguousarray(padded.view(np.uint64).T)
+
+
+def write_vectors(
+    folder: Path, columns: Columns, blocks: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], dimension: int
+) -> None:
+    """Write the files of a catalogue.
+
+    Args:
+        folder: Folder of the catalogue.
+        columns: Columns for filters.
+        blocks: Vectors (n, dimension) int8, scales (n,) float32 and digests of texts (n, 16) uint8, in the order of
+            the rows.
+        dimension: Length of the vectors.
+    """
+    count = len(columns.rows)
+    scales, digests = np.zeros(count, np.float32), np.zeros((count, 16), np.uint8)
+    total, done = np.zeros(dimension), 0
+    with DurableFile(folder / "vectors.npy") as out:
+        np.lib.format.write_array_header_1_0(
+            out.file, {"descr": "|i1", "fortran_order": False, "shape": (count, dimension)}
+        )
+        for vectors, scale, digest in blocks:
+            part = slice(done, done + len(vectors))
+            scales[part], digests[part] = scale, digest
+            total += (vectors * scale[:, None]).sum(axis=0, dtype=float)
+            out.file.write(vectors.tobytes())
+            done += len(vectors)
+        if done != count:
+            raise ValueError(f"{done} vectors for {count} rows")
+        out.finish()
+    stored = np.load(folder / "vectors.npy", mmap_mode="r")
+    center = (total / max(count, 1)).astype(np.float32)
+    words = -(-dimension // 64)
+    sketches = np.zeros((words, count), np.uint64)
+    for start in range(0, count, _SPREAD):
+        part = slice(start, start + _SPREAD)
+        sketches[:, part] = _sketches(stored[part] * scales[part, None], center)
+    for name, array in (
+        ("scales", scales),
+        ("sketches", sketches),
+        ("digests", digests),
+        ("center", center),
+        ("rows", columns.rows.astype(np.int64)),
+        ("licenses", columns.licenses.astype(np.uint8)),
+        ("sources", columns.sources.astype(np.uint8)),
+        ("faces", columns.faces.astype(np.int32)),
+        ("sizes", columns.sizes.astype(np.float32)),
+    ):
+        with DurableFile(folder / f"{name}.npy") as out:
+            np.save(out.file, array, allow_pickle=False)
+            out.finish()
+
+
+class VectorIndex:
+    """The vectors of a catalogue, open for searching.
+
+    Raises:
+        RecordError: If a file is missing, damaged or does not belong to the others.
+    """
+
+    def __init__(self, folder: Path, *, count: int, dimension: int) -> None:
+        def load(name: str, shape: tuple[int, ...], kind: str, *, mapped: bool = False) -> np.ndarray:
+            path = folder / f"{name}.npy"
+            try:
+                array = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
+            except (OSError, ValueError, EOFError) as error:
+                raise _damaged(path, f"cannot be read ({error})") from error
+            if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != np.dtype(kind):
+                raise _damaged(path, f"does not hold {shape} numbers of the type {kind}")
+            return array
+
+        self._vectors = load("vectors", (count, dimension), "int8", mapped=True)
+        self._scales = load("scales", (count,), "float32")
+        self._sketches = load("sketches", (-(-dimension // 64), count), "uint64")
+        self._center = load("center", (dimension,), "float32")
+        self.digests = load("digests", (count, 16), "uint8", mapped=True)
+        self.columns = Columns(
+            load("rows", (count,), "int64"),
+            load("licenses", (count,), "uint8"),
+            load("sources", (count,), "uint8"),
+            load("faces", (count,), "int32"),
+            load("sizes", (count,), "float32"),
+        )
+        self._threads: ThreadPoolExecutor | None = None
+        self._starting = threading.Lock()
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self._scales)
+
+    def block(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the vectors and scales of a range of places."""
+        return self._vectors[start:stop], self._scales[start:stop]
+
+    def nearest(
+        self, queries: np.ndarray, allowed: np.ndarray | None, limit: int, *, exact: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the places of the rows nearest to the nearer of some unit vectors, and their cosines, best first.
+
+        Args:
+            queries: Vectors (m, dimension) float32.
+            allowed: Which rows a filter admits, (n,) bool; None for all.
+            limit: Most rows to return.
+            exact: Compare every vector, however many there are.
+        """
+        if exact or self.count <= EXACT_ROWS:
+            places = np.arange(self.count) if allowed is None else np.flatnonzero(allowed)
+        else:
+            found = [self._candidates(query, allowed, max(RERANKED, limit)) for query in queries]
+            places = np.unique(np.concatenate(found))
+        cosines = np.concatenate([self._cosines(queries, part) for part in _parts(places)] or [np.zeros(0, np.float32)])
+        if len(places) > limit:
+            kept = np.argpartition(-cosines, limit - 1)
+            least = cosines[kept[limit - 1]]
+            near = np.flatnonzero(cosines >= least)
+            places, cosines = places[near], cosines[near]
+        order = np.lexsort((places, -cosines))[:limit]
+        return places[order], cosines[order]
+
+    def _cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Return the larger cosine of each row with one of the vectors."""
+        near = (self._vectors[places].astype(np.float32) @ queries.T).max(axis=1)
+        return np.asarray(near * self._scales[places])
+
+    def _candidates(self, query: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
+        """Return at least the wanted number of places whose sketches differ least from that of a vector."""
+        sketch = _sketches(query[None], self._center)[:, 0]
+        differing = np.empty(self.count, np.uint16)
+        middle = self.count // 2
+
+        def count_bits(part: slice) -> None:
+            for start in range(part.start, part.stop, _SPREAD):
+                piece = slice(start, min(start + _SPREAD, part.stop))
+                total = np.zeros(piece.stop - piece.start, np.uint16)
+                for word, bits in zip(self._sketches, sketch, strict=True):
+                    total += np.bitwise_count(word[piece] ^ bits)
+                if allowed is not None:
+                    total[~allowed[piece]] = 65535
+                differing[piece] = total
+
+        list(self._pool().map(count_bits, (slice(0, middle), slice(middle, self.count))))
+        counts = np.bincount(np.minimum(differing, 64 * len(sketch) + 1), minlength=64 * len(sketch) + 2)[:-1]
+        reached = int(np.searchsorted(np.cumsum(counts), wanted))
+        return np.flatnonzero(differing <= min(reached, len(counts) - 1))
+
+    def _pool(self) -> ThreadPoolExecutor:
+        with self._starting:
+            if self._threads is None:
+                self._threads = ThreadPoolExecutor(2, thread_name_prefix="catalogue")
+            return self._threads
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._threads is not None:
+            self._threads.shutdown()
+
+
+def _parts(places: np.ndarray) -> Iterator[np.ndarray]:
+    for start in range(0, len(places), _SPREAD):
+        yield places[start : start + _SPREAD]
+
+
+def _damaged(path: Path, problem: str) -> RecordError:
+    return RecordError(f"{path}: {problem}. Remove the folder and index the sources again.")
+
+
+def columns_of(values: Sequence[tuple[int, int, int, int, float]]) -> Columns:
+    """Return the columns of rows given as (row, license, source, faces, size)."""
+    table = np.array(values, dtype=float).reshape(-1, 5)
+    return Columns(
+        table[:, 0].astype(np.int64),
+        table[:, 1].astype(np.uint8),
+        table[:, 2].astype(np.uint8),
+        table[:, 3].astype(np.int32),
+        table[:, 4].astype(np.float32),
+    )

@@ -1,0 +1,554 @@
+"""The Franka Emika Panda with its two-finger hand, modeled from Franka's public description.
+
+Kinematics (joint origins, limits of position and speed, the hand on the flange turned by -45 degrees, the fingers 58.4
+mm and the tool center point 103.4 mm below the hand frame): the URDF of Franka's own ``franka_description``
+(Apache-2.0) and the Denavit-Hartenberg table of the Franka Control Interface documentation.
+
+Masses and inertias of the links: C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
+Identification of the Franka Emika Panda Robot With Retrieval of Feasible Parameters Using Penalty-Based Optimization",
+IEEE RA-L 4(4), 2019; hand and fingers: ``franka_description``, ``inertial.yaml``.
+
+Reflected rotor inertias: 0.6057 (joints 1-2), 0.4625 (3-4) and 0.2055 kg m2 (5-7), given by Franka for the successor
+FR3 and published in Drake's ``franka_description`` README. Joint friction is omitted, because the Panda's joint torque
+controllers compensate it, as they compensate gravity (``gravcomp``).
+
+Collision shapes are capsules, cylinders and boxes fitted to the visual meshes; ``tests/sim/robots`` measures their
+deviation.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.sim.robots.meshes import MeshPart, visual_parts
+from betterbench.sim.robots.physics import PHYSICS
+from betterbench.sim.robots.spec import Progress, RobotSpec, register_robot
+
+VISUAL_GROUP = 2
+COLLISION_GROUP = 3
+FACE_BUDGET = 7600
+"""Triangles of arm and hand together, two fingers counted once; the budget of the whole robot is 8,000 (design, section
+3).
+"""
+
+PAD_HALF_SIZE = (0.010, 0.004, 0.012)
+"""Half extents of a finger pad [m]: a face of 20 x 24 mm, 8 mm deep."""
+
+PAD_CENTER_Z = 0.042
+"""Height of the pad's center in the finger frame [m]: its lower edge is flush with the finger tip at 54 mm."""
+
+PAD_FRICTION = (1.2, 0.01, 0.0001)
+"""Sliding friction of rubber on a smooth solid; torsional: two thirds of a contact patch of 15 mm radius; rolling:
+solver default.
+"""
+
+PAD_SOLREF = (0.006, 1.0)
+"""Time constant [s] and damping ratio of pad contacts, three physics steps: firm rubber. MuJoCo's default of 20 ms
+lets a pad sink 1.3 mm into an object at full force.
+"""
+
+PAD_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
+"""Impedance of pad contacts; see :data:`PAD_SOLREF`."""
+
+PAD_SOLMIX = 50.0
+"""Weight of the pad's contact parameters against the object's; unlike a higher priority it keeps the larger
+friction."""
+
+_HALF_PI = 0.5 * math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """A collision primitive in the frame of its link [m].
+
+    A "capsule" or "cylinder" goes from ``start`` to ``end``; a "box" has its center at ``start`` and ``end`` as its
+    half extents, and is rotated about the link's x axis by ``turn_x`` [rad].
+    """
+
+    kind: str
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float = 0.0
+    turn_x: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """One link: its pose in its parent, its inertia and its collision shapes.
+
+    Attributes:
+        name: Body name; also the stem of its mesh file.
+        position: Joint origin in the parent link [m].
+        turn: Rotation of the link in its parent at zero joint angle: (axis, angle [rad]).
+        mass: Mass [kg].
+        com: Center of mass in the link frame [m].
+        inertia: xx, yy, zz, xy, xz, yz about the center of mass, in link axes [kg m2].
+        shapes: Collision primitives.
+        armature: Reflected rotor inertia of the link's joint [kg m2]; 0 for a link without a joint.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    turn: tuple[str, float]
+    mass: float
+    com: tuple[float, float, float]
+    inertia: tuple[float, float, float, float, float, float]
+    shapes: tuple[_Shape, ...]
+    armature: float = 0.0
+
+
+_LINKS = (
+    _Link(
+        "link0",
+        (0.0, 0.0, 0.0),
+        ("z", 0.0),
+        0.629769,
+        (-0.041018, -0.00014, 0.049974),
+        (0.00315, 0.00388, 0.004285, 8.2904e-07, 0.00015, 8.2299e-06),
+        (
+            _Shape("box", (-0.042, 0.0, 0.010), (0.111, 0.092, 0.010)),
+            _Shape("box", (-0.034, 0.0, 0.048), (0.096, 0.076, 0.030)),
+            _Shape("box", (-0.030, 0.0, 0.091), (0.066, 0.064, 0.015)),
+            _Shape("cylinder", (0.0, 0.0, 0.020), (0.0, 0.0, 0.140), 0.057),
+        ),
+    ),
+    _Link(
+        "link1",
+        (0.0, 0.0, 0.333),
+        ("z", 0.0),
+        4.970684,
+        (0.003875, 0.002081, -0.04762),
+        (0.70337, 0.70661, 0.009117, -0.000139, 0.006772, 0.019169),
+        (
+            _Shape("cylinder", (0.0, 0.0, -0.192), (0.0, 0.0, -0.100), 0.055),
+            _Shape("capsule", (0.0, -0.012, -0.110), (0.0, -0.060, -0.035), 0.049),
+            _Shape("cylinder", (0.0, -0.122, 0.0), (0.0, 0.0, 0.0), 0.055),
+        ),
+        armature=0.6057,
+    ),
+    _Link(
+        "link2",
+        (0.0, 0.0, 0.0),
+        ("x", -_HALF_PI),
+        0.646926,
+        (-0.003141, -0.02872, 0.003495),
+        (0.007962, 0.02811, 0.025995, -0.003925, 0.010254, 0.000704),
+        (
+            _Shape("cylinder", (0.0, -0.194, 0.0), (0.0, -0.100, 0.0), 0.055),
+            _Shape("capsule", (0.0, -0.110, 0.012), (0.0, -0.035, 0.060), 0.049),
+            _Shape("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.122), 0.055),
+        ),
+        armature=0.6057,
+    ),
+    _Link(
+        "link3",
+        (0.0, -0.316, 0.0),
+        ("x", _HALF_PI),
+        3.228604,
+        (0.027518, 0.039252, -0.066502),
+        (0.037242, 0.036155, 0.01083, -0.004761, -0.011396, -0.012805),
+        (
+            _Shape("cylinder", (0.0, 0.0, -0.121), (0.0, 0.0, -0.030), 0.055),
+            _Shape("capsule", (0.0075, 0.015, -0.060), (0.0725, 0.050, -0.010), 0.050),
+            _Shape("cylinder", (0.0825, 0.0, 0.0), (0.0825, 0.106, 0.0), 0.054),
+        ),
+        armature=0.4625,
+    ),
+    _Link(
+        "link4",
+        (0.0825, 0.0, 0.0),
+        ("x", _HALF_PI),
+        3.587895,
+        (-0.05317, 0.104419, 0.027454),
+        (0.025853, 0.019552, 0.028323, 0.007796, -0.001332, 0.008641),
+        (
+            _Shape("cylinder", (-0.0825, 0.030, 0.0), (-0.0825, 0.124, 0.0), 0.055),
+            _Shape("capsule", (-0.075, 0.063, 0.015), (-0.010, 0.010, 0.050), 0.050),
+            _Shape("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.106), 0.054),
+        ),
+        armature=0.4625,
+    ),
+    _Link(
+        "link5",
+        (-0.0825, 0.384, 0.0),
+        ("x", -_HALF_PI),
+        1.225946,
+        (-0.011953, 0.041065, -0.038437),
+        (0.035549, 0.029474, 0.008627, -0.002117, -0.004037, 0.000229),
+        (
+            _Shape("cylinder", (0.0, 0.0, -0.259), (0.0, 0.0, -0.190), 0.055),
+            _Shape("capsule", (0.0, 0.020, -0.200), (0.0, 0.070, -0.150), 0.040),
+            _Shape("box", (0.0, 0.087, -0.095), (0.032, 0.024, 0.060), turn_x=-0.11),
+            _Shape("cylinder", (0.0, 0.016, 0.0), (0.0, 0.126, 0.0), 0.051),
+        ),
+        armature=0.2055,
+    ),
+    _Link(
+        "link6",
+        (0.0, 0.0, 0.0),
+        ("x", _HALF_PI),
+        1.666555,
+        (0.060149, -0.014117, -0.010517),
+        (0.001964, 0.004354, 0.005433, 0.000109, -0.001158, 0.000341),
+        (
+            _Shape("cylinder", (0.0, 0.0, -0.015), (0.0, 0.0, 0.055), 0.048),
+            _Shape("box", (0.045, 0.004, 0.018), (0.035, 0.050, 0.036)),
+            _Shape("cylinder", (0.088, -0.051, 0.0), (0.088, 0.080, 0.0), 0.044),
+        ),
+        armature=0.2055,
+    ),
+    _Link(
+        "link7",
+        (0.088, 0.0, 0.0),
+        ("x", _HALF_PI),
+        0.735522,
+        (0.010517, -0.004252, 0.061597),
+        (0.012516, 0.010027, 0.004815, -0.000428, -0.001196, -0.000741),
+        (
+            _Shape("cylinder", (0.0, 0.0, 0.052), (0.0, 0.0, 0.107), 0.044),
+            _Shape("capsule", (0.020, 0.020, 0.080), (0.057, 0.057, 0.080), 0.020),
+            _Shape("capsule", (0.067, 0.026, 0.081), (0.026, 0.067, 0.081), 0.015),
+        ),
+        armature=0.2055,
+    ),
+)
+
+_HAND = _Link(
+    "hand",
+    (0.0, 0.0, 0.107),
+    ("z", -0.25 * math.pi),
+    0.73,
+    (-0.01, 0.0, 0.03),
+    (0.001, 0.0025, 0.0017, 0.0, 0.0, 0.0),
+    (
+        _Shape("box", (0.0, 0.0, 0.028), (0.023, 0.101, 0.038)),
+        _Shape("box", (0.0, 0.0, 0.003), (0.031, 0.053, 0.007)),
+        _Shape("box", (0.0, -0.069, -0.017), (0.006, 0.025, 0.009)),
+    ),
+)
+
+_FINGER = _Link(
+    "finger",
+    (0.0, 0.0, 0.0584),
+    ("z", 0.0),
+    0.015,
+    # The mesh spans 54 mm; the public description puts the center of mass at the finger frame, which is kept.
+    (0.0, 0.0, 0.0),
+    (2.375e-06, 2.375e-06, 7.5e-07, 0.0, 0.0, 0.0),
+    (
+        _Shape("box", (0.0, 0.0185, 0.011), (0.0110, 0.0075, 0.010)),
+        _Shape("box", (0.0, 0.0068, 0.0022), (0.0110, 0.0044, 0.0019)),
+        _Shape("box", (0.0, 0.0159, 0.0284), (0.00875, 0.0035, 0.0118), turn_x=math.pi / 6.0),
+        _Shape("box", (0.0, 0.0115, 0.0450), (0.00875, 0.0035, 0.0090)),
+    ),
+    # The Franka Hand's spindle drive is not back-drivable; 0.1 kg per finger represents its reflected inertia.
+    armature=0.1,
+)
+
+SERVO_STIFFNESS = (3500.0, 3500.0, 2500.0, 2500.0, 700.0, 700.0, 500.0)
+"""Position gain per arm joint [N m/rad].
+
+Chosen as the square of a natural frequency of about 45 rad/s times the largest inertia that the joint meets over the
+workspace, so the slowest loop settles within a tenth of a second and is far (1:20) from the 500 Hz of the physics.
+"""
+
+SERVO_DAMPING = (160.0, 160.0, 110.0, 110.0, 32.0, 32.0, 23.0)
+"""Velocity gain per arm joint [N m s/rad]: critical damping of the above, 2 times stiffness over natural frequency."""
+
+_GRIPPER_STIFFNESS = 5000.0
+"""Stiffness of the gripper servo [N/m]: the force limit is reached when the command is 8 mm inside the object."""
+
+_GRIPPER_DAMPING = 60.0
+"""Damping of the gripper servo [N s/m]: 34 would be critical for 0.115 kg per finger; more avoids oscillation."""
+
+_GRIPPER_FORCE_N = 40.0
+"""Force of each pad [N]: the Franka Hand holds 70 N continuously (data sheet), and 35 N already held round and flat
+objects in trials."""
+
+PANDA = RobotSpec(
+    name="panda",
+    title="Franka Emika Panda with Franka Hand",
+    source="franka_description (kinematics, limits); Gaz et al. 2019 (inertia); meshes of gymnasium-robotics",
+    license="Apache-2.0 (Franka description and meshes), MIT (gymnasium-robotics)",
+    arm_joints=tuple(f"joint{i}" for i in range(1, 8)),
+    position_actuators=tuple(f"joint{i}_position" for i in range(1, 8)),
+    velocity_actuators=tuple(f"joint{i}_velocity" for i in range(1, 8)),
+    gripper_actuator="gripper",
+    finger_joints=("finger_joint1", "finger_joint2"),
+    finger_bodies=("left_finger", "right_finger"),
+    pad_geoms=("left_pad", "right_pad"),
+    hand_body="hand",
+    arm_bodies=tuple(link.name for link in _LINKS),
+    tcp_site="tcp",
+    home_joints=(0.0, -0.528, 0.0, -2.722, 0.0, 2.194, 0.25 * math.pi),
+    joint_low=(-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973),
+    joint_high=(2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973),
+    joint_velocity=(2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61),
+    # Franka's limits are 87 N m (joints 1-4) and 12 N m (5-7). The large joints are limited to 50: enough for their
+    # accelerations, while a blocked arm pushes cautiously (Franka's examples stop the real arm at contact torques of
+    # 20-40 N m).
+    joint_effort=(50.0, 50.0, 50.0, 50.0, 12.0, 12.0, 12.0),
+    gripper_opening_m=0.08,
+    pad_size_m=(2.0 * PAD_HALF_SIZE[0], 2.0 * PAD_HALF_SIZE[2]),
+    # The fingers are 58.4 mm below the hand frame and 54 mm long.
+    tip_below_tcp_m=0.0584 + 0.054 - 0.1034,
+    # Each finger moves at 50 mm/s (data sheet of the Franka Hand), so the opening width changes twice as fast.
+    gripper_speed_m_s=0.1,
+    gripper_force_n=_GRIPPER_FORCE_N,
+    gripper_lead_m=0.012,
+    control_rate_hz=PHYSICS.control_rate_hz,
+    reach_m=0.855,
+)
+
+_PAINTS = {"shell": (0.93, 0.93, 0.92, 1.0), "trim": (0.80, 0.81, 0.82, 1.0), "dark": (0.16, 0.17, 0.18, 1.0)}
+
+_SHARES = {
+    "link0": 0.7,
+    "link1": 1.0,
+    "link2": 1.0,
+    "link3": 1.0,
+    "link4": 1.0,
+    "link5": 1.0,
+    "link6": 1.1,
+    "link7": 1.6,
+    "hand": 1.8,
+    "finger": 4.0,
+}
+
+
+def _paint(link: str, rank: int) -> str:
+    """Return the paint of a connected part of a link's mesh, by its rank from the largest.
+
+    The numbers were found by inspection of the parts: covers, connectors, buttons and rubber tips.
+    """
+    if rank == 0:
+        return "trim" if link == "finger" else "shell"
+    if link in {"link3", "link4"} and rank == 1:
+        return "trim"
+    if link == "link6" and rank <= 2:
+        return "shell" if rank == 1 else "trim"
+    if link == "hand" and rank == 0:
+        return "shell"
+    return "dark"
+
+
+def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
+    """Return a new MuJoCo description of the Panda, optionally without visual meshes; physics is the same.
+
+    The base is at the origin, with the mounting flange at ``z = 0``; geoms of group 2 are visual, those of group 3
+    collide.
+
+    Raises:
+        MissingDependencyError: If the package with the meshes is not installed.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = PANDA.name
+    PHYSICS.set_solver(spec)
+    for name, rgba in _PAINTS.items():
+        spec.add_material(name=f"panda_{name}", rgba=rgba, specular=0.35, shininess=0.35)
+
+    body = spec.worldbody
+    bodies: dict[str, mujoco.MjsBody] = {}
+    for index, link in enumerate(_LINKS):
+        body = _add_link(body, link, link.name)
+        bodies[link.name] = body
+        if index > 0:
+            body.add_joint(
+                name=PANDA.arm_joints[index - 1],
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                axis=(0.0, 0.0, 1.0),
+                range=(PANDA.joint_low[index - 1], PANDA.joint_high[index - 1]),
+                armature=link.armature,
+                # Limit of the total torque of the servos of this joint; gravity compensation is not included.
+                actfrcrange=(-PANDA.joint_effort[index - 1], PANDA.joint_effort[index - 1]),
+            )
+    hand = _add_link(body, _HAND, PANDA.hand_body)
+    bodies["hand"] = hand
+    hand.add_site(name=PANDA.tcp_site, pos=(0.0, 0.0, 0.1034), size=(0.004, 0.004, 0.004), group=4)
+    _add_fingers(spec, hand)
+    _add_servos(spec)
+    _exclude_neighbors(spec)
+    if visuals:
+        _add_visuals(bodies, spec, progress)
+    return spec
+
+
+def _add_link(parent: mujoco.MjsBody, link: _Link, name: str, *, mirrored: bool = False) -> mujoco.MjsBody:
+    """Add a link's body with inertia and collision shapes; ``mirrored`` rotates it by half a turn about its z axis."""
+    axis, angle = link.turn
+    if mirrored:
+        axis, angle = "z", math.pi
+    half = 0.5 * angle
+    quaternion = (math.cos(half), math.sin(half) * (axis == "x"), 0.0, math.sin(half) * (axis == "z"))
+    xx, yy, zz, xy, xz, yz = link.inertia
+    body = parent.add_body(
+        name=name,
+        pos=link.position,
+        quat=quaternion,
+        mass=link.mass,
+        ipos=link.com,
+        fullinertia=(xx, yy, zz, xy, xz, yz),
+        explicitinertial=True,
+        gravcomp=1.0,
+    )
+    for number, shape in enumerate(link.shapes):
+        _add_shape(body, shape, f"{name}_collision{number}")
+    return body
+
+
+def _add_shape(body: mujoco.MjsBody, shape: _Shape, name: str) -> None:
+    """Add one collision primitive to a body."""
+    if shape.kind == "box":
+        body.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=shape.start,
+            size=shape.end,
+            quat=(math.cos(0.5 * shape.turn_x), math.sin(0.5 * shape.turn_x), 0.0, 0.0),
+            **_COLLIDES,
+        )
+        return
+    kind = mujoco.mjtGeom.mjGEOM_CAPSULE if shape.kind == "capsule" else mujoco.mjtGeom.mjGEOM_CYLINDER
+    body.add_geom(name=name, type=kind, fromto=(*shape.start, *shape.end), size=(shape.radius, 0.0, 0.0), **_COLLIDES)
+
+
+_COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": PHYSICS.condim, "rgba": (0.9, 0.4, 0.1, 0.5)}
+
+
+def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
+    """Add both fingers with their pads, coupled so that the object stays in the center of the gripper."""
+    for index, name in enumerate(PANDA.finger_bodies):
+        finger = _add_link(hand, _FINGER, name, mirrored=index == 1)
+        finger.add_joint(
+            name=PANDA.finger_joints[index],
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=(0.0, 1.0, 0.0),
+            range=(0.0, 0.5 * PANDA.gripper_opening_m),
+            armature=_FINGER.armature,
+            solref_limit=(0.004, 1.0),
+        )
+        finger.add_geom(
+            name=PANDA.pad_geoms[index],
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=(0.0, PAD_HALF_SIZE[1], PAD_CENTER_Z),
+            size=PAD_HALF_SIZE,
+            friction=PAD_FRICTION,
+            solref=PAD_SOLREF,
+            solimp=PAD_SOLIMP,
+            solmix=PAD_SOLMIX,
+            **_COLLIDES,
+        )
+    spec.add_equality(
+        name="finger_coupling",
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=PANDA.finger_joints[0],
+        name2=PANDA.finger_joints[1],
+        data=(0.0, 1.0) + (0.0,) * (mujoco.mjNEQDATA - 2),
+        solref=(0.004, 1.0),
+        solimp=(0.95, 0.99, 0.001, 0.5, 2.0),
+    )
+
+
+def _add_servos(spec: mujoco.MjSpec) -> None:
+    """Add the joint servos and the gripper's.
+
+    Each arm joint has two servos with the same control, the joint's reference velocity [rad/s]. The first integrates it
+    to a reference position (its activation) and pulls with the stiffness; the second damps toward the reference
+    velocity itself. The reference therefore moves evenly within a control step, and a moving arm does not lag by
+    damping over stiffness, as it does with a position servo.
+
+    The gripper's servo takes the opening width [m] and acts on both fingers equally through a tendon whose length is
+    that width.
+    """
+    for joint, position, velocity, stiffness, damping, low, high in zip(
+        PANDA.arm_joints,
+        PANDA.position_actuators,
+        PANDA.velocity_actuators,
+        SERVO_STIFFNESS,
+        SERVO_DAMPING,
+        PANDA.joint_low,
+        PANDA.joint_high,
+        strict=True,
+    ):
+        servo = _add_servo(spec, position, joint, gain=stiffness, bias=(0.0, -stiffness, 0.0))
+        servo.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
+        servo.actlimited = True
+        servo.actrange = (low, high)
+        _add_servo(spec, velocity, joint, gain=damping, bias=(0.0, 0.0, -damping))
+    width = spec.add_tendon(name="pad_distance")
+    for joint in PANDA.finger_joints:
+        width.wrap_joint(joint, 1.0)
+    bias = (0.0, -_GRIPPER_STIFFNESS, -_GRIPPER_DAMPING)
+    gripper = _add_servo(spec, PANDA.gripper_actuator, "pad_distance", gain=_GRIPPER_STIFFNESS, bias=bias)
+    gripper.trntype = mujoco.mjtTrn.mjTRN_TENDON
+    gripper.ctrllimited = True
+    # Below zero, so that the full force also holds the thinnest object.
+    gripper.ctrlrange = (-PANDA.gripper_lead_m, PANDA.gripper_opening_m)
+    gripper.forcelimited = True
+    gripper.forcerange = (-_GRIPPER_FORCE_N, _GRIPPER_FORCE_N)
+
+
+def _add_servo(
+    spec: mujoco.MjSpec, name: str, target: str, *, gain: float, bias: tuple[float, float, float]
+) -> mujoco.MjsActuator:
+    """Add a servo to a joint with a force of ``gain`` times the control, plus ``bias`` times (1, length, velocity)."""
+    servo = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    servo.gainprm[0] = gain
+    servo.biasprm[:3] = bias
+    return servo
+
+
+def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
+    """Exclude pairs that overlap by construction: neighbors, and the short wrist with links two joints away."""
+    chain = [link.name for link in _LINKS] + [PANDA.hand_body]
+    pairs = list(itertools.pairwise(chain))
+    pairs += [("link5", "link7"), ("link6", PANDA.hand_body)]
+    pairs += [(PANDA.hand_body, finger) for finger in PANDA.finger_bodies]
+    pairs += [("link7", finger) for finger in PANDA.finger_bodies]
+    for first, second in pairs:
+        spec.add_exclude(name=f"{first}_{second}", bodyname1=first, bodyname2=second)
+
+
+@functools.cache
+def _visuals() -> tuple[MeshPart, ...]:
+    return visual_parts(_SHARES, _paint, faces=FACE_BUDGET)
+
+
+def _add_visuals(bodies: dict[str, mujoco.MjsBody], spec: mujoco.MjSpec, progress: Progress | None) -> None:
+    """Add the decimated meshes to the bodies, and the rubber of the pads, which the meshes show only in part."""
+    seen = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
+    fingers = [spec.body(name) for name in PANDA.finger_bodies]
+    parts = _visuals() if progress is None else visual_parts(_SHARES, _paint, faces=FACE_BUDGET, progress=progress)
+    for part in parts:
+        mesh = spec.add_mesh(name=part.name)
+        mesh.uservert = part.vertices.ravel()
+        mesh.userface = part.faces.ravel()
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        for number, body in enumerate(fingers if part.link == "finger" else [bodies[part.link]]):
+            body.add_geom(
+                name=f"{part.name}_visual{number}",
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=part.name,
+                material=f"panda_{part.paint}",
+                **seen,
+            )
+    for body in fingers:
+        body.add_geom(
+            name=f"{body.name}_pad_visual",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=(0.0, PAD_HALF_SIZE[1], PAD_CENTER_Z),
+            size=np.array(PAD_HALF_SIZE),
+            material="panda_dark",
+            **seen,
+        )
+
+
+register_robot(PANDA, build_panda)

@@ -1,0 +1,29 @@
+"""Description of a scene for the record of its episode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from betterbench.interface.state import NO_JITTER, ViewJitter
+from betterbench.tasks import Looks
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneDescription:
+    """Description of a scene: versions, sentence and appearance, with the fields of a record's metadata.
+
+    Attributes:
+        instruction: All instructions of the episode, as one text.
+        render_quality: Name of the render preset, or what stands for it; None without images.
+        engine: Fingerprint of everything that can change the numbers.
+    """
+
+    task_version: int
+    suite_version: str
+    instruction: str
+    render_quality: str | None
+    engine: Mapping[str, str]
+    looks: Looks = "seen"
+    room: str = ""
+    view_jitter: ViewJitter = NO_JITTER

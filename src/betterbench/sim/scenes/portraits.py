@@ -1,0 +1,65 @@
+"""Pictures of single assets on a plain ground, each in a scene of its own."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from betterbench.geometry import Pose
+from betterbench.sim.assets import Asset
+from betterbench.sim.scenes.objects import add_asset
+from betterbench.sim.scenes.rendering import Renderer
+from betterbench.sim.scenes.stage import QUALITIES, add_camera
+
+_FIELD_DEGREES = 45.0
+_DOWN = math.radians(35.0)
+"""Angle below the horizon at which the camera looks, as the front camera of the scenes [rad]."""
+_FILLED = 0.72
+"""Share of the picture that the diagonal of the asset's box takes."""
+_SMALLER = 2
+"""Pixels that are averaged along each side, because edges are not smoothed otherwise."""
+
+
+def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) -> np.ndarray:
+    """Return a picture of an asset, (pixels, pixels, 3) uint8.
+
+    Args:
+        asset: Asset to draw.
+        pixels: Side of the picture.
+        turned_degrees: Angle about the vertical by which the camera stands aside of the front.
+
+    Raises:
+        MissingDependencyError: If no off-screen OpenGL works here.
+    """
+    spec = mujoco.MjSpec()
+    spec.visual.headlight.ambient = [0.32, 0.32, 0.32]
+    spec.visual.headlight.diffuse = [0.30, 0.30, 0.30]
+    spec.visual.headlight.specular = [0.1, 0.1, 0.1]
+    spec.visual.map.znear = 0.002
+    spec.worldbody.add_light(
+        pos=[0, 0, 3],
+        dir=[-0.35, 0.45, -1.0],
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        diffuse=[0.55, 0.54, 0.52],
+        castshadow=False,  # the shadow map does not cover the endless ground, and its far part would be speckled
+    )
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], rgba=[0.80, 0.76, 0.70, 1])
+    add_asset(spec, "asset", asset, pose=Pose())
+    turn = math.radians(turned_degrees)
+    distance = math.hypot(*asset.size_m) / _FILLED / (2.0 * math.tan(math.radians(_FIELD_DEGREES / 2.0)))
+    middle = 0.47 * asset.size_m[2]
+    away = distance * math.cos(_DOWN)
+    position = (away * math.cos(turn), away * math.sin(turn), middle + distance * math.sin(_DOWN))
+    add_camera(spec.worldbody, "portrait", position, (0.0, 0.0, middle), fovy_deg=_FIELD_DEGREES)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    side = pixels * _SMALLER
+    with Renderer(model, width=side, height=side, quality=QUALITIES["high"]) as renderer:
+        image = renderer.render(data, "portrait").rgb
+    if image is None:
+        raise ValueError("no colors were rendered")
+    small = image.reshape(pixels, _SMALLER, pixels, _SMALLER, 3).mean(axis=(1, 3))
+    return np.asarray(np.rint(small), np.uint8)

@@ -1,0 +1,199 @@
+"""Scene of a world that computes its states itself, with what all such scenes answer alike."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Vector
+from betterbench.interface import ObservationSpec
+from betterbench.interface.actions import ActionSpace
+from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
+from betterbench.sim.scenes.described import SceneDescription
+from betterbench.sim.worlds.world import Instructed, World
+from betterbench.tasks import Truth
+
+if TYPE_CHECKING:
+    from betterbench.sim.scenes.rendering import Images, Renderers
+
+OPENING_M = 0.08
+"""Distance of the finger pads where a world has no gripper of its own [m]."""
+
+_JOINTS = 7
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    id: str
+
+
+class BareScene(ABC):
+    """Scene whose state is the position of a hand and of objects, and whose goal is a set of named relations.
+
+    A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and names the
+    relations of the goal in :meth:`relations`. It may override any other method, such as :meth:`state`.
+
+    Attributes:
+        hand: (3,) position of the hand [m].
+        positions: (n, 3) positions of the objects [m].
+    """
+
+    draws_in_step: ClassVar[bool] = False
+    instructed_anew: ClassVar[bool] = False
+    over: ClassVar[bool] = False
+
+    hand: np.ndarray
+    positions: np.ndarray
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        task: str,
+        condition: str,
+        instruction: str,
+        seed: int,
+        action_space: ActionSpace,
+        step_limit: int,
+        objects: Sequence[ObjectInfo] = (),
+    ) -> None:
+        """Prepare; the episode begins with :meth:`reset`."""
+        self.world, self.control_rate_hz = world.name, world.control_rate_hz
+        self.task = _Task(task)
+        self.condition = Instructed.of(f"{task}/{condition}", condition, instruction)
+        self.seed, self.action_space, self.step_limit = seed, action_space, step_limit
+        self._objects, self._step, self._gripper_command = tuple(objects), 0, -1.0
+        self._suite = task.rpartition("-")[0]
+        self.info = SceneInfo(self._objects, (), (0.0, 0.0, 0.0), OPENING_M)
+
+    @abstractmethod
+    def start(self) -> None:
+        """Put hand and objects to the start of the trial; only the seed may decide where."""
+
+    @abstractmethod
+    def move(self, action: np.ndarray) -> None:
+        """Change hand and objects by one action, which is within the limits of its action space."""
+
+    @abstractmethod
+    def relations(self) -> Mapping[str, bool]:
+        """Return which relations hold now, by name; the goal is met when all hold."""
+
+    def reset(self) -> WorldState:
+        """Go to the start of the trial and return the state."""
+        self._step, self._gripper_command = 0, -1.0
+        self.start()
+        self.info = SceneInfo(self._objects, (), _vector(self.hand), OPENING_M)
+        return self.state()
+
+    def step(self, action: np.ndarray) -> np.ndarray:
+        """Execute an action for one control step and return it as it was applied, after clipping."""
+        applied = self.action_space.clip(action)
+        self.move(applied)
+        self._step += 1
+        self._gripper_command = float(applied[-1])
+        return applied
+
+    def state(self) -> WorldState:
+        """Return everything that is true now."""
+        still = tuple(0.0 for _ in self._objects)
+        pose = Pose(_vector(self.hand), IDENTITY_QUATERNION)
+        return WorldState(
+            info=self.info,
+            step=self._step,
+            time_s=self._step / self.control_rate_hz,
+            positions=tuple(map(_vector, self.positions)),
+            quaternions=tuple(IDENTITY_QUATERNION for _ in self._objects),
+            linear_speeds=still,
+            angular_speeds=still,
+            ee_pose=pose,
+            commanded_pose=pose,
+            finger_width_m=OPENING_M,
+            gripper_command=self._gripper_command,
+            joint_positions=(0.0,) * _JOINTS,
+            joint_velocities=(0.0,) * _JOINTS,
+            contacts=(),
+            held=None,
+        )
+
+    def simulator_state(self) -> dict[str, np.ndarray]:
+        """Return the positions as ``qpos``, and nothing else."""
+        qpos = np.concatenate([np.ravel(self.hand), np.ravel(self.positions)]).astype(np.float64)
+        return {"qpos": qpos, "qvel": np.zeros(0), "ctrl": np.zeros(0), "act": np.zeros(0)}
+
+    def tracker(self) -> BareTracker:
+        """Return the judge of an episode."""
+        return BareTracker(self)
+
+    def described(self, *, images: bool) -> SceneDescription:
+        """Return what a record says about the scene."""
+        return SceneDescription(
+            task_version=1,
+            suite_version=self._suite,
+            instruction=self.condition.instruction.text,
+            render_quality=self.world if images else None,
+            engine={"simulator": self.world, "machine": platform.machine()},
+        )
+
+    def files(self) -> dict[str, bytes]:
+        """Return the stored files of the scene: its objects."""
+        objects = [{"name": o.name, "kind": o.kind, "size": o.size_m} for o in self._objects]
+        return {"scene.json": json.dumps({"task": self.task.id, "objects": objects}, indent=1).encode()}
+
+    @property
+    def content_hash(self) -> str:
+        """Name of the stored scene."""
+        return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
+
+    def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
+        """Return no images."""
+        del spec, renderers
+        return {}
+
+    def native(self) -> dict[str, np.ndarray]:
+        """Return nothing: a policy reads our own state parts."""
+        return {}
+
+    def draw_next(self, *, wanted: bool) -> None:
+        """Do nothing: no images are drawn in a step."""
+        del wanted
+
+    def close(self, *, well: bool) -> None:
+        """Do nothing: the scene holds no process."""
+        del well
+
+
+class BareTracker:
+    """Follows the goal of a :class:`BareScene`: it is met at the first state in which all relations hold."""
+
+    undecided_states: ClassVar[int] = 0
+
+    def __init__(self, scene: BareScene) -> None:
+        """Prepare for an episode that has been reset."""
+        self._scene = scene
+        self.relation_names = self.subgoal_names = tuple(scene.relations())
+
+    def update(self, state: WorldState) -> Truth:
+        """Return the relations that hold in the current state of the scene."""
+        del state
+        holds = tuple(self._scene.relations().values())
+        return Truth(holds, holds, in_order=True, goal=all(holds), forbidden=False, success=all(holds))
+
+
+def bare_object(name: str, kind: str, *, size_m: Vector = (0.04, 0.04, 0.04)) -> ObjectInfo:
+    """Return an object that is named and measured and nothing else."""
+    return ObjectInfo(
+        name=name, kind=kind, asset=kind, category=kind, color="", shape="", role="fixture", fixed=True, mass_kg=0.0,
+        size_m=size_m,
+    )  # fmt: skip
+
+
+def _vector(numbers: np.ndarray) -> Vector:
+    x, y, z = map(float, numbers)
+    return (x, y, z)

@@ -1,0 +1,306 @@
+"""CALVIN's simulator behind a socket, run with the Python of CALVIN's environment, from the user's checkout.
+
+It imports only the standard library and NumPy and, on request, the packages of that environment and the checkout of
+``calvin_env``. Success is not judged here: the process sends the result of ``get_info``, and the run applies the rules.
+
+Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
+``scene/play_table_scene.py``; mees/calvin@fa03f01 ``evaluation/evaluate_policy.py`` for the order of calls and
+``wrappers/calvin_env_wrapper.py`` for the gripper.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from betterbench.jobs.frames import FrameContent
+from betterbench.sim.worlds.simulator_loop import answer_requests
+
+CAMERAS = {"front": ("static", 200), "wrist": ("gripper", 84)}
+"""CALVIN's two cameras by their names in our observations, with the side of their images [pixel]."""
+
+BLOCKS = {"block_red": "middle", "block_blue": "small", "block_pink": "big"}
+"""The blocks of scene D with their sizes, in the order of its ``scene_obs``."""
+
+_OTHER_SCENES = {
+    "A": {"block_red": "middle", "block_blue": "big", "block_pink": "small"},
+    "B": {"block_red": "small", "block_blue": "big", "block_pink": "middle"},
+    "C": {"block_red": "big", "block_blue": "small", "block_pink": "middle"},
+}
+"""The blocks of the training scenes (calvin_env@797142c, ``conf/scene``).
+
+Before December 2021 (calvin_env@93aeae6) the files of A and D had each other's names.
+"""
+
+OWN_CONFIG = "conf/ of the checkout: scene D"
+"""Configuration noted in the versions of a run if the user gave none of the published data."""
+
+_SCENE_HEAD = 6  # two doors, button, switch, two lights
+_VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")
+_PACKAGES = ("pybullet", "numpy", "hydra-core")
+_OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda_longer_finger"]
+
+
+class CalvinSimulator:
+    """One environment of CALVIN, for one chain.
+
+    After a chain PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load`` clear:
+    in the same process, the next chain differs by up to 0.5 rad.
+    """
+
+    def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:
+        self._checkout, self._config, self._egl = checkout, config, egl
+        self._env: Any = None
+        self._cameras: list[Any] = []
+        self._code = ""
+        self._problem: Exception | None = None
+        self._used = False
+        self._split: list[int] | None = None
+        self._depth = False
+
+    def suite(self, name: str) -> dict[str, Any]:
+        """Return task, versions and objects of the chains, after making the environment to check the installation.
+
+        The process cannot run a chain afterward.
+        """
+        self.prepare()
+        if self._egl:
+            self._require_images()
+        task = {"name": name, "fingerprint": self._code}
+        return {"tasks": [task], "versions": self.versions(), "objects": self._measure()}
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of everything that can change the results."""
+        own = {package: version(package) for package in _PACKAGES}
+        config = OWN_CONFIG if self._config is None else f"sha256 {_digest(self._config)}"
+        renderer = "EGL" if self._egl else "TinyRenderer"
+        return {"calvin_env": self._commit(), **own, "config": config, "renderer": renderer}
+
+    def premises(self, request: Mapping[str, Any]) -> FrameContent:
+        """Refuse: CALVIN has no stored initial states; each chain's premises are checked when it begins."""
+        raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
+
+    def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
+        """Refuse: chains have no labels, and therefore no films."""
+        raise ValueError(f"chains are not drawn again: {request.get('suite')}, {len(qpos)} states")
+
+    def start(self, request: Mapping[str, Any]) -> FrameContent:
+        """Begin a chain: set robot and scene. With "next", begin its next instruction from the current state."""
+        self.prepare()
+        env = self._env
+        env.cameras = self._cameras if request["images"] else []
+        self._split, self._depth = request.get("split"), bool(request.get("depth"))
+        if request.get("next"):
+            return self._row(env.get_obs(), env.get_info())
+        if self._used:
+            raise ValueError("this process has been used, and a chain needs a process of its own")
+        self._used = True
+        names = self._block_names()
+        blocks = dict(zip(BLOCKS, np.split(np.array(request["scene"][_SCENE_HEAD:], float), len(BLOCKS)), strict=True))
+        # calvin_env takes the blocks in the order of its own configuration.
+        scene = np.concatenate([request["scene"][:_SCENE_HEAD], *(blocks[name] for name in names)])
+        # calvin_env's reset does not change these two. The values are those of the first chain of CALVIN's own
+        # evaluation.
+        env.robot.gripper_action = 1
+        for button in env.scene.buttons:
+            button.prev_is_pressed = False
+        env.reset(robot_obs=np.array(request["robot"], float), scene_obs=scene)
+        # Like CALVIN's `rollout`: with EGL, the first image of a process differs from the following ones.
+        document, arrays = self._row(env.get_obs(), env.get_info())
+        fixed = {
+            "fingers": [int(i) for i in env.robot.gripper_joint_ids],
+            "flange": int(env.robot.end_effector_link_id),
+            "engine": self.versions(),
+            "code": self._code,
+        }
+        return {**fixed, **document}, arrays
+
+    def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
+        """Take one control step with CALVIN's own action; calvin_env requires the gripper to be 1 or -1.
+
+        An absolute action is passed in three parts: position, rotation, gripper.
+        """
+        self._env.cameras = self._cameras if look else []
+        move = np.array(action, float)
+        move[-1] = 1.0 if move[-1] > 0.0 else -1.0
+        seen, _, _, info = self._env.step(move if self._split is None else np.split(move, self._split))
+        return self._row(seen, info)
+
+    def make_environment(self) -> Any:  # noqa: ANN401 - of another environment
+        """Return calvin_env's ``PlayTableSimEnv``, made like in its ``get_env``, but with only two cameras."""
+        if not (self._checkout / "calvin_env" / "envs" / "play_table_env.py").is_file():
+            raise FileNotFoundError(
+                f"{self._checkout} is not a checkout of calvin_env: it has no calvin_env/envs/play_table_env.py"
+            )
+        if not any((folder / ".git").exists() for folder in (self._checkout, *self._checkout.parents)):
+            raise FileNotFoundError(
+                f"{self._checkout} is not in a git repository, but calvin_env needs its commit: clone it with git"
+            )
+        sys.path.insert(0, str(self._checkout))
+        hydra = importlib.import_module("hydra")
+        omega = importlib.import_module("omegaconf").OmegaConf
+        if self._config is None:
+            with hydra.initialize_config_dir(config_dir=str(self._checkout / "conf"), version_base=None):
+                config = hydra.compose(config_name="config_data_collection", overrides=_OVERRIDES)
+        else:
+            config = omega.load(self._config)
+        omega.set_struct(config, False)
+        wanted = {camera for camera, _ in CAMERAS.values()}
+        for name in [n for n in config.cameras if n not in wanted]:
+            del config.cameras[name]
+        _require_scene_d(config.scene.objects.movable_objects)
+        return hydra.utils.instantiate(config.env, show_gui=False, use_vr=False, use_scene_info=True, use_egl=self._egl)
+
+    def prepare(self) -> None:
+        """Make the environment once; after a failure, raise the same error again."""
+        if self._problem is not None:
+            raise self._problem
+        if self._env is not None:
+            return
+        try:
+            self._make()
+        except Exception as problem:
+            self._problem = problem
+            raise
+
+    def _make(self) -> None:
+        self._code = self._fingerprint()
+        env = self.make_environment()
+        self._cameras = list(env.cameras)
+        names = [str(block.name) for block in env.scene.movable_objects]
+        if sorted(names) != sorted(BLOCKS):
+            raise ValueError(f"the scene has the blocks {', '.join(names)}; CALVIN's has {', '.join(BLOCKS)}")
+        cameras = {camera.name: (camera.width, camera.height) for camera in self._cameras}
+        for camera, side in CAMERAS.values():
+            if cameras.get(camera) != (side, side):
+                raise ValueError(f"the camera {camera} has {cameras.get(camera)} pixels, and CALVIN's {side} x {side}")
+        self._env = env
+
+    def _require_images(self) -> None:
+        """Render once; ValueError if an image has only one color, as when EGL starts but does not render."""
+        for name, image in self._env.get_obs()["rgb_obs"].items():
+            if np.ptp(image) == 0:
+                raise ValueError(f"EGL starts, but its image {name} has only one color")
+
+    def _block_names(self) -> list[str]:
+        return [str(block.name) for block in self._env.scene.movable_objects]
+
+    def _measure(self) -> list[dict[str, Any]]:
+        """Return the objects, blocks first, with their extents along their own axes [m] and their mass [kg].
+
+        It moves the objects. This leaves a trace in the solver even after they are put back, so no chain may follow.
+        """
+        self._used = True
+        p, cid = self._env.p, self._env.cid
+        found = {}
+        for thing in self._env.scene.get_objects():
+            place, _ = p.getBasePositionAndOrientation(thing.uid, physicsClientId=cid)
+            p.resetBasePositionAndOrientation(thing.uid, place, (0.0, 0.0, 0.0, 1.0), physicsClientId=cid)
+            low, high = np.array(p.getAABB(thing.uid, -1, physicsClientId=cid))
+            mass = float(p.getDynamicsInfo(thing.uid, -1, physicsClientId=cid)[0])
+            found[str(thing.name)] = {"size": _floats(high - low), "mass": mass}
+        names = (*BLOCKS, *sorted(found.keys() - BLOCKS.keys()))
+        return [{"name": name, "fixed": name not in BLOCKS, **found[name]} for name in names]
+
+    def _row(self, seen: Mapping[str, Any], info: Mapping[str, Any]) -> FrameContent:
+        """Return the current state: ``get_info`` as JSON, and robot, scene and images as arrays."""
+        names = self._block_names()
+        scene = np.array(seen["scene_obs"], float)
+        blocks = dict(zip(names, np.split(scene[_SCENE_HEAD:], len(names)), strict=True))
+        target = np.concatenate([self._env.robot.target_pos, self._env.robot.target_orn])
+        arrays = {
+            "robot": np.array(seen["robot_obs"], float),
+            "scene": np.concatenate([scene[:_SCENE_HEAD], *(blocks[name] for name in BLOCKS)]),
+            "target": np.array(target, float),
+        }
+        for name, (camera, _) in CAMERAS.items():
+            image = seen["rgb_obs"].get(f"rgb_{camera}")
+            if image is not None:
+                arrays[f"image_{name}"] = np.asarray(image).astype(np.uint8)
+            if image is not None and self._depth:
+                arrays[f"depth_{name}"] = np.asarray(seen["depth_obs"][f"depth_{camera}"], np.float32)
+        return {"info": _plain_info(info)}, arrays
+
+    def _commit(self) -> str:
+        """Return the commit of the checkout; calvin_env itself refuses to run outside a git repository."""
+        git = importlib.import_module("git")
+        return str(git.Repo(self._checkout, search_parent_directories=True).head.object.hexsha)
+
+    def _fingerprint(self) -> str:
+        """Return one digest of the checkout's files that determine the physics: code, configuration, models."""
+        patterns = ("calvin_env/**/*.py", "conf/**/*.yaml", "data/**/*.urdf")
+        files = sorted(file for pattern in patterns for file in self._checkout.glob(pattern))
+        parts = [f"{file.relative_to(self._checkout).as_posix()} {_digest(file)}" for file in files]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _require_scene_d(blocks: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise ValueError if the configured blocks are not those of scene D."""
+    found = {str(name): Path(block["file"]).stem.rpartition("_")[2] for name, block in blocks.items()}
+    if found != BLOCKS:
+        scene = next((f"scene {name}" for name, known in _OTHER_SCENES.items() if known == found), "no scene of CALVIN")
+        raise ValueError(
+            f"the configuration has the blocks of {scene} ({_listed(found)}), and ABC to D is played in scene D "
+            f"({_listed(BLOCKS)}). Take calvin_env 797142c or 1431a46, and validation/.hydra/merged_config.yaml if a "
+            "configuration is given"
+        )
+
+
+def _listed(blocks: Mapping[str, str]) -> str:
+    return ", ".join(f"{name.removeprefix('block_')} {size}" for name, size in blocks.items())
+
+
+def _plain_info(info: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the part of ``get_info`` that rules and records need, as JSON."""
+    robot, scene = info["robot_info"], info["scene_info"]
+    blocks = {}
+    for name, block in scene["movable_objects"].items():
+        vectors = {key: _floats(block[key]) for key in _VECTORS}
+        blocks[str(name)] = {"uid": int(block["uid"]), **vectors, "contacts": _contacts(block["contacts"])}
+    fixed = {}
+    for name, thing in scene["fixed_objects"].items():
+        links = {str(link): int(number) for link, number in thing.get("links", {}).items()}
+        fixed[str(name)] = {"uid": int(thing["uid"]), "links": links}
+    return {
+        "robot_info": {"uid": int(robot["uid"]), "contacts": _contacts(robot["contacts"])},
+        "scene_info": {
+            "movable_objects": blocks,
+            "fixed_objects": fixed,
+            "doors": {str(n): {"current_state": _first(d["current_state"])} for n, d in scene["doors"].items()},
+            "lights": {str(n): {"logical_state": int(d["logical_state"])} for n, d in scene["lights"].items()},
+        },
+    }
+
+
+def _contacts(points: Sequence[Sequence[Any]]) -> list[list[float]]:
+    """Return PyBullet's contact points in its own order of fields, up to the last used one, a force [N]."""
+    return [[0, int(c[1]), int(c[2]), int(c[3]), int(c[4]), float(c[9])] for c in points or ()]
+
+
+def _first(value: Any) -> float:  # noqa: ANN401 - a number, or in older versions a sequence that begins with it
+    return float(np.ravel(value)[0])
+
+
+def _floats(values: Sequence[float]) -> list[float]:
+    return [float(v) for v in values]
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def main() -> None:
+    """Answer over a socket. Arguments: checkout, configuration or "", "egl" or "", and the number of the socket."""
+    checkout, config, egl, descriptor = sys.argv[1:]
+    simulator = CalvinSimulator(Path(checkout), Path(config) if config else None, egl=egl == "egl")
+    with contextlib.suppress(Exception):  # the first request raises it again, and reports it
+        simulator.prepare()
+    answer_requests(simulator, int(descriptor))

@@ -1,0 +1,181 @@
+"""Installation of a simulator into an environment of its own, and the program of its process."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import os
+import pkgutil
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import platformdirs
+
+from betterbench.errors import InvalidInputError, MissingDependencyError, last_line
+from betterbench.jobs.places import open_in_place
+from betterbench.sim.worlds.environment import python_environment
+
+INSTALL_LIMIT_S = 3600.0
+"""Longest time of one step of an installation [s]; LIBERO's packages have 360 MB."""
+
+_COMPLETE = "complete"
+_PACKAGE = Path(__file__).resolve().parent
+_START = (
+    "import sys, types\n"
+    "for name, path in {packages!r}:\n"
+    "    stand_in = types.ModuleType(name); stand_in.__path__ = [path]; sys.modules[name] = stand_in\n"
+    "from {module} import main\n"
+    "main()\n"
+)
+"""Program that runs a module of betterbench where it is not installed: stand-ins for its packages hold only paths."""
+_STAND_INS = (
+    "betterbench",
+    "betterbench.jobs",
+    "betterbench.sim",
+    "betterbench.sim.worlds",
+    *(f"betterbench.sim.worlds.{found.name}" for found in pkgutil.iter_modules([str(_PACKAGE)]) if found.ispkg),
+    "betterbench.tasks",
+    "betterbench.tasks.worlds",
+)
+"""Packages around the modules that a simulator reads; none of their own code is run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Installation:
+    """Environment of a world's simulator.
+
+    Attributes:
+        name: Name of the world on the command line.
+        lock: Name of its locked requirements.
+        module: The module that its process runs.
+        size: Size of its packages, as a text: to download and unpacked.
+        summary: Description in a few words.
+        beside: The installation whose Python runs it, or None for one of its own. Its packages are read and not
+            imported, so nothing that they depend on is installed.
+    """
+
+    name: str
+    lock: str
+    module: str
+    size: str
+    summary: str
+    beside: Installation | None = None
+
+    @property
+    def lock_path(self) -> Path:
+        """Its locked requirements: beside this file in an installed package, else in the checkout."""
+        packaged = _PACKAGE / "locks" / self.lock
+        return packaged if packaged.exists() else _PACKAGE.parents[3] / "requirements" / self.lock
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its environment; another lock has another one. That of LIBERO is the one `make bench` uses."""
+        digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
+        return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether its environment is complete, and that of the world beside which it lies."""
+        return (self.folder / _COMPLETE).exists() and (self.beside is None or self.beside.is_installed)
+
+    def command(self) -> tuple[str, ...]:
+        """Return the command of its process; the number of the socket follows.
+
+        Where another world's Python runs it, its own folder is the first argument.
+
+        Raises:
+            MissingDependencyError: If it is not installed.
+        """
+        if not self.is_installed:
+            raise MissingDependencyError(
+                f"the world {self.name} is not installed. Run `better worlds install {self.name}` once."
+            )
+        python = (self.beside or self).folder / "bin" / "python"
+        return (str(python), "-c", start_code(self.module), *([] if self.beside is None else [str(self.folder)]))
+
+    def install(self, *, waits: Callable[[], None] = lambda: None) -> Path:
+        """Make the environment, and return its folder; a complete one is left as it is.
+
+        It is marked as complete at its end: an interrupted installation begins anew. One that begins while another is
+        under way, of whichever process, calls ``waits`` and waits for its end.
+
+        Raises:
+            MissingDependencyError: If a step fails; the text is what it said last.
+        """
+        if self.is_installed:
+            return self.folder
+        if self.beside is not None:
+            self.beside.install(waits=waits)
+        with self._alone(waits) as lock:
+            if not self.is_installed:
+                self._make(lock)
+        return self.folder
+
+    @contextlib.contextmanager
+    def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
+        """Hold the lock of the folder, and yield its descriptor; it is free when all who have that have ended."""
+        path = self.folder.with_name(f".{self.folder.name}.lock")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = open_in_place(path)
+        except (OSError, InvalidInputError) as error:
+            raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error
+        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                waits()
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            yield handle
+        finally:
+            os.close(handle)
+
+    def _make(self, lock: int) -> None:
+        target = self.folder
+        shutil.rmtree(target, ignore_errors=True)
+        python = (self.beside or self).folder / "bin" / "python"
+        install = ["install", "--quiet", "--require-hashes", "--no-deps", "--requirement", str(self.lock_path)]
+        if self.beside is not None:
+            install += ["--target", str(target)]
+        uv = shutil.which("uv")
+        if self.beside is None:
+            venv = [sys.executable, "-m", "venv"] if uv is None else [uv, "venv", "--quiet", "--python", sys.executable]
+            self._run([*venv, str(target)], lock)
+        if uv is not None:
+            self._run([uv, "pip", *install, "--python", str(python)], lock)
+        else:
+            self._run([str(python), "-m", "pip", *install], lock)
+        (target / _COMPLETE).touch()
+
+    def _run(self, command: list[str], lock: int) -> None:
+        """Run a step, which keeps the lock: it goes on where this process is killed."""
+        try:
+            done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
+                command,
+                capture_output=True,
+                text=True,
+                timeout=INSTALL_LIMIT_S,
+                check=False,
+                env=python_environment(os.environ),
+                pass_fds=(lock,),
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error
+        if done.returncode:
+            said = last_line(done.stderr) or last_line(done.stdout) or "it said nothing"
+            raise MissingDependencyError(
+                f"the world {self.name} cannot be installed: {Path(command[0]).name} says {said}. "
+                "Its packages come from the package index: check the connection, and run the same command again."
+            )
+
+
+def start_code(module: str) -> str:
+    """Return the program that runs the ``main`` of a module of a world's process."""
+    source = _PACKAGE.parents[2]
+    packages = tuple((name, str(source.joinpath(*name.split(".")))) for name in _STAND_INS)
+    return _START.format(packages=packages, module=module)

@@ -1,0 +1,176 @@
+"""Contacts and relations in LIBERO's simulator, read by the indices of geoms, sites and bodies.
+
+LIBERO's own check of a contact looks up four names for each contact of the scene, and its relation to a place takes a
+dozen calls of NumPy. Here the same data are read by index. This module is imported in an environment without
+betterbench, with NumPy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+_RESTS = {"arm", "table", "floor"}
+"""Bodies whose contacts among each other are not recorded."""
+
+_HEIGHT_M = 0.1
+_SUNK_M = 0.005
+"""Depth below the top of a site, and height above it, at which an object is still on it [m] (LIBERO's ``under``)."""
+
+_BELOW_M = 0.01
+"""Depth below a box at which an object still counts as in it [m] (LIBERO's ``in_box``)."""
+
+_UNSURE_M = 1e-9
+"""Margin below which LIBERO's own check decides [m], because it sums matrix products in another order."""
+
+
+class Touching:
+    """The contacts of a simulation."""
+
+    def __init__(self, mujoco: Any, env: Any, labels: Sequence[str]) -> None:  # noqa: ANN401 - another environment's
+        """Prepare; ``labels`` are the labels of all bodies."""
+        self._model, self._data, self._read_force = env.sim.model._model, env.sim.data._data, mujoco.mj_contactForce
+        self._numbers = {self._name(mujoco, geom): geom for geom in range(self._model.ngeom)}
+        names = sorted(set(labels))
+        rank = {name: i for i, name in enumerate(names)}
+        ranks = [rank[labels[body]] for body in self._model.geom_bodyid.tolist()]
+        self.pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
+        """All possible contact pairs with the gripper or an object."""
+        # Index of a pair by the ranks of both, in either order; -1 for irrelevant pairs.
+        codes = [[-1] * len(names) for _ in names]
+        for code, (a, b) in enumerate(self.pairs):
+            codes[rank[a]][rank[b]] = codes[rank[b]][rank[a]] = code
+        # By the indices of two geoms; geoms of one object share a row.
+        rows = [[row[other] for other in ranks] for row in codes]
+        self._codes = [rows[own] for own in ranks]
+        self._elliptic = self._model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+        self._masks: dict[Any, np.ndarray] = {}
+
+    def now(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the indices of the touching pairs, in rising order, and their normal forces [N].
+
+        Plain numbers: there are a few dozen contacts, and each operation on a cold array costs as much as ten of them.
+        """
+        contacts, codes = self._data.contact, self._codes
+        sums: dict[int, float] = {}
+        for (one, other), force in zip(contacts.geom.tolist(), self._forces(contacts), strict=True):
+            code = codes[one][other]
+            if code >= 0:
+                sums[code] = sums.get(code, 0.0) + force
+        found = sorted(sums)
+        return np.array(found, np.int64), np.array([sums[code] for code in found], np.float64)
+
+    def _forces(self, contacts: Any) -> list[float]:  # noqa: ANN401 - MuJoCo's own
+        """Return the normal forces of all contacts [N]."""
+        address = contacts.efc_address.tolist()
+        if self._elliptic and self._data.nefc:
+            # Like mj_contactForce; a contact without a row is too far away to exert a force.
+            forces = self._data.efc_force.tolist()
+            return [forces[row] if row >= 0 else 0.0 for row in address]
+        rows = np.zeros((len(address), 6))
+        for i, row in enumerate(rows):
+            self._read_force(self._model, self._data, i, row)
+        return list(rows[:, 0].tolist())
+
+    def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
+        """Tell whether two models touch: robosuite's ``check_contact`` by indices."""
+        geoms = self._data.contact.geom
+        return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
+
+    def _mask(self, thing: Any) -> np.ndarray:  # noqa: ANN401 - a model of robosuite
+        """Return a mask of the contact geoms of a model, (ngeom,)."""
+        mask = self._masks.get(thing)
+        if mask is None:
+            mask = self._masks[thing] = np.zeros(self._model.ngeom, bool)
+            mask[[self._numbers[name] for name in thing.contact_geoms if name in self._numbers]] = True
+        return mask
+
+    def _name(self, mujoco: Any, geom: int) -> str | None:  # noqa: ANN401
+        name: str | None = mujoco.mj_id2name(self._model, mujoco.mjtObj.mjOBJ_GEOM, geom)
+        return name
+
+
+class Relations:
+    """The relations in a task's file.
+
+    Those of an object to a box on the table or on a fixture, one for each object, are computed here.
+    """
+
+    def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401
+        """Prepare."""
+        self._env, self._data, self._touching = env, env.sim.data._data, touching
+        self._relations = [list(relation) for relation in relations]
+        self._placed = [i for i, relation in enumerate(self._relations) if self._is_placed(relation)]
+        self._asked = [i for i in range(len(self._relations)) if i not in self._placed]
+        placed = [self._relations[i] for i in self._placed]
+        site, model = mujoco.mjtObj.mjOBJ_SITE, env.sim.model._model
+        self._sites = np.array([mujoco.mj_name2id(model, site, relation[2]) for relation in placed], np.int64)
+        self._bodies = np.array([int(env.obj_body_id[relation[1]]) for relation in placed], np.int64)
+        boxes = [env.object_sites_dict[relation[2]] for relation in placed]
+        slacks = [_slack_on if relation[0] == "on" else _slack_in for relation in placed]
+        halves = [[float(x) for x in box.size] for box in boxes]
+        holders = [env.get_object(env.object_states_dict[relation[2]].parent_name) for relation in placed]
+        things = [env.get_object(relation[1]) for relation in placed]
+        # LIBERO requires that an object "in" a place touches nothing.
+        needed = [h if relation[0] == "on" else None for h, relation in zip(holders, placed, strict=True)]
+        self._known = list(zip(self._placed, slacks, halves, needed, things, strict=True))
+
+    def hold(self) -> np.ndarray:
+        """Return a mask of the relations that are true now, (n,)."""
+        found, unsure = np.zeros(len(self._relations), bool), self._asked
+        if self._known:
+            data, sites = self._data, self._sites
+            turns = data.site_xmat[sites].tolist()
+            apart = (data.xpos[self._bodies] - data.site_xpos[sites]).tolist()
+            for turn, away, (i, slack_of, half, holder, thing) in zip(turns, apart, self._known, strict=True):
+                slack = slack_of(turn, away, half)
+                if abs(slack) < _UNSURE_M:
+                    unsure = [*unsure, i]
+                elif slack > 0.0:
+                    found[i] = holder is None or self._touching.between(holder, thing)
+        if unsure:
+            # LIBERO's own predicates, which use our contacts.
+            self._env.check_contact = self._touching.between
+            try:
+                for i in unsure:
+                    found[i] = self._env._eval_predicate(self._relations[i])
+            finally:
+                del self._env.check_contact
+        return found
+
+    def hold_by_libero(self) -> np.ndarray:
+        """Return a mask of the relations that are true now by LIBERO's own predicates only, (n,)."""
+        return np.array([bool(self._env._eval_predicate(relation)) for relation in self._relations], bool)
+
+    def _is_placed(self, relation: list[str]) -> bool:
+        """Tell whether a relation is that of an object on or in a box of the table or of a fixture."""
+        if len(relation) != 3 or relation[0] not in ("on", "in") or relation[1] not in self._env.obj_body_id:
+            return False
+        place = self._env.object_states_dict[relation[2]]
+        return place.object_state_type == "site" and hasattr(self._env.object_sites_dict[relation[2]], "under")
+
+
+def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
+    """Return the margin by which an object is on a box, above 0 if it is [m]: LIBERO's ``under``."""
+    (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, away
+    up = g * x + h * y + i * z
+    return min(
+        half[0] - abs(a * x + b * y + c * z),
+        half[1] - abs(d * x + e * y + f * z),
+        up - half[2] + _SUNK_M,
+        half[2] + _HEIGHT_M - up,
+    )
+
+
+def _slack_in(turn: list[float], away: list[float], half: list[float]) -> float:
+    """Return the margin by which an object is in a box, above 0 if it is [m]: LIBERO's ``in_box``."""
+    (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, half
+    high = abs(g * x + h * y + i * z)
+    return min(
+        abs(a * x + b * y + c * z) - abs(away[0]),
+        abs(d * x + e * y + f * z) - abs(away[1]),
+        high - away[2],
+        away[2] + high + _BELOW_M,
+    )

@@ -1,0 +1,188 @@
+"""LIBERO as a world: the plan of a run by a protocol of the field, and images of recorded states."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from betterbench.errors import RecordError, UnknownNameError, require_between
+from betterbench.interface.actions import PLAYED_IN
+from betterbench.json_form import open_form, read_form
+from betterbench.sim.worlds.installation import Installation
+from betterbench.sim.worlds.process import WorldError, WorldProcess, as_agreed, sent_text, sent_texts
+from betterbench.sim.worlds.scene import ProcessWorld, WorldTask, task_id
+from betterbench.sim.worlds.world import Photo, PlanRequest
+from betterbench.statistics.wording import plural
+from betterbench.tasks import Expected
+from betterbench.tasks.trial import Trial
+from betterbench.tasks.worlds.facts import WorldFacts
+from betterbench.tasks.worlds.libero import CONTROL_RATE_HZ, LIBERO, OURS, STATES, protocol_named, suite_named
+from betterbench.tasks.worlds.libero_training import TrainedTask
+
+INSTALLATION = Installation(
+    LIBERO.name,
+    "peer-libero.lock",
+    "betterbench.sim.worlds.libero.simulator",
+    "360 MB (2 GB unpacked)",
+    "LIBERO and LIBERO-PRO with robosuite 1.4.0 and MuJoCo 3.3.7",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LiberoOptions:
+    """Options of a run in LIBERO.
+
+    Attributes:
+        protocol: Name of the protocol.
+        broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
+        command: Command of the world's process; that of its installed environment if empty.
+    """
+
+    protocol: str = "openpi"
+    broken_premises: Literal["refuse", "run"] = "refuse"
+    command: Sequence[str] = ()
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _DrawnTask:
+    """Fields of a stored task that its drawing needs."""
+
+    suite: str
+    number: int
+    variant: str | None = None
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _DrawnProtocol:
+    seed: int
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    """Fields of a stored world that its drawing needs."""
+
+    protocol: _DrawnProtocol
+    tasks: dict[str, _DrawnTask]
+
+
+_DRAWN = TypeAdapter(_Drawn)
+
+
+@dataclass(frozen=True, slots=True)
+class LiberoWorld(ProcessWorld):
+    """LIBERO with the suites of LIBERO-PRO; the world is asked which tasks it has."""
+
+    facts: ClassVar[WorldFacts] = LIBERO
+    control_rate_hz: ClassVar[float] = CONTROL_RATE_HZ
+    action_spaces: ClassVar[tuple[str, ...]] = PLAYED_IN["libero"]
+    dialect: ClassVar[str] = "libero"
+    options: ClassVar[type | None] = LiberoOptions
+    installation: ClassVar[Installation | None] = INSTALLATION
+
+    def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoWorld]:
+        """Return the initial states of tasks as trials, and the world as the run keeps it."""
+        options = asked.options_as(LiberoOptions, world=self.facts.title)
+        chosen, by = suite_named(asked.suite), protocol_named(options.protocol)
+        count = by.trials if asked.trials is None else asked.trials
+        require_states(asked.seed, count)
+        numbers = task_numbers(chosen.name, chosen.tasks, asked.tasks)
+        started = tuple(options.command or self.start_command())
+        known, regime, versions = _described(started, chosen.name)
+        if len(known) != chosen.tasks:
+            raise WorldError(
+                f"{asked.suite} has {len(known)} tasks there and {chosen.tasks} here; install the world again"
+            )
+        found = [known[i] for i in numbers]
+        change = chosen.change
+        planned = tuple(
+            Trial(task.id, task.condition, change, None, change and "base", state, Expected.SUCCEED.value)
+            for task in found
+            for state in range(asked.seed, asked.seed + count)
+        )
+        world = replace(
+            self,
+            command=started,
+            protocol=by,
+            tasks={f"{t.id}/{t.condition}": t for t in found},
+            versions=versions,
+            regime=regime,
+            refuse_broken=options.broken_premises == "refuse",
+        )
+        return planned, world
+
+    def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
+        """Return how a suite is run, and how its protocol differs from others."""
+        by = self.protocol
+        steps = by.steps[suite_named(suite).base]
+        said = (
+            f"{plural(len(trials), 'trial')} of {suite}, protocol {by.name}: "
+            f"{by.settling_steps} settling steps, then at "
+            f"most {steps} steps; seed {by.seed}. Against openpi: {by.differences or 'the same'}. Against all: {OURS}."
+        )
+        return (said,)
+
+    def photos(
+        self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
+    ) -> Iterator[np.ndarray]:
+        """Yield one image (size, size, 3) for each moment, drawn by LIBERO with its front camera."""
+        cure = "Restore the file, or start the run again"
+        form = read_form(_DRAWN, stored, where=f"{where}: plan.world", cure=cure, raises=RecordError)
+        if not wanted:
+            return
+        with WorldProcess(self.start_command()) as process:
+            for name, photos in itertools.groupby(wanted, key=lambda photo: photo.scene):
+                task = form.tasks[name]
+                asked = {"suite": task.suite, "task": task.number, "seed": form.protocol.seed, "size": size}
+                asked |= {} if task.variant is None else {"variant": task.variant}
+                yield from process.draw(asked, np.array([photo.record.qpos[photo.row] for photo in photos]))
+
+
+def require_states(seed: int, count: int) -> None:
+    """Check the initial states of a run; InvalidInputError if a number is out of range."""
+    require_between("--seed", seed, 0, STATES - 1)
+    require_between("--trials", count, 1, STATES - seed)
+
+
+def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
+    """Return the places of the named tasks in the suite, each once and in its order."""
+    ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
+    for name in tasks:
+        if name not in ids:
+            raise UnknownNameError(f"task of {suite}", name, [task_id(suite, i) for i in range(count)])
+    return sorted({ids[name] for name in tasks}) if tasks else list(range(count))
+
+
+def trained_task(said: Mapping[str, Any]) -> TrainedTask:
+    """Return the training of a task of a base suite, as the world describes it."""
+    steps = tuple((sent_text(r), sent_text(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
+    starts = {sent_text(name): (_words(kind), sent_text(place)) for name, (kind, place) in said["starts"].items()}
+    return TrainedTask(sent_text(said["instruction"]), steps, starts)
+
+
+def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tuple[TrainedTask, ...], dict[str, str]]:
+    """Return the tasks of a suite, what its base suite teaches, and the versions of its packages, as the world says."""
+    chosen = suite_named(suite)
+    with WorldProcess(command) as process:
+        said = process.suite(suite)
+        base = said if chosen.base == suite else process.suite(chosen.base)
+    # Only in these suites the sentence is another one than that of the task's name, which the field's clients say.
+    key = "file_instruction" if chosen.change in ("lan", "task") else "instruction"
+    with as_agreed(f"describes {suite} in a way"):
+        tasks = [
+            WorldTask(suite, i, sent_text(task["name"]), sent_text(task[key]), sent_text(task["bddl_sha256"]))
+            for i, task in enumerate(said["tasks"])
+        ]
+        regime = tuple(trained_task(task) for task in base["tasks"])
+        return tasks, regime, sent_texts(said["versions"])
+
+
+def _words(kind: str) -> str:
+    return sent_text(kind).replace("_", " ")

@@ -1,0 +1,12 @@
+"""LIBERO-Plus as a world: variants of LIBERO's tasks on seven axes.
+
+- ``world``: its variants as trials, and the folder of the authors' assets.
+- ``simulator``, ``noise``: its process, which runs where betterbench is not installed.
+"""
+
+from betterbench.sim.worlds.libero_plus.world import LiberoPlusWorld, VariantTask, plus_command
+from betterbench.sim.worlds.registry import register_world
+
+register_world(LiberoPlusWorld())
+
+__all__ = ["LiberoPlusWorld", "VariantTask", "plus_command"]

@@ -1,0 +1,267 @@
+"""LIBERO-Plus as a world: variants of a task as conditions, those that need the authors' assets, and their folder."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from operator import index
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from betterbench.errors import InvalidInputError, UnknownNameError, require_between
+from betterbench.sim.worlds.installation import Installation
+from betterbench.sim.worlds.libero.world import INSTALLATION as LIBERO_INSTALLATION
+from betterbench.sim.worlds.libero.world import LiberoWorld, require_states, task_numbers, trained_task
+from betterbench.sim.worlds.process import WorldProcess, as_agreed, sent_text, sent_texts
+from betterbench.sim.worlds.scene import WorldTask
+from betterbench.sim.worlds.world import PlanRequest
+from betterbench.statistics.wording import plural
+from betterbench.tasks import Expected
+from betterbench.tasks.trial import Trial
+from betterbench.tasks.worlds.facts import WorldFacts
+from betterbench.tasks.worlds.libero import LIBERO_PLUS, PLUS_SUITES, STATES, protocol_named, suite_named
+from betterbench.tasks.worlds.libero_plus import AXES, read_variant
+from betterbench.tasks.worlds.libero_training import TrainedTask
+
+INSTALLATION = Installation(
+    LIBERO_PLUS.name,
+    "world-libero-plus.lock",
+    "betterbench.sim.worlds.libero_plus.simulator",
+    "25 MB (150 MB unpacked), and LIBERO if it is missing",
+    "LIBERO-Plus: its scene files beside the world libero; new objects, light and textures are your download",
+    beside=LIBERO_INSTALLATION,
+)
+
+ASSETS_VARIABLE = "BETTERBENCH_LIBERO_PLUS_ASSETS"
+"""Environment variable with the folder of the authors' assets, where no option names it."""
+
+SENTENCES = ("clean", "published")
+
+_FOLDERS = ("scenes", "textures", "new_objects")
+"""Folders that the authors' assets have."""
+
+
+TRIALS = 1
+"""Initial states of each variant by the book: LIBERO-Plus runs each of them once, from the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlusOptions:
+    """Options of a run in LIBERO-Plus.
+
+    Attributes:
+        protocol: Name of the protocol, for its steps.
+        broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
+        axes: Axes to run; all if none is named.
+        variants: Most variants of each task on each axis, evenly spread over them; all if None.
+        libero_plus_sentences: "clean" for the sentence of the base task (that of the file on the axis language), or
+            "published" for LIBERO-Plus's own, which end with the name of the variant on six of the seven axes.
+        libero_plus_assets: Unzipped folder of the authors' assets; that of the environment variable if None.
+        command: Command of the world's process; that of its installed environment if empty.
+    """
+
+    protocol: str = "openpi"
+    broken_premises: Literal["refuse", "run"] = "refuse"
+    axes: tuple[str, ...] = ()
+    variants: int | None = None
+    libero_plus_sentences: str = "clean"
+    libero_plus_assets: Path | None = None
+    command: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse unknown names, and a number of variants that no task has."""
+        for axis in self.axes:
+            if axis not in AXES:
+                raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
+        if self.libero_plus_sentences not in SENTENCES:
+            raise UnknownNameError("kind of sentences", self.libero_plus_sentences, SENTENCES)
+        if self.variants is not None:
+            require_between("--variants", self.variants, 1, STATES)
+
+
+@dataclass(frozen=True, slots=True)
+class VariantTask(WorldTask):
+    """One variant of a task of LIBERO; ``number`` is that of its base task.
+
+    Attributes:
+        variant: Its name in LIBERO-Plus.
+    """
+
+    variant: str
+
+    @property
+    def condition(self) -> str:
+        """Name of the condition ("camera_0_0_100_2_352")."""
+        return read_variant(self.variant).condition
+
+    @property
+    def axis(self) -> str:
+        """Axis of the variant: the part of the task that it changes."""
+        return read_variant(self.variant).axis
+
+    def asked(self) -> dict[str, Any]:
+        """Return the fields by which the simulator identifies the scene."""
+        return {**WorldTask.asked(self), "variant": self.variant}
+
+
+@dataclass(frozen=True, slots=True)
+class LiberoPlusWorld(LiberoWorld):
+    """LIBERO-Plus; the world is asked for its variants and what they need.
+
+    Attributes:
+        sentences: "clean", or "published" for those that end with the name of the variant.
+        left_out: Variants of each axis that are not run because the authors' assets are not there.
+    """
+
+    facts: ClassVar[WorldFacts] = LIBERO_PLUS
+    options: ClassVar[type | None] = PlusOptions
+    installation: ClassVar[Installation | None] = INSTALLATION
+
+    sentences: str = "clean"
+    left_out: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def simulator(self) -> str:
+        """Name of the simulator, which is LIBERO's, as for the twins."""
+        return "libero"
+
+    def start_command(self) -> tuple[str, ...]:
+        """Return the command of the simulator's process, with the assets that the environment variable names."""
+        return plus_command()
+
+    def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoPlusWorld]:
+        """Return the initial states of variants as trials, one of each by the book, and the world as the run keeps it.
+
+        Raises:
+            InvalidInputError: If nothing is left to run without the authors' assets.
+        """
+        options = asked.options_as(PlusOptions, world=self.facts.title)
+        suite, seed, count = asked.suite, asked.seed, TRIALS if asked.trials is None else asked.trials
+        if suite not in PLUS_SUITES:
+            raise UnknownNameError("suite of LIBERO-Plus", suite, PLUS_SUITES)
+        by = protocol_named(options.protocol)
+        require_states(seed, count)
+        numbers = task_numbers(suite, PLUS_SUITES[suite].tasks, asked.tasks)
+        started = tuple(options.command or plus_command(options.libero_plus_assets))
+        wanted, regime, versions = _variants_there(started, suite, options.libero_plus_sentences)
+        wanted = [v for v in wanted if v[0].number in numbers and v[0].axis in (options.axes or AXES)]
+        played = _spread([(task, states) for task, states, needs in wanted if not needs], options.variants)
+        if not played:
+            raise _nothing_left(suite, options, wanted)
+        planned = tuple(
+            Trial(task.id, task.condition, task.condition, task.axis, "base", state, Expected.SUCCEED.value)
+            for task, states in played
+            for state in (range(seed, seed + count) if states > 1 else (0,))
+        )
+        world = replace(
+            self,
+            command=started,
+            protocol=by,
+            tasks={f"{task.id}/{task.condition}": task for task, _ in played},
+            versions=versions,
+            regime=regime,
+            refuse_broken=options.broken_premises == "refuse",
+            sentences=options.libero_plus_sentences,
+            left_out=_left_out(wanted),
+        )
+        return planned, world
+
+    def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
+        """Return how a suite is run, and what is left out."""
+        by = self.protocol
+        steps = by.steps[suite_named(suite).base]
+        counts = Counter(trial.axis for trial in trials)
+        said = (
+            f"{plural(len(trials), 'trial')} of {suite} "
+            f"({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
+            f"{by.settling_steps} settling steps, then at most {steps} steps; seed {by.seed}; "
+            f"{self.sentences} sentences."
+        )
+        if not self.left_out:
+            return (said,)
+        missing = ", ".join(f"{axis} {n}" for axis, n in self.left_out.items())
+        return (
+            said,
+            f"Not run, because they want the authors' assets: {missing}. Download them and give --libero-plus-assets.",
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, which does not say where the world and the assets lie."""
+        return {**LiberoWorld.to_json(self), "sentences": self.sentences, "left_out": dict(self.left_out)}
+
+
+def plus_command(assets: Path | None = None) -> tuple[str, ...]:
+    """Return the command of the world's process with the folder of the authors' assets, if there is one.
+
+    Args:
+        assets: The folder; that of the environment variable, if it is set, where None.
+
+    Raises:
+        InvalidInputError: If the folder does not hold the assets.
+        MissingDependencyError: If the world is not installed.
+    """
+    named = os.environ.get(ASSETS_VARIABLE)
+    where = "--libero-plus-assets" if assets is not None else ASSETS_VARIABLE
+    folder = assets if assets is not None else Path(named) if named else None
+    if folder is not None and (missing := [name for name in _FOLDERS if not (folder / name).is_dir()]):
+        raise InvalidInputError(
+            where,
+            f"{folder} has no folder {', '.join(missing)}",
+            "Name the unzipped folder assets of LIBERO-Plus, which holds scenes, textures and new_objects",
+        )
+    return (*INSTALLATION.command(), *([] if folder is None else [str(folder.resolve())]))
+
+
+def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
+    """Return the number of variants of each axis that lack files."""
+    found = Counter(task.axis for task, _, needs in wanted if needs)
+    return {axis: found[axis] for axis in AXES if found[axis]}
+
+
+def _nothing_left(
+    suite: str, choice: PlusOptions, wanted: Sequence[tuple[VariantTask, int, list[str]]]
+) -> InvalidInputError:
+    first = next((needs[0] for _, _, needs in wanted if needs), "")
+    return InvalidInputError(
+        "--axes",
+        f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} runs without the authors' "
+        f"assets (the first wants {first})",
+        "Download the assets of LIBERO-Plus and name their folder with --libero-plus-assets",
+    )
+
+
+def _variants_there(
+    command: Sequence[str], suite: str, sentences: str
+) -> tuple[list[tuple[VariantTask, int, list[str]]], tuple[TrainedTask, ...], dict[str, str]]:
+    """Return the variants of a suite, what its base suite teaches, and the versions of its packages."""
+    with WorldProcess(command) as process:
+        said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
+    with as_agreed(f"describes {suite} in a way"):
+        wanted = [_read(suite, task, sentences) for task in said["tasks"]]
+        regime = tuple(trained_task(task) for task in base["tasks"])
+        return wanted, regime, sent_texts(said["versions"])
+
+
+def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantTask, int, list[str]]:
+    """Return a variant, the number of its initial states, and the files that it lacks."""
+    name, sentence = (
+        sent_text(said["name"]),
+        sent_text(said["published" if sentences == "published" else "instruction"]),
+    )
+    task = VariantTask(suite, index(said["task"]), name, sentence, sent_text(said["bddl_sha256"]), name)
+    return task, index(said["states"]), [sent_text(file) for file in said["needs"]]
+
+
+def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:
+    """Return at most so many variants of each task on each axis, evenly spread, by task and axis."""
+    groups: dict[tuple[int, str], list[tuple[VariantTask, int]]] = {}
+    for task, states in ready:
+        groups.setdefault((task.number, task.axis), []).append((task, states))
+    order = list(AXES)
+    kept = []
+    for _, group in sorted(groups.items(), key=lambda item: (item[0][0], order.index(item[0][1]))):
+        count = len(group) if most is None else min(most, len(group))
+        kept += [group[i * len(group) // count] for i in range(count)]
+    return kept

@@ -1,0 +1,152 @@
+"""Facts about worlds that need no simulator, and the register of them: what reading a run needs to know.
+
+The world itself, which runs trials, is in :mod:`betterbench.sim.worlds`; it registers its facts when it is registered.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import open_form, read_form
+
+Reading = Literal["conditions", "goals", "outcomes", "chains"]
+"""Reading of the records of a world by the diagnosis.
+
+"conditions" are read with the conditions of our own tasks, "goals" with the goals and starts of LIBERO's files,
+"outcomes" by success alone. "chains" get no labels: success rates of their parts are counted.
+"""
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """Suite of a world.
+
+    Attributes:
+        name: Its name on the command line ("libero_spatial_swap").
+        base: The suite whose tasks it changes, or its own name.
+        change: Name of its change ("swap"), or None.
+        tasks: Number of its tasks.
+        summary: Description in one phrase.
+    """
+
+    name: str
+    base: str
+    change: str | None
+    tasks: int
+    summary: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorldFacts:
+    """Facts about a world.
+
+    Attributes:
+        name: Its name in plans and on the command line ("libero").
+        title: Its name in messages ("LIBERO").
+        suites: Its suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
+        reading: How the diagnosis reads its records.
+        measured: Whether certificates, the power matrix, calibrations and demonstrations are about its tasks, and
+            whether a stored plan can be repeated.
+        statements: Statements of a report about its scenes and the accuracy of its labels, by heading.
+    """
+
+    name: str
+    title: str
+    suites: Mapping[str, Suite] = field(default_factory=dict)
+    reading: Reading = "outcomes"
+    measured: bool = False
+    statements: Mapping[str, str] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+
+OUR_SUITE = "better60"
+
+OURS = WorldFacts(
+    name="betterbench",
+    title="betterbench",
+    suites={OUR_SUITE: Suite(OUR_SUITE, OUR_SUITE, None, 10, "tasks with six variations each")},
+    reading="conditions",
+    measured=True,
+)
+"""Facts about our own scenes. Their tasks are in :mod:`betterbench.tasks.suite`, and users add others."""
+
+_FACTS: dict[str, WorldFacts] = {OURS.name: OURS}
+_STORED = TypeAdapter(WorldFacts)
+
+
+def register_facts(facts: WorldFacts) -> WorldFacts:
+    """Make the facts about a world known, and return them.
+
+    Raises:
+        InvalidInputError: If another world has the name, or a suite of the same name.
+    """
+    for known in _FACTS.values():
+        taken = [suite for suite in facts.suites if suite in known.suites]
+        if known.name != facts.name and taken:
+            raise InvalidInputError(
+                f"world {facts.name!r}", f"{known.name} has a suite {taken[0]!r} too", "Rename one of the two"
+            )
+    if _FACTS.setdefault(facts.name, facts) != facts:
+        raise InvalidInputError(f"world {facts.name!r}", "another world has this name", "Rename one of the two")
+    return facts
+
+
+def forget_facts(name: str) -> None:
+    """Remove the facts about a world from the register; for tests."""
+    _FACTS.pop(name, None)
+
+
+def known_facts() -> Mapping[str, WorldFacts]:
+    """Return the facts about all worlds that are known here, by name; ours come first."""
+    package = importlib.import_module("betterbench.tasks.worlds")
+    for module in pkgutil.iter_modules(package.__path__):
+        importlib.import_module(f"{package.__name__}.{module.name}")
+    return _FACTS
+
+
+def facts_of_suite(suite: str) -> WorldFacts | None:
+    """Return the facts about the world that has a suite, or None if no world that is known here has it."""
+    if suite in OURS.suites:
+        return OURS  # without reading anything of other worlds
+    return next((facts for facts in known_facts().values() if suite in facts.suites), None)
+
+
+def facts_of_task(task: str) -> WorldFacts:
+    """Return the facts about the world of a task ("libero_object-03"); ours if no other world has such tasks."""
+    base = task.rpartition("-")[0]
+    return next((facts for facts in known_facts().values() if base and base in facts.suites), OURS)
+
+
+def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
+    """Return the facts about the world of a stored plan, and make them known if the plan brings them along.
+
+    Args:
+        plan: Plan of a run.
+        where: Name of its file, for messages.
+
+    Raises:
+        RecordError: If the plan names a world that is not known and does not describe it.
+    """
+    if "world" not in plan:
+        return OURS
+    world = plan["world"]
+    name = world.get("name") if isinstance(world, dict) else None
+    known = known_facts()
+    if isinstance(name, str) and name in known:
+        return known[name]
+    stored = world.get("facts") if isinstance(world, dict) else None
+    cure = f"Restore the file, or name one of the worlds {', '.join(known)}"
+    found = read_form(_STORED, stored, where=f"{where}: plan.world.facts", cure=cure, raises=RecordError)
+    return register_facts(found)

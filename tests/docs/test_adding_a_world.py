@@ -1,0 +1,84 @@
+"""The page on worlds is carried out: its file registers a world, and policies are evaluated in it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from betterbench.cli.main import main
+from betterbench.diagnosis import diagnose_run
+from betterbench.errors import RecordError
+from betterbench.records import RunFolder
+from betterbench.sim.worlds import World, world_named
+from betterbench.sim.worlds.registry import forget_world
+from betterbench.tasks import user_files
+from betterbench.tasks.worlds.facts import WorldFacts
+
+PAGE = (Path(__file__).parents[2] / "docs" / "adding-a-world.md").read_text(encoding="utf-8")
+WORLD, POLICY = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
+(COMMANDS,) = re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)
+
+
+@pytest.fixture
+def forgotten():
+    yield
+    forget_world("point")
+
+
+@pytest.fixture
+def followed(tmp_path, monkeypatch, capfd, forgotten):
+    """The folder in which the commands of the page were run, and what they said."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(user_files, "_files", {})
+    monkeypatch.setattr(user_files, "_origins", dict(user_files._origins))
+    monkeypatch.setenv(user_files.VARIABLE, "")
+    (tmp_path / "point.py").write_text(WORLD, encoding="utf-8")
+    (tmp_path / "goes.py").write_text(POLICY, encoding="utf-8")
+    said = []
+    for line in COMMANDS.splitlines():
+        name, *words = shlex.split(line)
+        assert name == "better"
+        assert main(words) == 0, capfd.readouterr().err
+        said.append(capfd.readouterr())
+    return tmp_path, said
+
+
+def test_the_world_of_the_page_is_evaluated_and_reported(followed):
+    folder, (suites, goes, noop, report) = followed
+    assert "a mark on the left" in " ".join(suites.out.split())
+    assert "10 trials of point." in goes.err
+    assert "100.0 % success (10/10" in goes.out
+    assert "0.0 % success (0/10" in noop.out
+    runs = {name: RunFolder.open(folder / "runs" / name) for name in ("goes", "noop")}
+    records = list(runs["goes"].records())
+    assert {r.metadata.task for r in records} == {"point-left", "point-right"}
+    assert all(r.outcome.success and r.metadata.engine["simulator"] == "point" for r in records)
+    assert {r.metadata.predicate_names for r in records} == {("at(hand, mark)",)}
+    assert {t.label.value for t in diagnose_run(runs["goes"]).trials} == {"success"}
+    assert {t.label.value for t in diagnose_run(runs["noop"]).trials} == {"timeout"}
+    page = (folder / "runs" / "goes" / "report" / "index.html").read_text(encoding="utf-8")
+    assert "move the hand to the left" in page
+    assert "Point" in page
+    assert report.err.count("no films") <= 1
+
+
+def test_a_run_in_the_world_is_read_by_those_alone_who_have_its_file(followed, monkeypatch):
+    folder, _ = followed
+    stored = json.loads((folder / "runs" / "goes" / "run.json").read_text())["plan"]
+    assert stored["world"]["facts"] == world_named("point").facts.to_json()
+    assert [file["name"] for file in stored["task_files"]] == ["point.py"]
+    monkeypatch.setattr(user_files, "_files", {})
+    monkeypatch.setenv(user_files.VARIABLE, "")
+    with pytest.raises(RecordError, match=r"point\.py.*--task-file"):
+        RunFolder.open(folder / "runs" / "goes")
+
+
+def test_each_member_of_a_world_is_explained():
+    for name in WorldFacts.__dataclass_fields__:
+        assert f"`{name}`" in PAGE
+    for name in vars(World):
+        assert name.startswith("_") or name in ("facts", "name", "is_ready") or f"`{name}`" in PAGE

@@ -1,0 +1,95 @@
+"""Labeled queries over the procedural library and 122 mesh files: the half that tuned the word list does not test it.
+
+The files are stand-ins of the same names, because a catalogue knows of a mesh what its name says.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from betterbench.errors import MissingDependencyError
+from betterbench.sim.assets.catalogue.encoders import open_encoder
+from betterbench.sim.assets.catalogue.indexing import index_sources
+from betterbench.sim.assets.catalogue.search import Catalogue
+from betterbench.sim.assets.catalogue.sources import SourceOptions, open_source
+from betterbench.sim.assets.catalogue.variety import choose_different
+
+pytestmark = pytest.mark.slow
+
+DATA = Path(__file__).parent / "data"
+QUERIES = json.loads((DATA / "queries.json").read_text(encoding="utf-8"))
+MESHES = json.loads((DATA / "meshes.json").read_text(encoding="utf-8"))
+GENERATED = {row["category"]: row["categories"] for row in json.loads((DATA / "generated.json").read_text())}
+BY_FILE = {f"{row['source']}/{row['file']}": row["categories"] for row in MESHES}
+EMPTY_GLB = b"glTF\x02\x00\x00\x00\x18\x00\x00\x00\x04\x00\x00\x00JSON{}  "
+
+
+def test_the_labels_are_enough_and_split():
+    halves = [row["half"] for row in QUERIES]
+    assert len(QUERIES) >= 200
+    assert len({row["query"] for row in QUERIES}) == len(QUERIES)
+    assert min(halves.count("tune"), halves.count("test")) >= 100
+
+
+@pytest.fixture(scope="module", params=["words", "meaning"])
+def catalogue(request, tmp_path_factory):
+    encoder = None
+    if request.param == "meaning":
+        try:
+            encoder = open_encoder()
+        except MissingDependencyError as error:
+            pytest.skip(str(error))
+    folder = tmp_path_factory.mktemp("retrieval")
+    for row in MESHES:
+        file = folder / row["source"] / row["file"]
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(EMPTY_GLB if file.suffix == ".glb" else b"v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n")
+    sources = [open_source("procedural")]
+    sources += [
+        open_source(str(folder / name), SourceOptions(name=name, license="cc0")) for name in ("kenney_food", "ycb")
+    ]
+    report = index_sources(folder / "catalogue", sources, encoder=encoder, on_progress=lambda *_: None)
+    assert (report.skipped, report.total) == (0, 122 + sum(1 for _ in sources[0].items(on_skip=print)))
+    with Catalogue(folder / "catalogue", encoder=lambda _: encoder) as opened:
+        yield opened
+
+
+def categories(entry):
+    return set(GENERATED[entry.category] if entry.source == "procedural" else BY_FILE[entry.id])
+
+
+def test_the_half_that_did_not_tune_is_answered(catalogue):
+    asked = [row for row in QUERIES if row["half"] == "test"]
+    first = fifth = 0
+    for row in asked:
+        right = [
+            bool(categories(hit.entry) & set(row["categories"])) for hit in catalogue.search(row["query"], limit=5)
+        ]
+        first += bool(right) and right[0]
+        fifth += any(right)
+    least = 0.95 if catalogue.has_vectors else 0.94
+    assert first / len(asked) >= least
+    assert fifth / len(asked) >= 0.95
+
+
+@pytest.mark.parametrize(
+    ("description", "kind", "color"),
+    [
+        ("A shiny red apple", "apple", "red"),
+        ("A blue ceramic coffee mug", "mug", "blue"),
+        ("A full, unopened can of soda", "can", ""),
+    ],
+)
+def test_a_description_of_the_paper_gives_different_assets(catalogue, description, kind, color):
+    (best,) = catalogue.search(description, limit=1)
+    assert kind in categories(best.entry)
+    chosen = choose_different(catalogue, description, 3, seed=1)
+    assert len({one.id for one in chosen}) == 3
+    assert all(kind in categories(one.hit.entry) for one in chosen)
+    if color:
+        assert {one.hit.entry.color for one in chosen} == {color}
+    else:
+        assert len({one.hit.entry.color for one in chosen}) == 3

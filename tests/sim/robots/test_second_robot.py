@@ -1,0 +1,42 @@
+"""A second robot is one registration: a scene, its conventions and the expert take it from its description."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation import evaluate, make_plan
+from betterbench.sim.robots import PANDA, build_robot_spec, register_robot, robot, robot_names, spec
+
+SECOND = replace(PANDA, name="second_panda", title="A second Panda")
+
+
+def _build(*, visuals, progress):
+    return build_robot_spec("panda", visuals=visuals, progress=progress)
+
+
+@pytest.fixture
+def second(monkeypatch):
+    monkeypatch.setattr(spec, "_ROBOTS", dict(spec._ROBOTS))
+    register_robot(SECOND, _build)
+
+
+@pytest.mark.usefixtures("second")
+def test_a_trial_is_run_with_a_second_robot(tmp_path):
+    assert robot_names() == ("panda", "second_panda")
+    assert robot("second_panda") is SECOND
+    plan = make_plan("expert", tasks=("morning_coffee",), trials=1, observation="state_only")
+    trials = tuple(t for t in plan.trials if t.variation is None)[:1]
+    run = evaluate(replace(plan, trials=trials, robot="second_panda"), tmp_path / "run", workers=1)
+    (entry,) = run.entries()
+    assert (entry.status, run.outcome(entry).success) == ("done", True)
+    assert run.plan["robot"] == "second_panda"
+    assert run.context["conventions"]["robot"]["title"] == "A second Panda"
+
+
+@pytest.mark.usefixtures("second")
+def test_the_name_of_a_robot_is_taken_once():
+    with pytest.raises(InvalidInputError, match="the name is taken"):
+        register_robot(SECOND, _build)

@@ -1,0 +1,138 @@
+"""Laws of every world: all are asked through one interface, and nobody asks which one it is."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import re
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+
+import betterbench
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation.planning.plan import make_plan
+from betterbench.evaluation.planning.world_plan import make_world_plan
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import PLAYED_IN, action_space
+from betterbench.sim.worlds import (
+    OWN_WORLD,
+    ProcessScene,
+    SceneOptions,
+    TrialScene,
+    World,
+    WorldProcesses,
+    all_worlds,
+    register_world,
+    world_named,
+    world_names,
+    world_of_suite,
+)
+from betterbench.sim.worlds.bare import BareScene
+from betterbench.tasks.worlds.facts import (
+    OURS,
+    facts_of_plan,
+    facts_of_suite,
+    facts_of_task,
+    known_facts,
+    register_facts,
+)
+
+SOURCES = Path(betterbench.__path__[0])
+
+
+def test_all_worlds_are_found_and_ours_comes_first():
+    assert world_names() == ("betterbench", "calvin", "libero", "libero_plus")
+    assert [world.name for world in all_worlds()] == list(world_names())
+    assert world_named("betterbench") is OWN_WORLD
+    with pytest.raises(UnknownNameError, match="libero_plus"):
+        world_named("libero_pluss")
+
+
+def test_what_a_world_says_about_itself_exists():
+    for world in all_worlds():
+        assert world.facts.suites
+        assert world.action_spaces == tuple(action_space(name).name for name in world.action_spaces)
+        assert world.dialect in PLAYED_IN
+        assert "default" in world.observations
+        for preset in world.observations.values():
+            observation_spec(preset)
+        assert is_dataclass(world.options)
+        assert world.conventions("panda")["units"]
+        assert world.installation is None or world.installation.lock_path.is_file()
+
+
+def test_each_suite_and_each_task_belongs_to_one_world():
+    for world in all_worlds():
+        assert known_facts()[world.name] is world.facts
+        for suite in world.facts.suites.values():
+            assert facts_of_suite(suite.name) is world.facts
+            assert world_of_suite(suite.name) is world
+    assert facts_of_task("libero_object-03").name == "libero"
+    assert facts_of_task("fast_food") is OURS
+    with pytest.raises(UnknownNameError, match="libero_object"):
+        world_of_suite("libero_objekt")
+
+
+def test_a_world_is_pickled_by_its_name_and_keeps_what_the_run_adds():
+    for world in all_worlds():
+        assert copy.deepcopy(world) == world
+        added = {f.name: getattr(world, f.name) for f in fields(world)}
+        assert type(world)(**added) == world
+
+
+def test_the_name_of_a_world_and_of_a_suite_is_taken_once():
+    with pytest.raises(InvalidInputError, match="the name is taken"):
+        register_world(OWN_WORLD)
+    other = type(OURS)(name="other", title="Other", suites={"better60": OURS.suites["better60"]})
+    with pytest.raises(InvalidInputError, match="betterbench has a suite 'better60' too"):
+        register_facts(other)
+
+
+def test_a_plan_of_any_world_says_in_which_one_its_trials_are_run(fake_command):
+    ours = make_plan("noop", tasks=("fast_food",), trials=1)
+    assert ours.world is OWN_WORLD
+    assert "world" not in ours.to_json()
+    assert facts_of_plan(ours.to_json(), where="here") is OURS
+    same = make_world_plan("noop", suite="better60", tasks=("fast_food",), trials=1)
+    assert same.trials == ours.trials
+    theirs = make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=1)
+    assert facts_of_plan(theirs.to_json(), where="here") is world_named("libero").facts
+    assert isinstance(theirs.world, World)
+    with pytest.raises(UnknownNameError, match="option of LIBERO"):
+        make_world_plan("noop", suite="libero_object", command=fake_command, axes=("camera",))
+
+
+def test_each_kind_of_scene_has_all_that_an_episode_asks_for(fake_command):
+    members = {name for name in vars(TrialScene) if not name.startswith("_")}
+    plan = make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=1)
+    theirs = plan.world.open_scene(
+        WorldProcesses(()), task="libero_object-03", condition="base", seed=0, action_space=action_space("ee_delta"),
+        images=False,
+    )  # fmt: skip
+    ours = OWN_WORLD.open_scene(
+        WorldProcesses(()), task="fast_food", condition="train1", seed=0, action_space=action_space("ee_delta"),
+        images=False, options=SceneOptions("fast", "panda", "unseen"),
+    )  # fmt: skip
+    assert (ours.quality.name, ours.looks, ours.compiled.robot.name) == ("fast", "unseen", "panda")
+    for scene in (theirs, ours):
+        known = set(dir(scene)) | {name for name in members if hasattr(type(scene), name)}
+        assert members <= known
+    of_bare = set(dir(BareScene)) | set(re.findall(r"self\.(\w+)(?:,| =|:)", inspect.getsource(BareScene.__init__)))
+    assert members <= of_bare
+    assert isinstance(theirs, ProcessScene)
+
+
+def test_nobody_asks_which_world_it_is():
+    """Callers ask the world: neither its class, nor whether there is one, nor its name outside of its own folders."""
+    classes = re.compile(r"isinstance\([^)]*\b(?:ForeignScene|ProcessScene|BareScene|ProcessWorld|OwnWorld|World)\b")
+    absent = re.compile(r"\bworld is (?:not )?None\b")
+    names = re.compile(r"world(?:\.name)? (?:==|!=) \"(?:libero|libero_plus|calvin|betterbench)\"")
+    for path in sorted(SOURCES.rglob("*.py")):
+        where = path.relative_to(SOURCES).as_posix()
+        text = path.read_text(encoding="utf-8")
+        assert not classes.search(text), where
+        assert not absent.search(text), where
+        if not where.startswith(("sim/worlds/", "policies/conventions/", "cli/verbs/premise.py")):
+            assert not names.search(text), where

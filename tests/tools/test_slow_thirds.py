@@ -1,0 +1,75 @@
+"""Each slow test is in one of three thirds, and the thirds are about equal."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import Counter
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from tests import conftest
+from tests.conftest import THIRDS, pytest_collection_modifyitems, pytest_runtest_setup, thirds_of
+
+TESTS = [f"tests/{file}.py::test_it[{i}]" for file, count in (("a", 7), ("b", 1), ("c", 30)) for i in range(count)]
+
+
+def test_the_tests_of_a_file_are_dealt_out_evenly():
+    found = dict(zip(TESTS, thirds_of(TESTS), strict=True))
+    for file in ("a", "b", "c"):
+        sizes = Counter(third for test, third in found.items() if test.startswith(f"tests/{file}.py"))
+        assert set(sizes) <= set(THIRDS)
+        assert max(sizes.values()) - min(sizes[third] for third in THIRDS) <= 1
+
+
+def test_a_test_of_another_file_moves_none():
+    more = ["tests/0.py::test_new", *TESTS]
+    assert thirds_of(more)[1:] == thirds_of(TESTS)
+
+
+def test_single_tests_of_many_files_are_spread():
+    sizes = Counter(thirds_of([f"tests/test_{i}.py::test_it" for i in range(300)]))
+    assert all(80 <= sizes[third] <= 120 for third in THIRDS)
+
+
+class Item(SimpleNamespace):
+    __hash__ = object.__hash__
+
+    def get_closest_marker(self, name):
+        return name if name == "slow" and self.slow else None
+
+
+@pytest.mark.parametrize("third", [None, *THIRDS])
+def test_the_option_keeps_a_third_of_the_slow_tests_and_all_others(third):
+    items = [Item(nodeid=test, slow=i % 2 == 0) for i, test in enumerate(TESTS)]
+    slow = [item for item in items if item.slow]
+    dropped, kept = [], list(items)
+
+    def deselected(items):
+        dropped.extend(items)
+
+    hook = SimpleNamespace(pytest_deselected=deselected)
+    pytest_collection_modifyitems(SimpleNamespace(getoption=lambda _: third, hook=hook), kept)
+    wanted = [
+        item for item, number in zip(slow, thirds_of([i.nodeid for i in slow]), strict=True) if third in (None, number)
+    ]
+    assert [item for item in kept if item.slow] == wanted
+    assert [item for item in kept if not item.slow] == [item for item in items if not item.slow]
+    assert sorted(item.nodeid for item in (*kept, *dropped)) == sorted(TESTS)
+
+
+@pytest.mark.parametrize(("slow", "minutes", "skipped"), [(True, 0.0, True), (False, 0.0, False), (True, None, False)])
+def test_slow_tests_that_begin_too_late_are_skipped(monkeypatch, slow, minutes, skipped):
+    monkeypatch.setattr(conftest, "BEGAN", time.monotonic() - 1.0)
+    item = Item(nodeid="x", slow=slow, config=SimpleNamespace(getoption=lambda _: minutes))
+    with pytest.raises(pytest.skip.Exception, match="not begun") if skipped else contextlib.nullcontext():
+        pytest_runtest_setup(item)
+
+
+def test_continuous_integration_runs_a_third_of_the_slow_tests_after_the_others():
+    lines = (Path(__file__).parents[2] / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    (slow,) = (i for i, line in enumerate(lines) if line.startswith("make test-slow"))
+    (quick,) = (i for i, line in enumerate(lines) if line.startswith("make test "))
+    assert quick < slow
+    assert "--slow-third $(($(date +%s) / 86400 % 3 + 1))" in lines[slow]
