@@ -11,6 +11,7 @@ from betterbench.sim.assets.authoring.draft import Draft
 from betterbench.sim.assets.authoring.registry import generator
 from betterbench.sim.assets.importing.child import import_safely
 from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.tasks.user_files import loading_folder
 
 
 def imported(
@@ -27,8 +28,7 @@ def imported(
 ) -> None:
     """Register a mesh file as a category of assets; the file is imported when the category is first built.
 
-    All looks of the category are this one object. Write ``Path(__file__).parent / "mug.glb"`` for a file beside a task
-    file.
+    All looks of the category are this one object. In a task file, a relative path starts at the folder of that file.
 
     Args:
         category: Name that tasks use, which no other asset has.
@@ -44,7 +44,7 @@ def imported(
     Raises:
         InvalidInputError: If another asset has the name.
     """
-    file = Path(path).expanduser().absolute()
+    file = ((loading_folder() or Path.cwd()) / Path(path).expanduser()).absolute()
     wishes = Wishes(name or category, size_m, mass_kg, up, license, source)
 
     def make(_rng: np.random.Generator, _color: str) -> Draft:
