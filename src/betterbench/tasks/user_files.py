@@ -128,6 +128,11 @@ _plugins_loaded: list[str] = []
 _lock = threading.RLock()
 
 
+def loading_folder() -> Path | None:
+    """Return the folder of the user's file that is being loaded, None outside of such a file or in a plugin."""
+    return Path(_loading[-1].path).parent if _loading and _loading[-1].package is None else None
+
+
 def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]) -> Callable[P, T]:
     """Note which user's file registers a name; every registry that users may extend calls this.
 

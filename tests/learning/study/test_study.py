@@ -561,7 +561,10 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
             {"levers": [{"name": "x", "changes": {"co_training": {"sets": ["q"]}}, "questions": 9}]},
             "lever x.co_training.sets.*creates its own",
         ),
-        ({"levers": [{"name": "x", "changes": {"co_training": 3}, "questions": 9}]}, "lever x.co_training.*not a mapping"),
+        (
+            {"levers": [{"name": "x", "changes": {"co_training": 3}, "questions": 9}]},
+            "lever x.co_training.*not a mapping",
+        ),
         ({"levers": [{"name": "x", "changes": {}, "questions": -1}]}, "questions"),
         (
             {"levers": [{"name": "x", "changes": {}, "questions": 9, "start": "balanced"}]},

@@ -21,10 +21,13 @@ class Texture:
     Attributes:
         pixels: (height, width, 3) uint8 RGB, at most 1024 pixels a side.
         uv: (n_vertices, 2) float32 texture coordinates, origin at the lower left.
+        corners: (n_faces, 3) int32 row of ``uv`` for each corner of each face, or None if the rows of ``uv`` are those
+            of the vertices.
     """
 
     pixels: np.ndarray
     uv: np.ndarray
+    corners: np.ndarray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,6 +170,8 @@ class Asset:
             digest.update(part.vertices.tobytes() + part.faces.tobytes())
             if part.texture is not None:
                 digest.update(part.texture.pixels.tobytes() + part.texture.uv.tobytes())
+                if part.texture.corners is not None:
+                    digest.update(part.texture.corners.tobytes())
         for shape in self.collision:
             digest.update(repr((shape.shape, shape.size, shape.position, shape.quaternion, shape.friction)).encode())
             if shape.vertices is not None:

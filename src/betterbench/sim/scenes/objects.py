@@ -92,6 +92,8 @@ def _add_visuals(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, asset: As
         )
         if part.texture is not None:
             mesh.usertexcoord = np.asarray(part.texture.uv, dtype=np.float64).ravel()
+            if part.texture.corners is not None:
+                mesh.userfacetexcoord = part.texture.corners.ravel()
             height, width, _ = part.texture.pixels.shape
             texture = spec.add_texture(
                 name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3

@@ -10,6 +10,7 @@ import numpy as np
 from betterbench.geometry import Pose, Vector, multiply, normalize
 from betterbench.interface.state import Region
 from betterbench.sim.assets.asset import CollisionPart, Grasp, Texture, VisualPart
+from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.authoring.mesh import Mesh, box, mapped
 from betterbench.sim.assets.authoring.paint import Canvas, Rgb
 from betterbench.sim.assets.authoring.solids import solid_box
@@ -36,6 +37,10 @@ class Draft:
         material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
             the friction of all collision parts except those with their own friction (:func:`surfaced`). Without a
             material each part keeps its friction.
+        body: Mass, center of mass and inertia if they are known from elsewhere; otherwise the mass is spread over the
+            collision parts, which then must not be hulls.
+        source: Origin of the shape.
+        license: License of the shape.
     """
 
     shape: Literal["round", "cylinder", "box", "irregular"]
@@ -48,6 +53,9 @@ class Draft:
     grasps: tuple[Grasp, ...] = ()
     regions: tuple[Region, ...] = ()
     parameters: Mapping[str, float | str] = field(default_factory=dict)
+    body: MassProperties | None = None
+    source: str = "betterbench procedural library"
+    license: str = "Apache-2.0"
 
 
 def part(

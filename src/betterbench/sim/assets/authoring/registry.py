@@ -177,7 +177,7 @@ def _build(category: str, look: int, color: str) -> Asset:
         raise InvalidInputError(f"asset {category!r}", "it has no visual part or no collision part", "Add a part")
     points = np.concatenate([part.vertices for part in visual]).astype(float)
     x, y, z = (round(float(e), 6) for e in np.ptp(points, axis=0))
-    body = mass_properties(collision, draft.mass_kg, densities=draft.densities)
+    body = draft.body or mass_properties(collision, draft.mass_kg, densities=draft.densities)
     return Asset(
         category=category,
         look=look,
@@ -193,5 +193,7 @@ def _build(category: str, look: int, color: str) -> Asset:
         collision=collision,
         grasps=draft.grasps,
         regions=draft.regions,
+        source=draft.source,
+        license=draft.license,
         parameters=draft.parameters,
     )

@@ -1,0 +1,136 @@
+"""Look of an imported object: few triangles, and one picture painted from the textures of the file."""
+
+from __future__ import annotations
+
+import fast_simplification
+import numpy as np
+from scipy.spatial import cKDTree
+
+from betterbench.sim.assets.asset import Texture, VisualPart
+from betterbench.sim.assets.importing.raw import RawMesh, RawPart
+from betterbench.sim.assets.importing.solid import spread
+
+FACE_BUDGET = 600
+"""Most triangles of an asset: software rendering takes time for each."""
+ATLAS = 512
+"""Side of the painted picture [pixel]."""
+_PAINT_POINTS = 300_000
+_MOST_PLAIN_PARTS = 12
+_AGGRESSION = 2.0
+"""How fast the tolerated error grows; the default of 7 crumples thin walls of scans."""
+
+
+def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
+    """Return what is seen of an object, at most 600 triangles.
+
+    Parts of one color each stay as they are if they are few. Otherwise the surface becomes one part, reduced and
+    painted anew: each of its triangles has its own place in a picture.
+    """
+    plain = all(part.is_plain() for part in mesh.parts)
+    if plain and mesh.face_count <= FACE_BUDGET:
+        looks: dict[tuple[float, ...], list[RawPart]] = {}
+        for part in mesh.parts:
+            looks.setdefault(part.rgba, []).append(part)
+        if len(looks) <= _MOST_PLAIN_PARTS:
+            return tuple(_plain(f"part{k}", parts) for k, parts in enumerate(looks.values()))
+    return (_painted(mesh),)
+
+
+def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a surface with at most so many triangles (quadric error, Garland and Heckbert, 1997)."""
+    if len(faces) <= count:
+        return vertices, faces
+    points, triangles = fast_simplification.simplify(
+        np.ascontiguousarray(vertices, dtype=np.float32),
+        np.ascontiguousarray(faces, dtype=np.int32),
+        target_count=count,
+        agg=_AGGRESSION,
+    )
+    if len(triangles) > count:  # non-manifold edges stop it early; a second pass with a free hand goes on
+        points, triangles = fast_simplification.simplify(points, triangles, target_count=count, agg=10)
+    return np.asarray(points, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
+
+
+def _plain(name: str, parts: list[RawPart]) -> VisualPart:
+    vertices = np.concatenate([part.vertices for part in parts])
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    r, g, b, a = (round(v, 4) for v in parts[0].rgba)
+    return VisualPart(name, _single(vertices), _index(faces), (r, g, b, max(a, 0.05)), smooth=False)
+
+
+def _painted(mesh: RawMesh) -> VisualPart:
+    vertices, faces = mesh.surface()
+    vertices, faces = reduced(vertices, faces, FACE_BUDGET)
+    points, colors = _colored_points(mesh)
+    where, owners, weights, uv = _atlas(len(faces))
+    at = np.einsum("kc,kcd->kd", weights, vertices[faces[owners]])
+    _, nearest = cKDTree(points).query(at, k=3)
+    picture = np.zeros((ATLAS, ATLAS, 3))
+    picture[tuple(where.T)] = colors[nearest].mean(axis=1)
+    pixels = np.ascontiguousarray(np.clip(np.rint(picture * 255.0), 0, 255).astype(np.uint8))
+    # Every corner of a triangle has its own place in the picture; the positions are shared, for smooth shading.
+    corners = np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3)
+    texture = Texture(pixels, uv.astype(np.float32), corners)
+    alpha = min((part.rgba[3] for part in mesh.parts), default=1.0)
+    return VisualPart("body", _single(vertices), _index(faces), (1.0, 1.0, 1.0, alpha), texture=texture)
+
+
+def _colored_points(mesh: RawMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Return points spread over the surface (k, 3) and their colors (k, 3) in [0, 1]."""
+    areas = 0.0
+    for part in mesh.parts:
+        a, b, c = (part.vertices[part.faces[:, k]] for k in range(3))
+        areas += float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    spacing = max((2.0 * areas / _PAINT_POINTS) ** 0.5, 1e-9)
+    points, colors = [], []
+    for part in mesh.parts:
+        found, owners, weights = spread(part.vertices, part.faces, spacing)
+        points.append(found)
+        colors.append(part.colors_at(owners, weights))
+    return np.concatenate(points), np.concatenate(colors)
+
+
+def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Lay triangles out in a square picture, two in each cell of a regular grid.
+
+    Returns:
+        (k, 2) painted pixels (row, column), (k,) the triangle of each, (k, 3) barycentric coordinates there, and
+        (3 * count, 2) texture coordinates of the corners.
+    """
+    across = int(np.ceil(np.sqrt((count + 1) // 2)))
+    cell = ATLAS // across
+    # Corners stand two pixels inside the half cell, so that neighbors do not show when the renderer interpolates.
+    low, far = 2.0, cell - 4.0
+    corners = np.array(
+        [[(low, low), (far, low), (low, far)], [(cell - 2.0, cell - 2.0), (4.0, cell - 2.0), (cell - 2.0, 4.0)]]
+    )
+    rows, columns = np.meshgrid(np.arange(cell), np.arange(cell), indexing="ij")
+    centers = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=1)
+    lower = centers.sum(axis=1) <= cell
+    where, owners, weights, uv = [], [], [], []
+    for k in range(count):
+        half = k % 2
+        origin = np.array([(k // 2) % across, (k // 2) // across]) * cell
+        mine = lower if half == 0 else ~lower
+        spots = centers[mine]
+        a, b, c = corners[half]
+        shares = np.linalg.solve(np.stack([b - a, c - a], axis=1), (spots - a).T).T
+        # A pixel beyond an edge takes the color of the edge.
+        s = np.clip(shares, 0.0, 1.0)
+        s = s / np.maximum(s.sum(axis=1, keepdims=True), 1.0)
+        weights.append(np.column_stack([1.0 - s.sum(axis=1), s]))
+        pixels = np.floor(spots).astype(int) + origin
+        where.append(pixels[:, ::-1])
+        owners.append(np.full(len(spots), k))
+        at = (corners[half] + origin) / ATLAS
+        uv.append(np.column_stack([at[:, 0], 1.0 - at[:, 1]]))
+    return np.concatenate(where), np.concatenate(owners), np.concatenate(weights), np.concatenate(uv)
+
+
+def _single(vertices: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray((np.round(vertices, 7) + 0.0).astype(np.float32))
+
+
+def _index(faces: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(faces.astype(np.int32))

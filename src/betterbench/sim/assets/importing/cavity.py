@@ -1,0 +1,132 @@
+"""Opening of a hollow object and level surfaces, found by pouring water on it from above."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from betterbench.sim.assets.importing.solid import Solid
+
+_LEAST_DEPTH_M = 0.004
+_LEAST_DEPTH_SHARE = 0.12
+"""A hollow that is shallower than this share of the object's height is a dent."""
+_LEAST_AREA_SHARE = 0.12
+_LEVEL_M = 0.002
+"""Height within which a surface is level [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cavity:
+    """The hollow that keeps the most water.
+
+    Attributes:
+        mask: (nx, ny) columns of the grid that are under water.
+        tops: (nx, ny) highest surface of each column [m]; -inf where there is none.
+        rim_m: Height at which it would overflow [m].
+        floor_m: Height of its deepest place [m].
+        volume_m3: Water that it keeps.
+    """
+
+    mask: np.ndarray
+    tops: np.ndarray
+    rim_m: float
+    floor_m: float
+    volume_m3: float
+
+    @property
+    def depth_m(self) -> float:
+        """Distance from the rim to the deepest place."""
+        return self.rim_m - self.floor_m
+
+
+def tops_of(solid: Solid) -> np.ndarray:
+    """Return the (nx, ny) height of the highest surface in each column of cells [m], -inf in empty columns."""
+    nx, ny, nz = solid.cells.shape
+    tops = np.full((nx, ny), -np.inf)
+    i, j, _ = solid.index(solid.points).T
+    np.maximum.at(tops, (i, j), solid.points[:, 2])
+    # A column between two points of the surface has none of its own; its highest cell stands for it.
+    filled = solid.cells.any(axis=2) & ~np.isfinite(tops)
+    highest = nz - 1 - np.argmax(solid.cells[:, :, ::-1], axis=2)
+    tops[filled] = (solid.origin[2] + (highest + 0.5) * solid.pitch_m)[filled]
+    return tops
+
+
+def cavity_of(solid: Solid) -> Cavity | None:
+    """Return the hollow of an object as it stands, or None if it keeps no water worth speaking of."""
+    tops = tops_of(solid)
+    level = _water(tops)
+    # Empty columns are never under water: their level and their height are both -inf.
+    depth = np.where(np.isfinite(tops), level - np.where(np.isfinite(tops), tops, 0.0), 0.0)
+    height = float(np.ptp(solid.points[:, 2]))
+    labels, count = ndimage.label(depth > max(_LEAST_DEPTH_M, _LEAST_DEPTH_SHARE * height))
+    if count == 0:
+        return None
+    area = solid.pitch_m**2
+    volumes = ndimage.sum(depth, labels, range(1, count + 1)) * area
+    best = int(np.argmax(volumes)) + 1
+    mask = labels == best
+    if mask.sum() < _LEAST_AREA_SHARE * np.isfinite(tops).sum():
+        return None
+    rim, floor = float(np.max(level[mask])), float(np.min(tops[mask]))
+    return Cavity(mask, tops, rim, floor, float(volumes[best - 1]))
+
+
+def _water(tops: np.ndarray) -> np.ndarray:
+    """Return the level that water reaches in each column: the lowest pass on any way to the edge of the grid.
+
+    Priority flood (Barnes, Lehman and Mulla, 2014), from the edge inward.
+    """
+    nx, ny = tops.shape
+    level = np.full_like(tops, np.inf)
+    queue: list[tuple[float, int, int]] = []
+    for i in range(nx):
+        for j in range(ny):
+            if i in (0, nx - 1) or j in (0, ny - 1) or not np.isfinite(tops[i, j]):
+                level[i, j] = tops[i, j]
+                heapq.heappush(queue, (float(tops[i, j]), i, j))
+    while queue:
+        height, i, j = heapq.heappop(queue)
+        for a, b in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
+            if 0 <= a < nx and 0 <= b < ny and level[a, b] == np.inf:
+                level[a, b] = max(height, float(tops[a, b]))
+                heapq.heappush(queue, (float(level[a, b]), a, b))
+    return level
+
+
+def columns_box(solid: Solid, mask: np.ndarray) -> tuple[float, float, float, float]:
+    """Return the middle (x, y) and the half extents (x, y) [m] of some columns."""
+    found = np.argwhere(mask)
+    low = solid.origin[:2] + found.min(axis=0) * solid.pitch_m
+    high = solid.origin[:2] + (found.max(axis=0) + 1) * solid.pitch_m
+    (x, y), (half_x, half_y) = 0.5 * (low + high), 0.5 * (high - low)
+    return float(x), float(y), float(half_x), float(half_y)
+
+
+def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, float, float] | None:
+    """Return the middle (x, y) and half the side [m] of the largest square that is level at a height [m]."""
+    flat = np.abs(np.where(np.isfinite(tops), tops, np.inf) - height) < _LEVEL_M
+    if not flat.any():
+        return None
+    inside = ndimage.distance_transform_cdt(np.pad(flat, 1), metric="chessboard")[1:-1, 1:-1]
+    i, j = np.unravel_index(int(np.argmax(inside)), inside.shape)
+    half = (float(inside[i, j]) - 0.5) * solid.pitch_m
+    x, y = solid.origin[:2] + (np.array([i, j]) + 0.5) * solid.pitch_m
+    return float(x), float(y), half
+
+
+def highest_level(solid: Solid, tops: np.ndarray) -> tuple[float, float, float, float] | None:
+    """Return height, middle (x, y) and half the side [m] of the highest level square, or None.
+
+    It has to cover a fifth of the object's footprint; the highest such one is what other things can stand on.
+    """
+    finite = np.isfinite(tops)
+    least = 0.5 * float(np.sqrt(0.2 * finite.sum())) * solid.pitch_m
+    for height in np.unique(np.round(tops[finite] / _LEVEL_M))[::-1] * _LEVEL_M:
+        found = level_square(solid, tops, float(height))
+        if found is not None and found[2] >= least:
+            return (float(height), *found)
+    return None

@@ -1,0 +1,185 @@
+"""Grasps for a parallel jaw from above, proposed from the cells of a solid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from betterbench.geometry import Pose, from_yaw, multiply, normalize
+from betterbench.sim.assets.asset import Grasp
+from betterbench.sim.assets.authoring.draft import JAW_OPENS_ALONG_Y
+from betterbench.sim.assets.importing.solid import Solid
+
+PAD_HALF_WIDTH_M = 0.010
+PAD_HALF_HEIGHT_M = 0.009
+FINGER_M = 0.013
+"""Room that a finger needs beside the object [m]."""
+LEAST_WIDTH_M, MOST_WIDTH_M = 0.004, 0.076
+DEEPEST_M = 0.045
+"""Most height of the object above the middle of the pads [m]: there the gripper's underside begins."""
+LOWEST_M = 0.010
+"""Least height of the middle of the pads above the table [m]."""
+
+_STEP_M = 0.002
+_YAWS = 12
+_ROUND_M = 0.003
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A grasp with its rank: the smaller, the better."""
+
+    grasp: Grasp
+    cost: float
+
+
+def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> list[Proposal]:
+    """Return grasps that the shape allows, the best first.
+
+    Args:
+        solid: The object as it stands.
+        center_of_mass: (3,) [m].
+        count: How many, at most; they differ in place, direction or height.
+    """
+    centers = solid.centers(solid.cells)
+    top = float(centers[:, 2].max()) + 0.5 * solid.pitch_m
+    found: list[Proposal] = []
+    for height in _heights(top):
+        for turn in range(_YAWS):
+            yaw = math.pi * turn / _YAWS
+            found += _at(centers, solid.pitch_m, center_of_mass, height, yaw)
+    found.sort(key=lambda proposal: proposal.cost)
+    if _is_round(found):
+        found = [Proposal(_free_to_turn(p.grasp), p.cost) for p in found]
+    return _different(found, count)
+
+
+def _heights(top: float) -> tuple[float, ...]:
+    """Return heights of the middle of the pads [m]: as deep as the jaw reaches, and less deep."""
+    lowest = max(LOWEST_M, top - DEEPEST_M)
+    if top - 0.004 <= lowest:
+        return (max(0.5 * top, 0.004),)
+    highest = max(lowest, top - 0.012)
+    return tuple(float(h) for h in np.unique(np.round(np.linspace(lowest, highest, 3), 4)))
+
+
+def _at(centers: np.ndarray, pitch: float, middle: np.ndarray, height: float, yaw: float) -> Iterator[Proposal]:
+    """Yield the grasps at a height whose fingers close along a direction."""
+    along, across = np.array([-math.sin(yaw), math.cos(yaw)]), np.array([math.cos(yaw), math.sin(yaw)])
+    u, v = centers[:, :2] @ along, centers[:, :2] @ across
+    low_u, low_v = u.min() - pitch, v.min() - pitch
+    shape = (int((u.max() - low_u) / _STEP_M) + 3, int((v.max() - low_v) / _STEP_M) + 3)
+    i, j = ((u - low_u) / _STEP_M).astype(int), ((v - low_v) / _STEP_M).astype(int)
+    above = _grid(shape, i, j, centers[:, 2] > height - PAD_HALF_HEIGHT_M, pitch)
+    slab = _grid(shape, i, j, np.abs(centers[:, 2] - height) < PAD_HALF_HEIGHT_M, pitch)
+    half = max(1, round(PAD_HALF_WIDTH_M / _STEP_M))
+    for column in range(half, shape[1] - half, 2):
+        blocked = np.asarray(above[:, column - half : column + half + 1].any(axis=1))
+        held = slab[:, column - half : column + half + 1]
+        touched = np.asarray(held.any(axis=1))
+        for start, end in _runs(blocked):
+            width = (end - start) * _STEP_M
+            if not LEAST_WIDTH_M <= width <= MOST_WIDTH_M or not touched[start:end].any():
+                continue
+            room = min(_free(blocked, start, -1), _free(blocked, end - 1, 1)) * _STEP_M
+            if room < FINGER_M:
+                continue
+            first, last = start + int(np.argmax(touched[start:end])), end - int(np.argmax(touched[start:end][::-1]))
+            if (first - start) + (end - last) > 2:
+                continue  # the pads would meet an overhang before what is between them
+            patch = min(held[first : first + 2].any(axis=0).mean(), held[last - 2 : last].any(axis=0).mean())
+            if patch < 0.3:
+                continue
+            at_u, at_v = low_u + 0.5 * (first + last) * _STEP_M, low_v + (column + 0.5) * _STEP_M
+            x, y = at_u * along + at_v * across
+            off = math.hypot(float(at_u - middle[:2] @ along), float(at_v - middle[:2] @ across))
+            cost = (
+                off / 0.02 + (1.0 - float(patch)) + 8.0 * max(0.0, width - 0.06) / 0.02 + abs(height - middle[2]) / 0.06
+            )
+            clearance = round(min(room, 0.5 * (0.080 - width), 0.012), 4)
+            if clearance < 0.002:
+                continue
+            pose = Pose((float(x), float(y), height), normalize(multiply(from_yaw(yaw), JAW_OPENS_ALONG_Y)))
+            yield Proposal(Grasp("body", pose, round(float(width), 4), clearance), float(cost))
+
+
+def _grid(shape: tuple[int, int], i: np.ndarray, j: np.ndarray, which: np.ndarray, pitch: float) -> np.ndarray:
+    """Return a grid of which cells project into which square; gaps between coarse cells are closed."""
+    grid = np.zeros(shape, dtype=bool)
+    grid[i[which], j[which]] = True
+    closing = max(1, math.ceil(0.75 * pitch / _STEP_M))
+    padded = np.pad(grid, closing)
+    closed = ndimage.binary_closing(padded, np.ones((3, 3)), iterations=closing)
+    return np.asarray(closed[closing:-closing, closing:-closing], dtype=bool)
+
+
+def _runs(blocked: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield the start and the end of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], blocked.astype(np.int8), [0]])))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+
+
+def _free(blocked: np.ndarray, at: int, step: int) -> int:
+    """Return how many free squares follow in a direction; beyond the grid everything is free."""
+    count, k = 0, at + step
+    while 0 <= k < len(blocked):
+        if blocked[k]:
+            return count
+        count, k = count + 1, k + step
+    return 1000
+
+
+def _is_round(found: list[Proposal]) -> bool:
+    """Tell whether the object can be taken across its middle in every direction, with the same width."""
+    if not found:
+        return False
+    best = found[0].grasp
+    x, y, z = best.pose.position
+    same = [
+        p.grasp
+        for p in found
+        if abs(p.grasp.pose.position[2] - z) < 1e-6
+        and math.hypot(p.grasp.pose.position[0] - x, p.grasp.pose.position[1] - y) < 0.004
+    ]
+    turns = {round(math.atan2(g.pose.quaternion[2], g.pose.quaternion[1]), 3) for g in same}
+    widths = [g.width_m for g in same]
+    return len(turns) == _YAWS and max(widths) - min(widths) < _ROUND_M
+
+
+def _free_to_turn(grasp: Grasp) -> Grasp:
+    return Grasp(grasp.name, grasp.pose, grasp.width_m, grasp.clearance_m, True, grasp.preference)
+
+
+def _different(found: list[Proposal], count: int) -> list[Proposal]:
+    """Return the best of those that are alike, each with a name and a preference of its own."""
+    kept: list[Proposal] = []
+    for proposal in found:
+        if all(_apart(proposal.grasp, other.grasp) for other in kept):
+            kept.append(proposal)
+        if len(kept) == count:
+            break
+    return [
+        Proposal(
+            Grasp(
+                "body" if k == 0 else f"body{k + 1}",
+                p.grasp.pose,
+                p.grasp.width_m,
+                p.grasp.clearance_m,
+                p.grasp.symmetric_yaw,
+                k,
+            ),
+            p.cost,
+        )
+        for k, p in enumerate(kept)
+    ]
+
+
+def _apart(a: Grasp, b: Grasp) -> bool:
+    """Tell whether two grasps differ by more than a centimeter or 40 degrees."""
+    distance = math.dist(a.pose.position, b.pose.position)
+    turn = abs(float(np.dot(a.pose.quaternion, b.pose.quaternion)))
+    return distance > 0.012 or (turn < math.cos(math.radians(20.0)) and not a.symmetric_yaw)

@@ -1,0 +1,291 @@
+"""Convex collision shapes of a solid: one hull, the walls of a hollow in sectors, or V-HACD's decomposition."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import vhacdx
+from scipy import ndimage
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from betterbench.sim.assets.importing.appearance import reduced
+from betterbench.sim.assets.importing.cavity import Cavity, columns_box
+from betterbench.sim.assets.importing.solid import Solid, spread
+
+SECTORS = 12
+"""Sectors of a wall: the chord of one is 1.4 mm from a circle of 40 mm."""
+MOST_HULLS = 48
+_CORNERS = 40
+"""Most corners of a hull; MuJoCo's narrow phase takes time for each."""
+_VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
+_CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
+"""One hull is enough if it is this close to the surface: a length, and a share of the longest side."""
+_RECTANGULAR = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Distances between collision shapes and the visible surface [m]: 95 of 100 points are closer.
+
+    Attributes:
+        outside_m: Of points on the collision shapes from the visible surface: contacts with what cannot be seen.
+        inside_m: Of points on the visible surface from the collision shapes: what can be passed through.
+    """
+
+    outside_m: float
+    inside_m: float
+
+
+def convex_hulls(solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None) -> list[np.ndarray]:
+    """Return the corners (n, 3) [m] of convex shapes that together are the object.
+
+    Args:
+        solid: Its cells and points on its surface.
+        surface: (n, 3) vertices [m] and (m, 3) faces.
+        cavity: Its hollow, which stays open.
+    """
+    whole = hull_corners(solid.points)
+    size = float(np.ptp(solid.points, axis=0).max())
+    if cavity is None:
+        if whole is None:
+            return []
+        if fit_of([whole], solid.points).outside_m <= max(_CLOSE_M, _CLOSE_SHARE * size):
+            return [whole]
+        options = [[whole], _decomposed(*surface), _halved(solid.points, solid, most=_VHACD_HULLS)]
+        return min((o for o in options if o), key=lambda hulls: _misfit(fit_of(hulls, solid.points)))
+    walls, rest = _walls(solid, cavity)
+    if rest.any():
+        walls += _attached(solid, rest)
+    decomposed = None
+    if len(walls) > MOST_HULLS or fit_of(walls, solid.points).outside_m > max(0.004, 0.05 * size):
+        decomposed = _decomposed(*surface)
+    if decomposed and fit_of(decomposed, solid.points).outside_m < fit_of(walls, solid.points).outside_m:
+        return decomposed
+    return walls[:MOST_HULLS]
+
+
+def _misfit(fit: Fit) -> float:
+    """Return one number [m] for a fit: to be passed through is worse than a contact beside the surface."""
+    return fit.outside_m + 3.0 * fit.inside_m
+
+
+def hull_corners(points: np.ndarray) -> np.ndarray | None:
+    """Return the extreme points of some points, at most 40 [m]; None if they do not span a volume."""
+    if len(points) < 4:
+        return None
+    chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
+    try:
+        corners = chosen[ConvexHull(chosen).vertices]
+    except (QhullError, ValueError):
+        return None
+    return np.ascontiguousarray(corners)
+
+
+def _directions() -> np.ndarray:
+    """Return directions spread over the sphere, the axes and the corners of a cube first."""
+    cube = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], dtype=float)
+    count = 3 * _CORNERS
+    k = np.arange(count) + 0.5
+    polar, turn = np.arccos(1.0 - 2.0 * k / count), np.pi * (1.0 + 5.0**0.5) * k
+    ball = np.stack([np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)], axis=1)
+    return np.concatenate([cube / np.linalg.norm(cube, axis=1, keepdims=True), ball])
+
+
+def _walls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the hulls of floor and walls, and the cells that belong to neither (a handle).
+
+    The surface is seen from a focus in the middle of the opening: the angle from straight down to the rim runs along
+    the profile, so bands of this angle are pieces of the floor and the wall, each nearly straight.
+    """
+    x, y, half_x, half_y = columns_box(solid, cavity.mask)
+    wall = _wall_cells(cavity.mask, np.isfinite(cavity.tops))
+    near = ndimage.binary_dilation(cavity.mask, ndimage.generate_binary_structure(2, 2), iterations=wall)
+    i, j, _ = solid.index(solid.points).T
+    of_body = near[i, j]
+    points = solid.points[of_body]
+    offset = points[:, :2] - (x, y)
+    radius, turn = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
+    focus = cavity.rim_m + 0.05 * cavity.depth_m
+    angle = np.arctan2(radius, focus - points[:, 2])
+    edges = _sector_edges(cavity.mask, half_x, half_y)
+    sector = np.searchsorted(edges, np.mod(turn - edges[0], 2 * np.pi) + edges[0], side="right") - 1
+    corner = float(np.arctan2(0.8 * min(half_x, half_y), focus - cavity.floor_m))
+    bands = _bands(points, angle, sector, corner, inner=_inner_points(solid, cavity))
+    hulls: list[np.ndarray] = []
+    for low, high, whole in bands:
+        inside = (angle >= low - 1e-9) & (angle <= high)
+        groups = [inside] if whole else [inside & (sector == k) for k in range(len(edges) - 1)]
+        hulls += [found for group in groups if (found := hull_corners(points[group])) is not None]
+    rest = solid.cells & ~near[:, :, None]
+    return hulls, rest
+
+
+def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
+    """Return the thickness of the wall around a hollow, in cells: the smallest that closes most of the rim."""
+    structure = ndimage.generate_binary_structure(2, 2)
+    grown = mask
+    for thickness in range(1, 16):
+        larger = ndimage.binary_dilation(grown, structure)
+        ring = larger & ~grown
+        if (ring & footprint).sum() < 0.35 * ring.sum():
+            return max(thickness, 1)
+        grown = larger
+    return 15
+
+
+def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
+    """Return the angles between the sectors of a wall [rad], rising over one turn; a box has edges at its corners."""
+    found = np.argwhere(mask)
+    full = mask.sum() / np.prod(np.ptp(found, axis=0) + 1)
+    if full < _RECTANGULAR:
+        return np.linspace(-np.pi, np.pi, SECTORS + 1)
+    corner = float(np.arctan2(half_y, half_x))
+    corners = (-np.pi + corner, -corner, corner, np.pi - corner, np.pi + corner)
+    return np.concatenate([[corners[0]], *(np.linspace(a, b, 4)[1:] for a, b in itertools.pairwise(corners))])
+
+
+def _inner_points(solid: Solid, cavity: Cavity) -> np.ndarray:
+    """Return points in the hollow, a cell above its floor, which no shape may fill (k, 3) [m]."""
+    columns = np.argwhere(ndimage.binary_erosion(cavity.mask, iterations=1))
+    xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
+    low = cavity.tops[tuple(columns.T)] + 1.2 * solid.pitch_m
+    heights = [np.maximum(low, cavity.floor_m + share * cavity.depth_m) for share in (0.0, 0.25, 0.5, 0.75)]
+    return np.concatenate([np.column_stack([xy, z]) for z in heights])
+
+
+def _bands(
+    points: np.ndarray, angle: np.ndarray, sector: np.ndarray, corner: float, *, inner: np.ndarray
+) -> list[tuple[float, float, bool]]:
+    """Return bands of the angle along the profile: (low, high, True if the band is one disc for all sectors).
+
+    The floor shrinks until its hull leaves the hollow open. The wall has two or three bands if one would fill it.
+    """
+    floor = corner
+    for _ in range(5):
+        hull = hull_corners(points[angle <= floor])
+        if hull is None or _share_inside(hull, inner) < 0.01:
+            break
+        floor *= 0.7
+    best: list[tuple[float, float, bool]] = []
+    for count in (1, 2, 3):
+        edges = (
+            np.linspace(floor, np.pi, 2) if count == 1 else np.append(np.linspace(floor, 1.4, count + 1)[:-1], np.pi)
+        )
+        best = [(0.0, floor, True), *((float(a), float(b), False) for a, b in itertools.pairwise(edges))]
+        filled = 0.0
+        for low, high, _ in best[1:]:
+            for k in np.unique(sector):
+                hull = hull_corners(points[(angle >= low) & (angle <= high) & (sector == k)])
+                filled += 0.0 if hull is None else _share_inside(hull, inner)
+        if filled < 0.02:
+            break
+    return best
+
+
+def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
+    """Return which share of some points lies in a hull."""
+    if len(points) == 0:
+        return 0.0
+    return float(_is_inside(ConvexHull(corners), points, 0.0).mean())
+
+
+def _is_inside(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
+    """Tell which of some points (k, 3) lie in a hull, deeper than a depth [m]."""
+    corners = hull.points[hull.vertices]
+    inside = ((points > corners.min(axis=0)) & (points < corners.max(axis=0))).all(axis=1)
+    near = np.flatnonzero(inside)  # few points are even in the box of a hull
+    equations = np.ascontiguousarray(hull.equations)
+    inside[near] = (points[near] @ equations[:, :3].T + equations[:, 3]).max(axis=1) < -depth
+    return np.asarray(inside)
+
+
+def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
+    """Return the hulls of what is attached to a wall outside: handles, spouts, feet."""
+    labels, count = ndimage.label(rest, ndimage.generate_binary_structure(3, 3))
+    at = solid.index(solid.points)
+    of = labels[tuple(at.T)]
+    found: list[np.ndarray] = []
+    for label in range(1, count + 1):
+        points = solid.points[of == label]
+        if (labels == label).sum() >= 8:
+            found += _halved(points, solid, most=6)
+    return found
+
+
+def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
+    """Return hulls of some points, cut across their axes where this saves the most volume."""
+    parts, gains = [points], [_best_cut(points)]
+    while len(parts) < most:
+        which = int(np.argmax([gain for gain, _ in gains]))
+        gain, cut = gains[which]
+        if cut is None or gain < 20.0 * solid.pitch_m**3:
+            break
+        parts[which : which + 1] = cut
+        gains[which : which + 1] = [_best_cut(side) for side in cut]
+    return [found for part in parts if (found := hull_corners(part)) is not None]
+
+
+def _best_cut(points: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray] | None]:
+    """Return the volume [m^3] that the best cut across an axis saves, and the two sides."""
+    whole, best, sides = _volume(points), 0.0, None
+    for axis in range(3):
+        low, high = points[:, axis].min(), points[:, axis].max()
+        for at in np.linspace(low, high, 9)[1:-1]:
+            below = points[:, axis] <= at
+            saved = whole - _volume(points[below]) - _volume(points[~below])
+            if saved > best:
+                best, sides = saved, (points[below], points[~below])
+    return best, sides
+
+
+def _volume(points: np.ndarray) -> float:
+    corners = hull_corners(points)
+    return 0.0 if corners is None else float(ConvexHull(corners).volume)
+
+
+def _decomposed(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
+    """Return the hulls of V-HACD (Mamou, 2016)."""
+    vertices, faces = reduced(vertices, faces, _VHACD_FACES)
+    flat = np.column_stack([np.full(len(faces), 3), faces]).astype(np.uint32).ravel()
+    made = vhacdx.compute_vhacd(
+        np.ascontiguousarray(vertices, dtype=np.float64),
+        flat,
+        maxConvexHulls=_VHACD_HULLS,
+        resolution=_VHACD_CELLS,
+        maxNumVerticesPerCH=_CORNERS,
+        asyncACD=False,
+    )
+    return [found for corners, _ in made if (found := hull_corners(np.asarray(corners))) is not None]
+
+
+def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
+    """Return points (k, 3) spread over the outside of the union of hulls [m]."""
+    bodies = [ConvexHull(corners) for corners in hulls]
+    kept = []
+    for own, body in enumerate(bodies):
+        points, _, _ = spread(body.points, body.simplices, spacing)
+        outside = np.ones(len(points), dtype=bool)
+        for other, hull in enumerate(bodies):
+            if other != own:
+                outside &= ~_is_inside(hull, points, 1e-6)
+        kept.append(points[outside])
+    return np.concatenate(kept)
+
+
+def fit_of(hulls: Sequence[np.ndarray], points: np.ndarray) -> Fit:
+    """Return how well collision shapes fit a visible surface, given as points spread over it (k, 3) [m]."""
+    if not hulls:
+        return Fit(np.inf, np.inf)
+    size = float(np.ptp(points, axis=0).max())
+    theirs = surface_points(hulls, size / 60.0)
+    to_visible, _ = cKDTree(points).query(theirs)
+    seen = points[:: max(1, len(points) // 20_000)]
+    to_shapes, _ = cKDTree(theirs).query(seen)
+    for corners in hulls:  # what is inside a shape cannot be passed through
+        to_shapes[_is_inside(ConvexHull(corners), seen, 0.0)] = 0.0
+    # Points are apart: a distance below their spacing is none.
+    free = size / 120.0
+    return Fit(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (to_visible, to_shapes)))

@@ -1,0 +1,229 @@
+"""Reading of mesh files of strangers: GLB, glTF, OBJ, STL and PLY.
+
+A file is read with trimesh. Everything that it refers to has to lie in the folder of the file; references to other
+places, links out of the folder and addresses are refused, not left out.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import trimesh
+import trimesh.resolvers
+from PIL import Image
+
+from betterbench.errors import BetterError, InvalidInputError, one_line
+from betterbench.installation import missing_extra
+from betterbench.json_form import read_bounded
+from betterbench.sim.assets.importing.raw import RawMesh, RawPart, Rgba
+
+MAX_FILE_BYTES = 256 << 20
+MAX_FACES = 2_000_000
+MAX_IMAGE_PIXELS = 64 << 20
+LARGEST_IMAGE = 1024
+"""Longest side of a texture as it is kept [pixel]; larger ones are scaled down."""
+
+FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply": "ply"}
+_RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
+"""Up axis and unit [m] that a format lays down (glTF 2.0, section 3.4); the others leave both open."""
+
+_CURE = "Export the object again, or leave it out"
+_READABLE_EXTENSIONS = frozenset(
+    (
+        "KHR_draco_mesh_compression",
+        "KHR_materials_unlit",
+        "KHR_materials_specular",
+        "KHR_materials_pbrSpecularGlossiness",
+        "KHR_texture_transform",
+    )
+)
+
+
+class FolderResolver(trimesh.resolvers.Resolver):
+    """Files that a mesh file refers to, from its own folder alone.
+
+    trimesh leaves a material out whose file it cannot get; so the first refusal is kept in ``problem``.
+    """
+
+    def __init__(self, folder: Path, where: str) -> None:
+        self._folder, self._where = folder.resolve(), where
+        self.problem: BetterError | None = None
+        self._left = MAX_FILE_BYTES
+
+    def get(self, name: str) -> bytes:
+        """Return the bytes of a file; raise InvalidInputError if it lies elsewhere, is missing or is too large."""
+        try:
+            return self._read(name)
+        except BetterError as error:
+            self.problem = self.problem or error
+            raise
+
+    def _read(self, name: str) -> bytes:
+        asked = PurePosixPath(unquote(str(name).strip()).replace("\\", "/"))
+        shown = one_line(repr(str(name)), most=120)
+        problem = f"it refers to {shown}, which is outside its folder"
+        if asked.is_absolute() or ".." in asked.parts or ":" in str(asked):
+            raise InvalidInputError(self._where, problem, "Put the file beside the mesh and refer to it by name")
+        path = (self._folder / asked).resolve()
+        if not path.is_relative_to(self._folder):
+            raise InvalidInputError(self._where, problem, "Put the file itself beside the mesh, not a link")
+        if not path.is_file():
+            raise InvalidInputError(self._where, f"it refers to {shown}, which does not exist", _CURE)
+        found = read_bounded(path, max_bytes=self._left, cure=_CURE)
+        self._left -= len(found)
+        return found
+
+    def keys(self) -> list[str]:
+        """Return no names: nothing is looked for by pattern."""
+        return []
+
+    def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
+        """Refuse to write: trimesh writes through a resolver when it exports, which is not done here."""
+        raise InvalidInputError(self._where, f"{one_line(name, most=120)} would be written", _CURE)
+
+    def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
+        """Return the same folder; sub-folders are part of the names."""
+        return self
+
+
+def read_mesh_file(path: Path) -> RawMesh:
+    """Read a mesh file.
+
+    Raises:
+        InvalidInputError: If the file cannot be read, holds no triangle, or refers to a file outside its folder.
+        MissingDependencyError: If it is compressed with Draco and DracoPy is not installed.
+    """
+    where = one_line(path.name, most=120)
+    kind = FORMATS.get(path.suffix.lower())
+    if kind is None:
+        raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
+    data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor")
+    if kind in ("glb", "gltf"):
+        _require_readable(data, kind, where)
+    resolver = FolderResolver(path.parent, where)
+    Image.MAX_IMAGE_PIXELS = MAX_IMAGE_PIXELS
+    try:
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=resolver, process=False)
+        parts = tuple(_parts(scene, where))
+    except BetterError:
+        raise
+    except Exception as error:
+        # Whatever trimesh or Pillow raises about a broken file is one line for the user.
+        if resolver.problem is not None:
+            raise resolver.problem from None
+        problem = f"it cannot be read ({type(error).__name__}: {one_line(error, most=200)})"
+        raise InvalidInputError(where, problem, _CURE) from error
+    if resolver.problem is not None:
+        raise resolver.problem
+    up, unit_m = _RULES.get(kind, (None, None))
+    return checked(RawMesh(parts, up, unit_m), where)  # type: ignore[arg-type]
+
+
+def checked(mesh: RawMesh, where: str) -> RawMesh:
+    """Return a mesh; raise InvalidInputError if it has no extent, too many triangles or numbers that are not finite."""
+    if mesh.face_count == 0:
+        raise InvalidInputError(where, "it holds no triangle", "Export the object as a triangle mesh")
+    if mesh.face_count > MAX_FACES:
+        problem = f"it has {mesh.face_count:,} triangles, expected at most {MAX_FACES:,}"
+        raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor")
+    for part in mesh.parts:
+        if not np.isfinite(part.vertices).all():
+            raise InvalidInputError(where, f"{part.name} has vertices that are not finite numbers", _CURE)
+        if len(part.faces) and not (part.faces.min() >= 0 and part.faces.max() < len(part.vertices)):
+            raise InvalidInputError(where, f"{part.name} has triangles of vertices that do not exist", _CURE)
+    with np.errstate(over="ignore"):
+        extent = np.ptp(mesh.bounds(), axis=0)
+    # Between a grain of dust and a mountain in any unit; beyond it products of lengths lose their digits.
+    if not 1e-9 < float(extent.max()) < 1e9:
+        raise InvalidInputError(where, f"its longest side is {float(extent.max()):.3g} units", _CURE)
+    return mesh
+
+
+def _require_readable(data: bytes, kind: str, where: str) -> None:
+    """Check the header of a glTF file for what trimesh would leave out without a word."""
+    text = data
+    if kind == "glb":
+        if len(data) < 20 or data[:4] != b"glTF":
+            raise InvalidInputError(where, "it does not begin as a GLB file does", _CURE)
+        total, length = struct.unpack("<I", data[8:12])[0], struct.unpack("<I", data[12:16])[0]
+        if total > len(data) or 20 + length > len(data):
+            raise InvalidInputError(where, f"it ends after {len(data):,} of {total:,} bytes", "Copy the file again")
+        text = data[20 : 20 + length]
+    try:
+        form = json.loads(text)
+        asked = form.get("extensionsRequired", []) if isinstance(form, dict) else None
+    except (ValueError, RecursionError) as error:
+        raise InvalidInputError(where, f"its JSON cannot be read ({one_line(error, most=120)})", _CURE) from error
+    if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
+        raise InvalidInputError(where, "it does not list its extensions as glTF does", _CURE)
+    unknown = sorted(set(asked) - _READABLE_EXTENSIONS)
+    if unknown:
+        cure = "Export the object without mesh compression other than Draco"
+        raise InvalidInputError(where, f"it needs the glTF extension {one_line(unknown[0], most=60)}", cure)
+    if "KHR_draco_mesh_compression" in asked:
+        try:
+            import DracoPy  # noqa: F401, PLC0415 - trimesh finds it by itself
+        except ImportError as error:
+            raise missing_extra(f"{where} is compressed with Draco, which needs DracoPy", "assets") from error
+
+
+def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene of trimesh
+    found: list[RawPart] = []
+    faces = 0
+    for node in sorted(scene.graph.nodes_geometry):
+        transform, key = scene.graph[node]
+        mesh = scene.geometry[key]
+        if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+            continue
+        faces += len(mesh.faces)
+        if faces > MAX_FACES:
+            problem = f"it has more than {MAX_FACES:,} triangles"
+            raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor")
+        rgba, image, uv, colors = _look(mesh)
+        part = RawPart(
+            one_line(str(key), most=60),
+            np.asarray(mesh.vertices, dtype=np.float64),
+            np.asarray(mesh.faces, dtype=np.int64),
+            rgba,
+            image,
+            uv,
+            colors,
+        )
+        found.append(part.moved(np.asarray(transform, dtype=np.float64)))
+    return found
+
+
+def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.ndarray | None]:  # noqa: ANN401
+    """Return the color, the texture with its coordinates and the vertex colors of a mesh of trimesh."""
+    visual = mesh.visual
+    if visual.kind == "texture":
+        material = visual.material
+        simple = material.to_pbr() if hasattr(material, "to_pbr") else material
+        factor = getattr(simple, "baseColorFactor", None)
+        rgba = (1.0, 1.0, 1.0, 1.0) if factor is None else _rgba(np.asarray(factor))
+        image = getattr(simple, "baseColorTexture", None)
+        uv = visual.uv
+        if image is None or uv is None or len(uv) != len(mesh.vertices):
+            return (rgba if factor is not None else (0.8, 0.8, 0.8, 1.0)), None, None, None
+        if not isinstance(material, trimesh.visual.material.PBRMaterial):
+            rgba = (1.0, 1.0, 1.0, rgba[3])  # of OBJ: exporters write a gray Kd beside the texture, or none
+        picture = image.convert("RGB")
+        picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
+        return rgba, np.asarray(picture), np.nan_to_num(np.asarray(uv, dtype=np.float64)), None
+    if visual.kind in ("vertex", "face"):
+        colors = np.asarray(visual.vertex_colors, dtype=np.float64)[:, :3] / 255.0
+        return (1.0, 1.0, 1.0, 1.0), None, None, colors
+    return (0.8, 0.8, 0.8, 1.0), None, None, None
+
+
+def _rgba(factor: np.ndarray) -> Rgba:
+    """Return a color factor in [0, 1]; trimesh keeps it as bytes or as floats."""
+    scaled = factor.astype(np.float64) / (255.0 if factor.dtype == np.uint8 else 1.0)
+    r, g, b = (float(np.clip(v, 0.0, 1.0)) for v in scaled[:3])
+    return (r, g, b, float(np.clip(scaled[3], 0.0, 1.0)) if len(scaled) > 3 else 1.0)

@@ -1,0 +1,108 @@
+"""Meshes as their files have them: parts with positions, triangles and looks, before any decision about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+Rgba = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawPart:
+    """One surface of a file, in the frame and the unit of the file.
+
+    Attributes:
+        vertices: (n, 3) float64 positions.
+        faces: (m, 3) int64 vertex indices.
+        rgba: Color, each in [0, 1]; multiplied with the image if there is one.
+        image: (height, width, 3) uint8 RGB texture, or None.
+        uv: (n, 2) float64 texture coordinates, origin at the lower left, or None.
+        colors: (n, 3) float64 color of each vertex in [0, 1], or None.
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    rgba: Rgba = (0.8, 0.8, 0.8, 1.0)
+    image: np.ndarray | None = None
+    uv: np.ndarray | None = None
+    colors: np.ndarray | None = None
+
+    def moved(self, transform: np.ndarray) -> RawPart:
+        """Return the part after a (4, 4) transform; a reflection keeps the triangles facing outward."""
+        vertices = self.vertices @ transform[:3, :3].T + transform[:3, 3]
+        faces = self.faces[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0.0 else self.faces
+        return RawPart(self.name, vertices, np.ascontiguousarray(faces), self.rgba, self.image, self.uv, self.colors)
+
+    def is_plain(self) -> bool:
+        """Tell whether the whole part has one color."""
+        return self.image is None and self.colors is None
+
+    def colors_at(self, faces: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Return the (k, 3) colors in [0, 1] of points on the surface.
+
+        Args:
+            faces: (k,) numbers of the triangles.
+            weights: (k, 3) barycentric coordinates.
+        """
+        base = np.tile(np.asarray(self.rgba[:3]), (len(faces), 1))
+        corners = self.faces[faces]
+        if self.colors is not None:
+            base = base * np.einsum("kc,kcd->kd", weights, self.colors[corners])
+        if self.image is not None and self.uv is not None:
+            at = np.einsum("kc,kcd->kd", weights, self.uv[corners])
+            height, width = self.image.shape[:2]
+            # Textures repeat outside [0, 1] (glTF and OBJ alike).
+            column = np.clip((np.mod(at[:, 0], 1.0) * width).astype(int), 0, width - 1)
+            row = np.clip(((1.0 - np.mod(at[:, 1], 1.0)) * height).astype(int), 0, height - 1)
+            base = base * (self.image[row, column] / 255.0)
+        return base
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawMesh:
+    """The parts of one object.
+
+    Attributes:
+        up: Axis that points up by the rules of the file format, None if the format has no rule.
+        unit_m: Length of a unit in meters by the rules of the file format, None if it has no rule.
+    """
+
+    parts: tuple[RawPart, ...]
+    up: Literal["y", "z"] | None
+    unit_m: float | None
+
+    @property
+    def face_count(self) -> int:
+        """Number of triangles of all parts."""
+        return sum(len(part.faces) for part in self.parts)
+
+    def moved(self, transform: np.ndarray) -> RawMesh:
+        """Return the mesh after a (4, 4) transform."""
+        return RawMesh(tuple(part.moved(transform) for part in self.parts), self.up, self.unit_m)
+
+    def bounds(self) -> np.ndarray:
+        """Return the lowest and the highest corner of the bounding box, (2, 3)."""
+        points = np.concatenate([part.vertices[np.unique(part.faces)] for part in self.parts])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return all parts as one surface: (n, 3) vertices without duplicates, (m, 3) faces."""
+        return joined(self.parts)
+
+
+def joined(parts: Sequence[RawPart]) -> tuple[np.ndarray, np.ndarray]:
+    """Return parts as one surface whose equal vertices are one; degenerate triangles are left out."""
+    points = np.concatenate([part.vertices for part in parts])
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    # Vertices closer than a millionth of the size are the same one, written for two texture coordinates or normals.
+    step = max(float(np.ptp(points, axis=0).max()), 1e-12) * 1e-6
+    _, first, which = np.unique(np.round(points / step), axis=0, return_index=True, return_inverse=True)
+    faces = which.ravel()[faces]
+    a, b, c = faces.T
+    return points[first], faces[(a != b) & (b != c) & (c != a)]

@@ -1,0 +1,55 @@
+"""Registration of an imported mesh as a category of assets that tasks can name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from betterbench.sim.assets.authoring.draft import Draft
+from betterbench.sim.assets.authoring.registry import generator
+from betterbench.sim.assets.importing.child import import_safely
+from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.tasks.user_files import loading_folder
+
+
+def imported(
+    category: str,
+    path: Path | str,
+    *,
+    color: str,
+    name: str | None = None,
+    size_m: float | None = None,
+    mass_kg: float | None = None,
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
+    license: str = "unknown",  # noqa: A002 - the word of assets
+    source: str | None = None,
+) -> None:
+    """Register a mesh file as a category of assets; the file is imported when the category is first built.
+
+    All looks of the category are this one object. In a task file, a relative path starts at the folder of that file.
+
+    Args:
+        category: Name that tasks use, which no other asset has.
+        path: File with the mesh: GLB, glTF, OBJ, STL or PLY.
+        color: Word that a person would use for its color.
+        name: Name or description, from which its kind is told ("coffee mug"); the category if not given.
+        size_m: Longest side [m]; otherwise from the unit of the format and the usual sizes of its kind.
+        mass_kg: Mass; otherwise the usual one of its kind at this size.
+        up: Axis of the file that points up; otherwise by the rule of the format, or the way it stands best.
+        license: License of the mesh, for the list of sources.
+        source: Origin of the mesh, for the same; the name of the file if not given.
+
+    Raises:
+        InvalidInputError: If another asset has the name.
+    """
+    file = ((loading_folder() or Path.cwd()) / Path(path).expanduser()).absolute()
+    wishes = Wishes(name or category, size_m, mass_kg, up, license, source)
+
+    def make(_rng: np.random.Generator, _color: str) -> Draft:
+        return import_safely(file, wishes).draft
+
+    # Two files under one name are told apart by this.
+    make.__qualname__ = f"the import of {file}"
+    generator(category, colors=(color,), looks=1, unseen_looks=1)(make)

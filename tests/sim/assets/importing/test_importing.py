@@ -1,0 +1,374 @@
+"""Meshes of strangers as assets: what is read, what is refused, and that an imported object is what its mesh is."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from betterbench.errors import InvalidInputError
+from betterbench.sim.assets import build
+from betterbench.sim.assets.authoring.registry import unregister
+from betterbench.sim.assets.importing import child, imported
+from betterbench.sim.assets.importing.cavity import cavity_of
+from betterbench.sim.assets.importing.hulls import convex_hulls, fit_of
+from betterbench.sim.assets.importing.importer import Wishes, import_mesh
+from betterbench.sim.assets.importing.kinds import kind_of, kinds
+from betterbench.sim.assets.importing.mesh_file import read_mesh_file
+from betterbench.sim.assets.importing.raw import RawMesh, RawPart
+from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
+from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
+from betterbench.sim.assets.importing.upright import place
+from betterbench.sim.scenes import add_asset, rest_pose
+
+MESHES = Path(__file__).resolve().parents[5] / "shared" / "meshes"
+
+
+def cup(radius=0.04, height=0.09, wall=0.004, sections=32):
+    """Return a cup as a closed surface of revolution [m], standing on z = 0."""
+    r, w = radius, wall
+    profile = [(0, 0), (r, 0), (r, height), (r - w, height), (r - w, w), (0, w)]
+    return trimesh.creation.revolve(profile, sections=sections)
+
+
+def surface(mesh):
+    return np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)
+
+
+def saved(mesh, path, *, y_up=False):
+    if y_up:
+        mesh = mesh.copy()
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))
+    mesh.export(path)
+    return path
+
+
+# ------------------------------------------------------------------------------------------------------------ reading
+
+
+def test_a_format_says_which_way_is_up_and_how_long_a_unit_is(tmp_path):
+    box = trimesh.creation.box((0.05, 0.03, 0.08))
+    glb = read_mesh_file(saved(box, tmp_path / "block.glb", y_up=True))
+    assert (glb.up, glb.unit_m) == ("y", 1.0)
+    assert np.allclose(np.ptp(glb.bounds(), axis=0), (0.05, 0.08, 0.03), atol=1e-6)
+    stl = read_mesh_file(saved(box, tmp_path / "block.stl"))
+    assert (stl.up, stl.unit_m) == (None, None)
+
+
+def test_colors_and_textures_are_kept(tmp_path):
+    box = trimesh.creation.box((0.05, 0.05, 0.05))
+    box.visual = trimesh.visual.TextureVisuals(
+        material=trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 0, 0, 255])
+    )
+    (part,) = read_mesh_file(saved(box, tmp_path / "red.glb")).parts
+    assert part.rgba == (1.0, 0.0, 0.0, 1.0)
+    assert part.is_plain()
+    picture = np.zeros((4, 4, 3), np.uint8)
+    picture[:, 2:] = 255  # the right half is white
+    part = RawPart(
+        "p", np.eye(3), np.array([[0, 1, 2]]), (1, 1, 1, 1), picture, np.array([[0.1, 0.5], [0.1, 0.5], [0.9, 0.5]])
+    )
+    shown = part.colors_at(np.array([0, 0]), np.array([[1.0, 0, 0], [0, 0, 1.0]]))
+    assert shown.tolist() == [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]
+
+
+def glb_of(form, binary=b""):
+    text = json.dumps(form).encode()
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<II", len(text), 0x4E4F534A) + text
+    if binary:
+        body += struct.pack("<II", len(binary), 0x004E4942) + binary
+    return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "text"),
+    [
+        ("a.glb", b"", "does not begin as a GLB"),
+        ("a.glb", b"glTF" + struct.pack("<IIII", 2, 9000, 8000, 0x4E4F534A) + b"{}", "it ends after"),
+        ("a.glb", glb_of({"extensionsRequired": ["EXT_meshopt_compression"]}), "EXT_meshopt_compression"),
+        ("a.glb", glb_of({"extensionsRequired": 7}), "does not list its extensions"),
+        ("a.gltf", b"[1, 2]", "does not list its extensions"),
+        ("a.gltf", b"{" * 100_000, "JSON cannot be read"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "not finite|cannot be read"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\n", "no triangle|cannot be read"),
+        ("a.obj", b"v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n", "longest side"),
+        ("a.stl", b"solid\n", "cannot be read|no triangle"),
+        ("a.ply", b"ply\nformat ascii 1.0\n", "cannot be read|no triangle"),
+        ("a.fbx", b"Kaydara FBX Binary", "its format is not known"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_one_clear_line(tmp_path, name, data, text):
+    path = tmp_path / name
+    path.write_bytes(data)
+    with pytest.raises(InvalidInputError, match=text) as caught:
+        read_mesh_file(path)
+    assert "\n" not in str(caught.value)
+    assert name in str(caught.value)
+
+
+TRIANGLE = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n"
+
+
+@pytest.mark.parametrize("reference", ["../secret.mtl", "/etc/passwd", "http://host/x.mtl", "linked.mtl"])
+def test_nothing_outside_the_folder_of_a_mesh_is_read(tmp_path, reference):
+    folder = tmp_path / "mesh"
+    folder.mkdir()
+    (tmp_path / "secret.mtl").write_text("newmtl m\nKd 1 0 0\n")
+    (folder / "linked.mtl").symlink_to(tmp_path / "secret.mtl")
+    path = folder / "a.obj"
+    path.write_text(f"mtllib {reference}\nusemtl m\n{TRIANGLE}")
+    with pytest.raises(InvalidInputError, match="outside its folder"):
+        read_mesh_file(path)
+
+
+def test_a_material_that_is_missing_is_not_left_out_silently(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text(f"mtllib gone.mtl\nusemtl m\n{TRIANGLE}")
+    with pytest.raises(InvalidInputError, match=r"'gone\.mtl', which does not exist"):
+        read_mesh_file(path)
+
+
+# ------------------------------------------------------------------------------------------------------- size and up
+
+
+def test_no_name_belongs_to_two_kinds():
+    names = [name for kind in kinds() for name in kind.names]
+    assert sorted(set(names)) == sorted(names)
+    assert all(0.005 < kind.low_m < kind.high_m < 0.6 and kind.mass_kg > 0.0 for kind in kinds())
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("burgerCheese", "burger"),
+        ("025_mug", "mug"),
+        ("wine-glass", "wine glass"),
+        ("two apples", "apple"),
+        ("apple pie", "pie"),
+        ("gizmo", None),
+    ],
+)
+def test_a_name_tells_the_kind(text, name):
+    found = kind_of(text)
+    assert (None if found is None else found.name) == name
+
+
+def raw(mesh, up=None, unit_m=None):
+    vertices, faces = surface(mesh)
+    return RawMesh((RawPart("p", vertices, faces),), up, unit_m)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0), ("inch", 1 / 0.0254)])
+def test_a_usual_unit_is_told_by_the_kind(unit, factor):
+    mesh = cup()
+    mesh.apply_scale(factor)
+    placed = place(raw(mesh), kind_of("mug"), "mug.stl")
+    assert np.allclose(np.ptp(placed.mesh.bounds(), axis=0), (0.08, 0.08, 0.09), atol=1e-3), unit
+    assert placed.cavity is not None
+
+
+def test_another_unit_gives_the_middle_size_of_the_kind_and_says_so():
+    mesh = cup()
+    mesh.apply_scale(5.0)
+    placed = place(raw(mesh, "z", 1.0), kind_of("mug"), "mug.glb")
+    assert np.ptp(placed.mesh.bounds(), axis=0).max() == pytest.approx(kind_of("mug").middle_m)
+    assert "usual for a mug" in placed.notes[0]
+
+
+def test_a_size_that_nothing_tells_is_asked_for():
+    with pytest.raises(InvalidInputError, match="--size"):
+        place(raw(trimesh.creation.box((7, 7, 7))), None, "gizmo.stl")
+    assert place(raw(trimesh.creation.box((7, 7, 7))), None, "gizmo.stl", size_m=0.05).scale == pytest.approx(0.05 / 7)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi])
+def test_what_is_open_at_the_top_is_set_upright(turn):
+    mesh = cup()
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(turn, [1, 0, 0]))
+    placed = place(raw(mesh), kind_of("mug"), "mug.stl")
+    assert placed.cavity is not None
+    assert placed.cavity.depth_m == pytest.approx(0.086, abs=0.003)
+    low, high = placed.mesh.bounds()
+    assert low[2] == pytest.approx(0.0, abs=1e-6)
+    assert np.allclose(low[:2] + high[:2], 0.0, atol=1e-6)
+
+
+def test_what_need_not_be_open_stays_as_the_format_says():
+    mesh = cup()
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
+    placed = place(raw(mesh, "z", 1.0), None, "gizmo.glb", size_m=0.09)
+    assert (placed.up, placed.cavity) == ("z", None)
+
+
+# -------------------------------------------------------------------------------------------------------------- solid
+
+
+def test_mass_is_that_of_the_solid():
+    size = np.array((0.06, 0.04, 0.10))
+    center, inertia = mass_of_cells(solid_of(*surface(trimesh.creation.box(size))), 0.3)
+    exact = 0.3 / 12.0 * np.diag([size @ size - s * s for s in size])
+    assert np.allclose(center, 0.0, atol=5e-4)
+    assert np.allclose(inertia, exact, rtol=0.06, atol=1e-6)
+
+
+def test_an_open_surface_is_a_thin_shell_and_a_closed_one_is_full():
+    closed = trimesh.creation.box((0.06, 0.06, 0.06))
+    lidless = trimesh.Trimesh(closed.vertices, closed.faces[closed.face_normals[:, 2] < 0.5], process=False)
+    full, hollow = solid_of(*surface(closed)), solid_of(*surface(lidless))
+    assert hollow.cells.sum() < 0.2 * full.cells.sum()
+    found = cavity_of(hollow)
+    assert found is not None
+    assert found.volume_m3 == pytest.approx(0.06**3, rel=0.1)
+
+
+def test_a_cup_holds_what_it_can_and_a_cup_with_a_hole_in_its_floor_holds_nothing():
+    whole = cup()
+    found = cavity_of(solid_of(*surface(whole)))
+    assert found is not None
+    assert found.volume_m3 == pytest.approx(np.pi * 0.036**2 * 0.086, rel=0.08)
+    leaky = trimesh.creation.annulus(0.036, 0.04, 0.09)
+    assert cavity_of(solid_of(*surface(leaky))) is None
+
+
+# ------------------------------------------------------------------------------------------------------------ contacts
+
+
+def test_the_hollow_of_a_cup_stays_free():
+    mesh = cup()
+    solid = solid_of(*surface(mesh))
+    cavity = cavity_of(solid)
+    hulls = convex_hulls(solid, surface(mesh), cavity)
+    assert len(hulls) <= 48
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.026, 0.026, 9)] * 2, np.linspace(0.012, 0.08, 9)), -1).reshape(-1, 3)
+    inside = grid[np.hypot(grid[:, 0], grid[:, 1]) < 0.031]
+    for corners in hulls:
+        equations = ConvexHull(corners).equations
+        assert not ((inside @ equations[:, :3].T + equations[:, 3]).max(axis=1) < 0.0).any()
+    fit = fit_of(hulls, solid.points)
+    assert fit.outside_m < 0.0035  # the chord of a sector is 1.4 mm off the circle
+    assert fit.inside_m < 0.001
+
+
+def test_a_convex_body_is_one_hull():
+    mesh = trimesh.creation.cylinder(0.03, 0.1)
+    assert len(convex_hulls(solid_of(*surface(mesh)), surface(mesh), None)) == 1
+
+
+# -------------------------------------------------------------------------------------------------------------- assets
+
+
+@pytest.fixture
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def made(category, path, **wishes):
+    imported(category, path, color="gray", **wishes)
+    try:
+        return build(category)
+    finally:
+        unregister(category)
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_an_imported_cup_stands_and_a_ball_that_is_dropped_into_it_stays(tmp_path):
+    asset = made("imported_cup", saved(cup(), tmp_path / "mug.glb", y_up=True), name="mug")
+    assert asset.license == "unknown"
+    assert asset.face_count <= 600
+    assert {region.name for region in asset.regions} >= {"base", "opening", "inside", "floor", "rim"}
+    assert asset.region("opening").half_size[0] == pytest.approx(0.036, abs=0.003)
+    rest = rest_pose(asset)
+    assert abs(rest.quaternion[0]) > np.cos(np.radians(1.0))
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1])
+    add_asset(spec, "cup", asset)
+    ball = spec.worldbody.add_body(name="ball", pos=[0.005, 0.0, 0.13])
+    ball.add_freejoint()
+    ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.015, 0, 0], mass=0.02)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=1500)
+    x, y, z = data.body("ball").xpos - data.body("cup").xpos
+    assert np.hypot(x, y) < 0.036
+    assert 0.01 < z < 0.03
+    assert np.linalg.norm(data.body("cup").xpos[:2]) < 0.01
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_a_block_is_taken_across_its_narrow_side(tmp_path):
+    box = trimesh.creation.box((0.09, 0.03, 0.05))
+    asset = made("imported_block", saved(box, tmp_path / "block.stl"), name="block", size_m=0.09, up="z")
+    best = min(asset.grasps, key=lambda grasp: grasp.preference)
+    assert best.width_m == pytest.approx(0.03, abs=0.005)
+    assert np.hypot(*best.pose.position[:2]) < 0.006
+    # The second axis of the tool is the direction in which the fingers open.
+    w, x, y, z = best.pose.quaternion
+    assert abs(2 * (x * y - w * z)) < 0.2
+
+
+def test_the_same_file_gives_the_same_bytes_and_bytes_give_the_same_object(tmp_path):
+    path = saved(cup(), tmp_path / "mug.glb", y_up=True)
+    first, second = (to_bytes(import_mesh(path, Wishes("mug"))) for _ in range(2))
+    assert first == second
+    assert to_bytes(from_bytes(first, "here")) == first
+    for damaged in (b"", first[:-20], b"PK" + first, b"{}"):
+        with pytest.raises(InvalidInputError, match="is not an imported object"):
+            from_bytes(damaged, "here")
+
+
+def test_an_import_is_kept_and_made_again_if_the_file_or_a_wish_changes(tmp_path, own_cache):
+    path = saved(trimesh.creation.box((0.05, 0.05, 0.05)), tmp_path / "block.stl")
+    wishes = Wishes("block", size_m=0.05)
+    child.import_safely(path, wishes)
+    (kept,) = own_cache.rglob("*.npz")
+    before = kept.stat().st_mtime_ns
+    child.import_safely(path, wishes)
+    assert kept.stat().st_mtime_ns == before
+    kept.write_bytes(b"damaged")
+    assert child.import_safely(path, wishes).draft.mass_kg > 0.0
+    assert kept.read_bytes() != b"damaged"
+    child.import_safely(path, Wishes("block", size_m=0.06))
+    assert len(list(own_cache.rglob("*.npz"))) == 2
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_the_error_of_the_limited_process_arrives_whole(tmp_path):
+    path = tmp_path / "a.glb"
+    path.write_bytes(b"nothing")
+    with pytest.raises(InvalidInputError, match="does not begin as a GLB") as caught:
+        child.import_safely(path)
+    assert caught.value.where == "a.glb"
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_an_import_that_takes_too_long_ends_with_one_line(tmp_path, monkeypatch):
+    path = saved(trimesh.creation.box((0.05, 0.05, 0.05)), tmp_path / "block.stl")
+    monkeypatch.setattr(child, "MAX_S", 0.01)
+    with pytest.raises(InvalidInputError, match="takes more than"):
+        child.import_safely(path)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not MESHES.is_dir(), reason="the folder of real meshes is not here")
+def test_real_meshes_become_assets():
+    files = [*sorted((MESHES / "kenney_food").glob("*.glb")), *sorted((MESHES / "ycb").glob("*/*.obj"))]
+    failed, ungraspable = {}, []
+    for path in files:
+        try:
+            found = import_mesh(path)
+        except InvalidInputError as error:
+            failed[path.name] = str(error)
+            continue
+        assert sum(len(part.faces) for part in found.draft.parts if hasattr(part, "faces")) <= 600, path
+        if not found.draft.grasps:
+            ungraspable.append(path.stem)
+    assert failed == {}
+    assert len(ungraspable) < 0.2 * len(files), ungraspable
