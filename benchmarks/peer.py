@@ -7,6 +7,7 @@ started separately agree.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -188,7 +189,8 @@ class Peer:
         self._wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                pipe.close()
+                with contextlib.suppress(BrokenPipeError):  # an unsent request to a process that has ended
+                    pipe.close()
         self._said.close()
 
     def make(self, *, everything: bool) -> None:

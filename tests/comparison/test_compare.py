@@ -67,7 +67,7 @@ def test_undecided_is_said_with_what_the_trials_could_have_shown(side):
     assert found.group("success").letters == ("a", "a")
     text = found.verdict[0]
     assert text.startswith("Nothing can be concluded about which of one and two is better on the trials of variations")
-    assert f"has to be {100 * expected.value:.1f} points" in text
+    assert f"a true difference must be {100 * expected.value:.1f} points" in text
     assert "1/40 (2.5 %) point in the other direction" in text
     assert len(found.verdict) == 1
 

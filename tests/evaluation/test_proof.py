@@ -171,7 +171,7 @@ def test_a_policy_that_does_something_else_proves_nothing():
         proof = prove(policy)
         assert not proof.follows
         assert not proof.wrong
-        assert "nothing is proven" in proof.verdict
+        assert proof.verdict == "inconclusive: the policy does not follow the demonstration"
         assert proof.requests <= MAX_REQUESTS
     assert run_preflight("expert", TRIAL, quality="fast", proof=True).proof is None
 

@@ -35,6 +35,7 @@ from betterbench.evaluation.workers import pool
 from betterbench.evaluation.workers.worker import Worker
 from betterbench.jobs import retries
 from betterbench.records import RunFolder
+from betterbench.sim.worlds.betterbench import world as own_world
 from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics
@@ -250,7 +251,7 @@ def test_a_run_grows_by_a_command_with_more_trials_and_not_by_one_with_fewer(sho
     assert len(grown.entries()) == 5
     assert grown.context["extended"][0]["trials_before"] == 4
     assert grown.context["started_utc"] == short_run.context["started_utc"]
-    with pytest.raises(RunConflictError, match=r"has 5 trials, and this command asks for 4 of them"):
+    with pytest.raises(RunConflictError, match=r"has 5 trials, but this command requests only 4 of them"):
         evaluate(tiny_plan(), out)
 
 
@@ -396,14 +397,14 @@ def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan
 def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(
     tiny_plan, tmp_path, monkeypatch, short_run, run_content
 ):
-    ordinary = trial_module.Scene
+    ordinary = own_world.Scene
 
     def broken(task, condition, **arguments):
         if arguments["seed"] == 2:
             raise MemoryError("no memory for the model")
         return ordinary(task, condition, **arguments)
 
-    monkeypatch.setattr(trial_module, "Scene", broken)
+    monkeypatch.setattr(own_world, "Scene", broken)
     run = evaluate(tiny_plan(), tmp_path / "run")
     failed = [e for e in run.entries() if e.status == "error"]
     assert [(e.seed, e.message) for e in failed] == [(2, "MemoryError: no memory for the model")]

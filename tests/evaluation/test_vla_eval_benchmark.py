@@ -326,7 +326,7 @@ def test_bad_settings_are_named(bench):
         bench(observation="defualt")
     with pytest.raises(InvalidInputError, match=r"there_is_no_such_file\.json"):
         bench(adapter="there_is_no_such_file.json")
-    with pytest.raises(InvalidInputError, match="answers absolute poses, and adapter vla_eval reads ee_delta"):
+    with pytest.raises(InvalidInputError, match="answers with absolute poses, but adapter vla_eval reads ee_delta"):
         bench(absolute_action=True)
 
 

@@ -152,7 +152,7 @@ def test_a_folder_with_other_files_or_another_job_is_refused(tmp_path):
     (place / ".lock").touch()
     require_free(place, "run", file="run.json")
     (place / "notes.txt").touch()
-    with pytest.raises(RunConflictError, match="the folder holds other files and no run"):
+    with pytest.raises(RunConflictError, match="the folder contains other files but no run"):
         require_free(place, "run", file="run.json")
     with pytest.raises(RunConflictError, match="this is a file"):
         require_free(place / "notes.txt", "run", file="run.json")

@@ -250,7 +250,7 @@ def test_what_a_server_refuses_is_one_clear_line(serve, status, text, kind, says
 
 
 def test_addresses_that_are_none_and_servers_that_are_gone(serve):
-    with pytest.raises(InvalidInputError, match="no HTTP address"):
+    with pytest.raises(InvalidInputError, match="not an HTTP address"):
         ChatEndpoint("localhost:8000", "tiny")
     with pytest.raises(ModelError, match="no answer after 1 tries"):
         ChatEndpoint("http://127.0.0.1:9/v1", "tiny", tries=1).complete([])
@@ -278,7 +278,7 @@ def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
     answers = ask_set(made, ScriptedChat(lambda _: next(replies), name="perfect"), file, at_once=1)
     assert len(answers.answers) == count
     assert all(s.rate.k == s.rate.n and s.read == s.rate.n for s in scores_of(made, answers))
-    with pytest.raises(RunConflictError, match="holds answers of 'perfect'"):
+    with pytest.raises(RunConflictError, match="contains answers of 'perfect'"):
         ask_set(made, ScriptedChat(lambda _: "", name="other"), file)
     mute = ask_set(made, ScriptedChat(lambda _: "?", name="mute"), tmp_path / "mute.jsonl", at_once=3)
     assert [s.rate.k for s in scores_of(made, mute)] == [0] * len(scores_of(made, mute))

@@ -112,7 +112,7 @@ def test_the_verbs_put_answers_beside_deeds_and_on_the_page(failing, decisive, t
     [
         (lambda counts: counts.pop("not_asked"), "not have one count per standing"),
         (lambda counts: counts.update(guessed=0), "not have one count per standing"),
-        (lambda counts: counts.update(not_asked=7), "trials, not of"),
+        (lambda counts: counts.update(not_asked=7), "add up to 8 trials, expected 1"),
         (lambda counts: counts.update(not_asked=-1), "not have one count per standing"),
     ],
 )

@@ -28,7 +28,9 @@ def require_free(path: Path, what: str, *, file: str, besides: Collection[str] =
         return
     left = {LOCK_NAME, *besides}
     if any(entry.name not in left and not entry.name.endswith(PART_SUFFIX) for entry in path.iterdir()):
-        raise RunConflictError(f"{path}: the folder holds other files and no {what}. Choose an empty or a new folder.")
+        raise RunConflictError(
+            f"{path}: the folder contains other files but no {what}. Choose an empty or a new folder."
+        )
 
 
 def require_same(

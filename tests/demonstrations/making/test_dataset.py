@@ -135,7 +135,7 @@ def test_a_folder_holds_one_recipe_which_may_grow(tmp_path):
         replace(recipe, validation=1.0).check()
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").touch()
-    with pytest.raises(RunConflictError, match="holds other files"):
+    with pytest.raises(RunConflictError, match="contains other files"):
         keep_recipe(recipe, tmp_path / "other")
 
 

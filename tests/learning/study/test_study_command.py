@@ -68,7 +68,7 @@ def test_a_plan_becomes_a_page_and_the_same_command_resumes(plan, tmp_path, monk
     [
         ([], "Give a YAML file or --preset small"),
         (["PLAN", "--preset", "small"], "not both"),
-        (["--preset", "huge"], "'huge' is no preset"),
+        (["--preset", "huge"], "'huge' is not a preset"),
         (["NONE"], "cannot be read"),
     ],
 )

@@ -149,7 +149,9 @@ def test_a_dataset_of_another_action_space_is_one_line(run_of):
 def test_a_folder_without_a_run_is_one_line_that_names_the_field(tmp_path, monkeypatch, place):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InvalidInputError, match=f"data: '{place}' holds no demonstrations.*better dataset") as caught:
+    with pytest.raises(
+        InvalidInputError, match=f"data: '{place}' contains no demonstrations.*better dataset"
+    ) as caught:
         read_training_set(tiny(data=[place]))
     assert "\n" not in str(caught.value)
 

@@ -155,7 +155,7 @@ def test_a_set_of_which_nothing_can_be_learned_is_one_line(read, questions, opti
 
 def test_questions_about_nothing_but_what_is_held_out_are_one_line(read):
     held_out = int(np.flatnonzero(read([about(0, 1), about(1, 1)], validation=0.5).held_out)[0])
-    with pytest.raises(InvalidInputError, match="held out"):
+    with pytest.raises(InvalidInputError, match="all questions are about held-out demonstrations"):
         read([about(held_out, 1)], validation=0.5)
 
 

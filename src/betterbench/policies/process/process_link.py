@@ -84,7 +84,7 @@ def content_of(answer: ProcessAnswer, given: Sequence[object] = ()) -> FrameCont
     arrays = [_array(one) for one in given]
     for array in arrays:
         if array.nbytes > MAX_ANSWER_BYTES:
-            raise ValueError(f"an answer of {array.nbytes} bytes is no chunk of actions")
+            raise ValueError(f"an answer of {array.nbytes} bytes is too large")
     if (size := sum(array.nbytes for array in arrays)) > MAX_ARRAY_BYTES:
-        raise ValueError(f"{size} bytes are no answer")
+        raise ValueError(f"an answer of {size} bytes is too large")
     return asdict(answer), {f"{place}": array for place, array in enumerate(arrays)}
