@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 from dataclasses import replace
@@ -13,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from factory import diagnosis, trial
 
-from betterbench.diagnosis import Label
+from betterbench.diagnosis import Label, Metric
 from betterbench.diagnosis.modes.policy_error import without_record
 from betterbench.report.headline import headline_of, verdict_line
 
@@ -281,3 +282,21 @@ def test_a_handful_of_solved_trials_is_no_proof_that_nothing_fails(n):
     enough = headline_of(diagnosis(varied(range(6), Label.SUCCESS)))
     assert enough.conclusion == "No failure found: it solves every variation that was run."
     assert enough.claim.supported
+
+
+@pytest.mark.parametrize(("changed", "proven"), [(0, True), (2, False)])
+def test_an_instruction_that_is_not_used_is_a_conclusion_although_few_trials_fail(changed, proven):
+    """Whoever takes the same object whatever is asked is right in half of the trials, which may look like chance."""
+    trials = [*trained(range(9)), *varied(range(5)), *varied(range(5, 9), Label.WRONG_OBJECT)]
+    run = diagnosis(trials)
+    assert headline_of(run).conclusion.startswith("Nothing to conclude yet")
+    p = sum(math.comb(12, k) for k in range(changed + 1)) / 2**12
+    effect = Metric("instruction_effect", "overall", changed, 12, changed / 12, 0.0, 0.4, 1.0 if changed else p)
+    others = tuple(m for m in run.metrics if m.name != "instruction_effect")
+    headline = headline_of(replace(run, metrics=(*others, effect)))
+    if proven:
+        said = "the first target is the same in 12 of 12 pairs of trials that differ only in the instruction."
+        assert headline.conclusion == f"It does not use the instruction: {said}"
+        assert (headline.family, headline.claim.supported) == ("reasoning", True)
+    else:
+        assert headline.conclusion.startswith("Nothing to conclude yet")

@@ -137,6 +137,11 @@ def effect_words(effect: Metric) -> str:
     return f"In {_counted(effect)} the first target is the same."
 
 
+def unused_sentence(effect: Metric) -> str:
+    """Return the conclusion of an instruction effect that proves that the instruction is not used."""
+    return f"It does not use the instruction: the first target is the same in {_counted(effect)}."
+
+
 def effect_sentence(effect: Metric | None) -> str:
     """Return the conclusion of an instruction effect in one sentence: used, not used, or not decided."""
     if effect is None or not effect.n:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from betterbench.diagnosis.failure_mode import exposed_labels
-from betterbench.diagnosis.instruction_effect import effect_sentence
+from betterbench.diagnosis.instruction_effect import effect_sentence, is_unused, unused_sentence
 from betterbench.diagnosis.libero import untold_by
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
@@ -278,12 +278,10 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
     claim = claim_of_failure(diagnosis, gap, sum(trial.kind is main.kind for trial in failed), len(varied))
     before = f"It has not learned the training conditions ({training.count()} solved)."
     if not claim.supported:
-        if habit is not None:
-            return habit
-        if weak and weak_claim.supported:
-            return before, "execution", weak_claim
         planned = sum(trial.variation is not None for trial in trials)
-        return _nothing_yet(len(failed), planned, gap), Kind.UNFINISHED.value, claim
+        nothing = _nothing_yet(len(failed), planned, gap), Kind.UNFINISHED.value, claim
+        weak_training = (before, "execution", weak_claim) if weak and weak_claim.supported else None
+        return habit or weak_training or _unused_instruction(diagnosis) or nothing
     entry = LEGEND[main]
     text = entry.conclude([trial for trial in failed if trial.label is main])
     if main in ANYWHERE and (where := _where(varied, main)):
@@ -365,6 +363,18 @@ def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str
 
 NOTHING_YET = "Nothing to conclude yet"
 """Beginning of the conclusion if no test is passed."""
+
+
+def _unused_instruction(diagnosis: RunDiagnosis) -> tuple[str, str, Grounds] | None:
+    """Return sentence, family and test of a policy that is proven not to use the instruction.
+
+    Such a policy is right in some of its trials by chance, so that its failures alone may prove nothing.
+    """
+    effect = diagnosis.metric("instruction_effect", "overall")
+    if effect is None or not is_unused(effect):
+        return None
+    test = "instruction effect over pairs of trials (exact binomial against 50 %)"
+    return unused_sentence(effect), Kind.REASONING.value, Grounds(True, test, effect.p_value)
 
 
 def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
