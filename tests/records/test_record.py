@@ -205,7 +205,7 @@ def test_what_holds_may_be_told_later_but_of_every_row(make_metadata, make_state
         builder.append_state(state, **arrays, **given)
         at_once.append(state, **arrays, **given, **truth)
     builder.append_truth(**truths[0])
-    with pytest.raises(InvalidInputError, match="predicates, subgoals: known of 1 of 2 rows"):
+    with pytest.raises(InvalidInputError, match="predicates, subgoals: given for 1 of 2 rows"):
         builder.finish(termination="step_limit", success=False)
     with pytest.raises(InvalidInputError, match="Give 2 predicates and 2 subgoals"):
         builder.append_truth(predicates=(True,), subgoals=(), goal=False)
@@ -300,7 +300,10 @@ def reseal(table, path, document: bytes | None = None) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f["metadata"].update(schema_version=99), "schema version 99 is not 1.* the version that wrote it"),
+        (
+            lambda f: f["metadata"].update(schema_version=99),
+            "schema version 99, but .* reads 1.* the version that wrote it",
+        ),
         (lambda f: f["metadata"].pop("schema_version"), r"metadata\.schema_version: is missing"),
         (lambda f: f["metadata"].pop("interventions"), r"metadata\.interventions: is missing"),
         (lambda f: f["metadata"].update(task_version=True), r"metadata\.task_version: Input should be a valid integer"),
@@ -323,7 +326,7 @@ def reseal(table, path, document: bytes | None = None) -> None:
         (lambda f: f["bodies"].clear(), "a contact names a body that is not listed"),
         (lambda f: f["widths"].update(nq=51), "its columns qpos do not match its metadata"),
         (lambda f: f["widths"].update(nq=-1), r"widths\.nq: Input should be greater than or equal to 0, not -1"),
-        (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but 3 are named"),
+        (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but the metadata names 3"),
         (lambda f: f.update(metadata=[1]), r"metadata: metadata: is not a JSON object"),
     ],
 )
@@ -386,7 +389,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_part(make_record, tmp_path, m
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(StorageError, match=r"r\.parquet: No space left on device.*make room"):
+    with pytest.raises(StorageError, match=r"r\.parquet: No space left on device.*free disk space"):
         write_record(new, path)
     assert read_record(path).same_bits(old)
     assert [p.name for p in tmp_path.iterdir()] == ["r.parquet"]

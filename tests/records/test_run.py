@@ -124,7 +124,7 @@ def test_a_journal_that_somebody_else_spoils_while_it_is_written_is_whole_again(
         assert [e.seed for e in read_journal(path)] == [0, 1]
         journal.append(entry(2))
     assert [e.seed for e in read_journal(path)] == [0, 1, 2]
-    assert "was removed or changed by somebody else" in caplog.text
+    assert "was removed or changed by another program" in caplog.text
 
 
 @pytest.mark.parametrize("content", [None, b"{", b'{"schema_version": 1, "plan": {}, "context": {}}'])

@@ -120,7 +120,7 @@ def test_the_same_command_again_does_nothing_and_another_one_is_refused(demonstr
     with pytest.raises(RunConflictError, match="another data set"):
         export_dataset(plan_of(demonstrations.run, out, layout=layout_of("vla_eval")))
     (tmp_path / "mine").mkdir()
-    with pytest.raises(RunConflictError, match="something else"):
+    with pytest.raises(RunConflictError, match="a folder that better export did not write already exists here"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "mine"))
 
 
@@ -257,7 +257,7 @@ def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path,
     words = ["export", str(demonstrations.run.path), "--preset", "openpi_libero", "--out", str(tmp_path / "set")]
     assert main(words) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "--preset: belongs to data sets, but submission is none. Add --to lerobot" in said
+    assert "--preset: belongs to data sets, but submission is not a data set. Add --to lerobot" in said
     assert not (tmp_path / "set").exists()
 
 

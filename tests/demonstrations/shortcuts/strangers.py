@@ -533,7 +533,7 @@ LAYOUTS = {
         options=("--gripper", "action[3]", "--place", "observation.state[0,1,2]"),
     ),
     "begins anywhere": Layout(
-        begins_anywhere, refused="the closed end of .* is closed cannot be told", options=("--closed", "high")
+        begins_anywhere, refused="the closed end of .* cannot be determined", options=("--closed", "high")
     ),
 }
 

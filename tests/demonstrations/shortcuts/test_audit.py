@@ -240,7 +240,7 @@ def test_the_order_of_the_demonstrations_does_not_matter():
 
 def test_too_few_demonstrations_are_refused():
     facts = [EpisodeFacts(str(i), "g", "put it", (ShownStep("a", "a", "b", "c"),)) for i in range(7)]
-    with pytest.raises(InvalidInputError, match="has 7 demonstrations, and 8 are needed"):
+    with pytest.raises(InvalidInputError, match="has 7 demonstrations, but at least 8 are needed"):
         audit_dataset("few", facts)
 
 

@@ -102,7 +102,7 @@ def test_a_version_that_is_not_read_is_one_clear_line(tmp_path, version):
     path = made_up(tmp_path / "set", episodes=12)
     info = json.loads((path / "meta" / "info.json").read_text())
     (path / "meta" / "info.json").write_text(json.dumps({**info, "codebase_version": version}))
-    with pytest.raises(InvalidInputError, match=r"codebase_version is .* 2\.0 to 3\.0 are read"):
+    with pytest.raises(InvalidInputError, match=r"codebase_version is .* supported are 2\.0 to 3\.0"):
         facts_of_lerobot(path)
 
 
@@ -140,7 +140,7 @@ def test_episodes_that_are_missing_or_stand_there_twice_are_told(tmp_path):
     assert (reading.episodes, reading.of) == (11, 12)
     assert reading.left_out == ("1 episode whose frames are not in the folder",)
     last.write_bytes(first.read_bytes())
-    with pytest.raises(RecordError, match=r"episode_000011\.parquet: episode 0 stands in the data twice"):
+    with pytest.raises(RecordError, match=r"episode_000011\.parquet: episode 0 occurs twice in the data"):
         facts_of_lerobot(path)
     last.write_bytes(kept)
     assert len(facts_of_lerobot(path)) == 12

@@ -94,14 +94,16 @@ def test_an_episode_in_two_files_is_one_if_its_frames_differ(tmp_path):
     assert facts_by_name(read) == facts_by_name(plain)
     assert "12 episodes with frames in several files had to be joined" in read.reading.paragraph
     pq.write_table(one, second)
-    with pytest.raises(RecordError, match=r"file-001\.parquet: episode 0 stands in the data twice"):
+    with pytest.raises(RecordError, match=r"file-001\.parquet: episode 0 occurs twice in the data"):
         read_lerobot(path)
 
 
 def test_a_frame_that_stands_there_twice_is_refused(tmp_path):
     path = make(tmp_path / "set", "plain", "clean", count=12)
     change_rows(path, lambda t: pa.concat_tables([t, t.slice(3, 1)]), files_of(path)[:1])
-    with pytest.raises(RecordError, match=r"episode 0 occurs twice in the data \(frame_index 3\)\. .*remove the rows"):
+    with pytest.raises(
+        RecordError, match=r"episode 0 occurs twice in the data \(frame_index 3\)\. .*remove the duplicate rows"
+    ):
         read_lerobot(path)
 
 
@@ -125,7 +127,7 @@ def test_numbers_that_may_be_the_gripper_are_listed_and_none_is_advised(tmp_path
     info_of(path, features=info["features"] | {"action": feature})
     said = refusal(path)
     assert "gripper (0), gripper (3)" in said
-    assert "--gripper 'action[N]', where N is its number" in said
+    assert "--gripper 'action[N]', where N is its index in brackets" in said
     assert "action[N], where N is one of 0, 3" in refusal(path, Choices(grippers=("action:gripper",)))
     assert "as COLUMN[N], where N is its number (0, 1, 2, 3)" in refusal(path, Choices(grippers=("action",)))
     assert "action[ ] has 0 numbers. Give a number" in refusal(path, Choices(grippers=("action[ ]",)))
@@ -277,7 +279,7 @@ def test_a_number_with_too_many_digits_is_one_line_without_advice_about_python(t
 def test_a_number_that_there_is_not_is_one_short_line(tmp_path_factory, text):
     path = make(tmp_path_factory.mktemp("set") / "set", "plain", "clean", count=12)
     said = refusal(path, Choices(grippers=(text,)))
-    assert "action has 4 numbers, and " in said
+    assert "action has 4 numbers; " in said
     assert len(said) < 200
 
 

@@ -155,7 +155,7 @@ def test_pointers_of_git_lfs_are_named(tmp_path_factory, file):
         assert "1 file that is a pointer of Git LFS" in reading.paragraph
         for data in (path / "data").rglob("*.parquet"):
             data.write_bytes(POINTER)
-    with pytest.raises(BetterError, match=rf"{file.rpartition('/')[2]}.*a pointer of Git LFS.*git lfs pull"):
+    with pytest.raises(BetterError, match=rf"{file.rpartition('/')[2]}.*a Git LFS pointer.*git lfs pull"):
         read_lerobot(path)
 
 
@@ -164,7 +164,7 @@ def test_pointers_of_git_lfs_are_named(tmp_path_factory, file):
     [
         (Choices(grippers=("action:griper",)), "Unknown number of action 'griper'. Did you mean 'gripper'"),
         (Choices(grippers=("acton[3]",)), "Unknown column of --gripper 'acton'. Did you mean 'action'"),
-        (Choices(grippers=("action[9]",)), "action has 4 numbers, and 9 is asked for"),
+        (Choices(grippers=("action[9]",)), "action has 4 numbers; 9 does not exist"),
         (Choices(grippers=("action",)), "action has 4 numbers. Give one of them"),
         (Choices(places=("observation.state:x",)), "1 numbers are given for 1 grippers"),
         (Choices(places=("+action:dx", "observation.state:y")), "some numbers are steps and some are not"),
@@ -225,7 +225,7 @@ def test_names_that_do_not_tell_are_refused(tmp_path, names, said):
     [
         (
             lambda t: pa.array([[("a", 1.0)]] * t.num_rows, pa.map_(pa.string(), pa.float64())),
-            "it holds map<string, double",
+            "it contains map<string, double",
         ),
         (lambda t: pa.array([{"a": 1.0}] * t.num_rows), "struct<a: double> instead of numbers"),
         (lambda t: pa.array([[[1.0]] * 4] * t.num_rows), "it holds list<.*> instead of numbers"),
@@ -258,7 +258,7 @@ def test_a_file_that_holds_more_than_is_read_is_one_clear_line(tmp_path):
     pq.write_table(
         pa.table({"episode_index": column, "task_index": column}), path / "data" / "chunk-000" / "file-000.parquet"
     )
-    with pytest.raises(RecordError, match="it declares 25000000 rows; at most 20000000 are read"):
+    with pytest.raises(RecordError, match="it declares 25000000 rows; at most 20000000 are supported"):
         read_lerobot(path)
 
 

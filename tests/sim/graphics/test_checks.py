@@ -28,9 +28,9 @@ def clean(monkeypatch):
         ({"MUJOCO_GL": "foo"}, "MUJOCO_GL: 'foo' is not an OpenGL back end (known: egl, osmesa, glfw). Unset it, or"),
         ({"MUJOCO_GL": "off"}, "MUJOCO_GL: 'off' disables rendering. Unset it, or set it to egl."),
         ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL: 'glfw' needs a window, but DISPLAY names no display."),
-        ({"PYOPENGL_PLATFORM": "osmesa"}, "images are drawn with 'egl', the back end found here. Unset it"),
+        ({"PYOPENGL_PLATFORM": "osmesa"}, "images are rendered with 'egl', the back end found here. Unset it"),
         ({"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"}, "rendered with 'egl', from MUJOCO_GL. Unset it"),
-        ({"MUJOCO_GL": "osmesa"}, "that library cannot be loaded. Unset it, to use 'egl', or run: apt-get"),
+        ({"MUJOCO_GL": "osmesa"}, "its library cannot be loaded. Unset it, to use 'egl', or run: apt-get"),
     ],
 )  # fmt: skip
 def test_the_variable_is_named_with_its_cure(clean, variables, said):
@@ -56,7 +56,7 @@ def test_a_machine_without_opengl_is_told_what_to_install(clean):
     with pytest.raises(MissingDependencyError, match=r"neither EGL nor OSMesa can be loaded .*libegl1"):
         checks.require_drawing()
     clean.setenv("MUJOCO_GL", "egl")
-    with pytest.raises(MissingDependencyError, match=r"that library cannot be loaded\. Run: apt"):
+    with pytest.raises(MissingDependencyError, match=r"its library cannot be loaded\. Run: apt"):
         checks.require_engine()
 
 

@@ -95,7 +95,7 @@ def test_a_file_of_other_views_modalities_or_presets_is_named_and_drawn_again(
     right, wrong = place(folder, 0).read_bytes(), tmp_path / "wrong"
     for wanted, said in (
         (Wanted((ViewSpec("front", 48, 32),), ("boxes",)), "shows another view (front:48x32)"),
-        (Wanted((VIEW,), ("depth",)), "holds depth instead of boxes"),
+        (Wanted((VIEW,), ("depth",)), "contains depth instead of boxes"),
         (Wanted((VIEW,), ("boxes",), "fast"), "was rendered with the preset fast instead of standard"),
     ):
         materialize_run(recorded.run, wrong, wanted, trials=[TrialId("fast_food", "train1", 0)])
@@ -127,7 +127,10 @@ def test_files_that_the_run_does_not_ask_for_are_named(folder, check):
     place(folder, 1).with_name("notes.parquet").write_bytes(b"mine")
     status, told = check()
     assert status == EXIT_BAD_INPUT
-    assert f"fast_food/train1/7/{NAME} is of fast_food/train1/1 by reaching, which is no recorded trial" in told
+    assert (
+        f"fast_food/train1/7/{NAME} is of fast_food/train1/1 by reaching, which is not a recorded trial or not a view of this folder"
+        in told
+    )
     assert f"Move {place(folder, 1).with_name('notes.parquet')}; {place(folder, 7)} away." in told
     assert "To render" not in told
     assert check("--trial", "fast_food/train1/0")[0] == 0
@@ -146,7 +149,7 @@ def test_a_folder_of_another_run_is_no_folder_of_this_one(recorded, folder, chec
     status, told = check(run=other.path)
     assert status == EXIT_BAD_INPUT
     assert "contains no file of a record of" in told
-    assert "the first is of fast_food/train1/0 by reaching. Name the run that the files were drawn of" in told
+    assert "the first is of fast_food/train1/0 by reaching. Name the run that the files were rendered from" in told
     assert "Delete" not in told
 
 

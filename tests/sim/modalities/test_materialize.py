@@ -198,7 +198,7 @@ def test_damage_to_a_file_is_found(made, tmp_path):
     path.write_bytes(b"")
     with pytest.raises(RecordError, match="damaged"):
         ModalityFile(path)
-    with pytest.raises(RecordError, match="no such file"):
+    with pytest.raises(RecordError, match="the file does not exist"):
         ModalityFile(tmp_path / "none.parquet")
 
 

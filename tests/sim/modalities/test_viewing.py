@@ -79,7 +79,7 @@ def test_what_somebody_else_wrote_is_left_alone(recorded, tmp_path, capsys, suff
     record, mine = recorded.run.record_path("fast_food", "train1", 0), tmp_path / f"mine{suffix}"
     for content in ("<!doctype html><p>betterbench, by hand", "RRF", "x"):
         mine.write_text(content)
-        assert "there is a file that better view did not write" in refused(capsys, record, "--out", mine)
+        assert "a file that better view did not write already exists here" in refused(capsys, record, "--out", mine)
         assert mine.read_text() == content
     mine.unlink()
     mine.mkdir()

@@ -210,7 +210,7 @@ def test_the_action_space_of_calvin_checks_and_does_not_clip():
 
 @pytest.mark.parametrize("fault", ["dies", "black"])
 def test_egl_is_used_where_it_starts(plan_of, command, monkeypatch, caplog, fault):
-    said = {"dies": "status -6", "black": "of one color"}[fault]
+    said = {"dies": "status -6", "black": "has only one color"}[fault]
     auto = (*command[:-1], "auto")
     world = plan_of(command=auto).world
     assert world.command == (*command[:-1], "egl")

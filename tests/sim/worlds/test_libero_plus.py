@@ -140,7 +140,7 @@ def test_axes_variants_states_and_published_sentences_are_choices(plan_of):
         ({"trials": 51}, InvalidInputError, "--trials"),
         ({"libero_plus_sentences": "dirty"}, UnknownNameError, "published"),
         ({"tasks": ["10"]}, UnknownNameError, "libero_object-00"),
-        ({"policy": "zoo:halt"}, InvalidInputError, "knows it"),
+        ({"policy": "zoo:halt"}, InvalidInputError, "supports it"),
         ({"observation": "droid"}, UnknownNameError, "state_only"),
     ],
 )
@@ -318,7 +318,7 @@ def test_its_files_are_installed_beside_the_world_that_runs_them(tmp_path, monke
 def test_its_options_are_refused_for_other_suites(suite, option):
     from betterbench.cli.verbs.evaluate import TrialOptions, WorldOptions, evaluate_command
 
-    with pytest.raises(InvalidInputError, match=r"it is for LIBERO-Plus.*libero_plus_object"):
+    with pytest.raises(InvalidInputError, match=r"it is for LIBERO-Plus\..*libero_plus_spatial"):
         evaluate_command(policy="noop", chosen=TrialOptions(suite=suite), world=WorldOptions(**option))
 
 

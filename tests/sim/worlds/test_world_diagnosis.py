@@ -172,7 +172,7 @@ def test_every_base_suite_has_its_own_next_run(tasks, told):
 def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run_of):
     page = (Path(__file__).parents[3] / "docs" / "worlds.md").read_text(encoding="utf-8")
     section = page.partition("## The diagnosis")[2]
-    table = section.partition("| what a policy does | label |")[2].partition("\n\n")[0]
+    table = section.partition("| behavior | label |")[2].partition("\n\n")[0]
     listed = set(re.findall(r"\| `([a-z_]+)` \|$", table, flags=re.MULTILINE))
     never = set(re.findall(r"`([a-z_]+)`", re.search(r": ((?:`[a-z_]+`,? ?(?:and )?)+)are never given", section)[1]))
     assert listed | never == {label.value for label in all_labels()}
