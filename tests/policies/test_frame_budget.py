@@ -45,12 +45,16 @@ def frame(size, *, sent, last=True, opcode=2, key=b"\0\0\0\0"):
 
 
 def raw(port, greet=True):
-    """Return a plain socket, after the greeting of the websocket if wanted."""
+    """Return a plain socket, after the greetings of the websocket and of the server if wanted: then it is counted."""
     link = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
     if greet:
         head = f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         link.sendall(f"{head}Sec-WebSocket-Key: {'A' * 22}==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
-        assert b" 101 " in link.recv(4096)
+        seen = b""
+        while not seen.partition(b"\r\n\r\n")[2]:
+            seen += (more := link.recv(4096))
+            assert more, seen
+        assert b" 101 " in seen
     return link
 
 
