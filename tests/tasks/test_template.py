@@ -35,7 +35,7 @@ def test_what_does_not_follow_the_pattern_is_named():
     drawer = condition.with_(objects=(*condition.objects, ObjectSpec("d", "d", "upper_drawer", role="drawer")))
     assert "role 'drawer'" in " ".join(task.template.problems(drawer))
     food = get_task("fast_food").training[0]
-    assert "asks for 'inside'" in " ".join(task.template.problems(condition.with_(instruction=food.instruction)))
+    assert "uses 'inside'" in " ".join(task.template.problems(condition.with_(instruction=food.instruction)))
 
 
 @each("template", TEMPLATES.values(), lambda t: t.name)

@@ -18,7 +18,6 @@ import numpy as np
 from betterbench.errors import BetterError
 from betterbench.installation import EXTRAS, better_command, extra_command
 from betterbench.interface.actions import EE_DELTA
-from betterbench.sim.worlds import all_worlds
 from betterbench.tasks import all_tasks, get_task
 from betterbench.version import __version__
 
@@ -63,7 +62,11 @@ def _extras() -> list[Check]:
 
 
 def _worlds() -> list[Check]:
-    """Return which simulators of other worlds are installed; one that is not is no fault."""
+    """Return which simulators of other worlds are installed; a missing one is not a failure."""
+    try:
+        from betterbench.sim.worlds import all_worlds
+    except BetterError as error:  # the registry imports MuJoCo, which refuses a wrong MUJOCO_GL
+        return [Check("worlds", False, "cannot be listed", str(error))]
     return [
         Check(
             f"world {found.name}",
