@@ -299,7 +299,7 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
     with pytest.raises(InvalidInputError, match=r"it is LeRobot v3.0, not v2.1.*--to lerobot-v2.1"):
         made("being-h", data=(new,))
     (tmp_path / "good/meta/stats.json").write_text('{"state": {"q01": [0]}}')
-    with pytest.raises(InvalidInputError, match="do not fit each other"):
+    with pytest.raises(InvalidInputError, match="its meta files are inconsistent"):
         made("openpi", data=(good,))
     (tmp_path / "empty").mkdir()
     with pytest.raises(InvalidInputError, match="cannot be read"):

@@ -101,7 +101,6 @@ FAULTS += [
     "two rows",
     "prints much",
     "raises in lines",
-    "twice",
     "slowly",
     "half",
     "half and waits",
@@ -126,6 +125,15 @@ def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
     assert "simulator" in broken[0].message
     assert one_line(broken[0].message, most=600) == broken[0].message
     assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
+
+
+def test_an_answer_that_is_sent_twice_is_read_once(plan_of, tmp_path, monkeypatch, undisturbed):
+    plan = short(plan_of(policy="noop", trials=3))
+    monkeypatch.setenv("FAKE_FAULT", f"twice:1:{tmp_path / 'it happened'}")
+    run = evaluate(plan, tmp_path / "run")
+    assert (tmp_path / "it happened").exists()
+    assert not [e for e in run.entries() if e.status == "error"]
+    assert _bytes(run) == undisturbed
 
 
 @pytest.mark.parametrize(
