@@ -160,7 +160,12 @@ def test_a_release_in_a_container_counts_with_its_place():
     task = get_task("fast_food")
     measured = (Releases("stand", "inside", "", 1, (7.0,), ((-60, 0), (60, 0))),)
     trained, stand = support_of(task, releases=measured), task.slot("stand")
-    for x, y, problem in ((0.060, 0.0, None), (-0.060, 0.014, None), (0.0, 0.0, "60.0 mm aside"), (0.06, 0.06, "60.0")):
+    for x, y, problem in (
+        (0.060, 0.0, None),
+        (-0.060, 0.014, None),
+        (0.0, 0.0, "60.0 mm to the side"),
+        (0.06, 0.06, "60.0"),
+    ):
         found = trained.judge(put(stand, "inside", "box", let_go=Release(0.007, x, y))).problem
         assert (found is None) if problem is None else (problem in found)
     assert REACH_MM == 15.0
@@ -182,7 +187,7 @@ def test_what_is_preplaced_has_to_stand_as_a_demonstration_leaves_it():
     assert "57 degrees" in judged(turn=math.radians(57.0))
     assert "70.0 mm" in judged(dx=0.07)
     assert judged(kind="blue mug") is None, "a thing and a target may be combined anew"
-    assert "leaves anything" in judged(target="lunchbox")
+    assert "where no demonstration leaves an object" in judged(target="lunchbox")
 
 
 @pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)

@@ -41,9 +41,9 @@ def test_a_recipe_without_options_is_written_as_before_there_were_any():
     [
         ({"family": "mien"}, "family.*Did you mean 'mine'.*--task-file"),
         ({"family": "mine", "options": {"pol": "max"}}, "options.*Did you mean 'pool'"),
-        ({"family": "mine", "options": {"depth": "deep"}}, "options.depth.*'deep' is no int"),
-        ({"family": "mine", "options": {"depth": True}}, "options.depth.*True is no int"),
-        ({"family": "mine", "options": {"depth": 2.5}}, "options.depth.*2.5 is no int"),
+        ({"family": "mine", "options": {"depth": "deep"}}, "options.depth.*'deep' is not of type int"),
+        ({"family": "mine", "options": {"depth": True}}, "options.depth.*True is not of type int"),
+        ({"family": "mine", "options": {"depth": 2.5}}, "options.depth.*2.5 is not of type int"),
         ({"family": "mine", "options": {"depth": [2]}}, "options.depth"),
         ({"family": "mine", "augmentation": {"shift_m": 0.01}}, "shift_m"),
         ({"family": "mine", "start": "before", "frozen": ["words"]}, "frozen: words"),

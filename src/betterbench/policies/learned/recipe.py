@@ -250,7 +250,7 @@ class TrainingRecipe:
                 raise InvalidInputError("options", problem, "Leave it out, or change the family")
             wanted = type(family.options[name])
             if type(value) is not wanted and (wanted, type(value)) != (float, int):
-                problem = f"{value!r} is not a {wanted.__name__} like its default"
+                problem = f"{value!r} is not of type {wanted.__name__}, the type of its default"
                 raise InvalidInputError(f"options.{name}", problem, "Correct it")
 
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
