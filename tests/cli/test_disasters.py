@@ -40,7 +40,7 @@ def fill(monkeypatch):
 
 def test_a_full_disk_names_the_file_and_the_cure(tmp_path, monkeypatch):
     fill(monkeypatch)
-    with pytest.raises(StorageError, match=r"x\.json: No space left on device.*make room") as told:
+    with pytest.raises(StorageError, match=r"x\.json: No space left on device.*free disk space") as told:
         write_durably(tmp_path / "x.json", b"{}")
     assert str(tmp_path / "x.json") in str(told.value)
     assert list(tmp_path.iterdir()) == []
