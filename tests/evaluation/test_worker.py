@@ -444,7 +444,7 @@ def test_the_deadline_of_an_answer_begins_when_the_policy_is_loaded(plugin, tiny
 
     policies = SimpleNamespace(
         needs=PolicyNeeds(thread=True, process=True),
-        check=lambda *_, rate_hz: PolicyInfo("slow to load", needs_images=False),
+        check=lambda *_, **__: PolicyInfo("slow to load", needs_images=False),
         takes_batches=False,
         take=take,
         close=lambda: None,

@@ -181,7 +181,7 @@ def test_other_sets_and_damage_are_one_clear_line(run, photos, made, tmp_path):
     (copy / "questions.jsonl").write_bytes((copy / "questions.jsonl").read_bytes()[:-10])
     with pytest.raises(RecordError, match="was changed after it was written"):
         read_set(copy)
-    with pytest.raises(RecordError, match="no complete set"):
+    with pytest.raises(RecordError, match="contains no complete question set"):
         read_set(tmp_path)
 
 

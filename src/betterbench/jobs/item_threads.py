@@ -83,18 +83,18 @@ def in_threads(
                     return
                 done = {future for future in pending if future.done()}
                 for future in done:
-                    if (problem := future.exception()) is not None:
-                        raise problem
+                    future.result()  # raises the error of an item
                 ended = next((f for f in (pending[:1] if in_order else pending) if f in done), None)
                 if ended is None:
                     wait([future for future in pending if future not in done], return_when=FIRST_COMPLETED)
                 else:
                     pending.remove(ended)
                     yield ended.result()
-        finally:
+        except BaseException:  # an error, Ctrl-C, or the iterator is closed
             stopped.set()
             for future in pending:
                 future.cancel()
             with lock:
                 for resource in resources:
                     resource.stop()
+            raise

@@ -134,7 +134,8 @@ class RunFolder:
             stored, fewer = (len(plan["trials"]) for plan in (existing.plan, wanted["plan"]))
             raise RunConflictError(
                 f"{path}: the run in this folder has {stored} trials, but this command requests only {fewer} of them. "
-                "Give as many trials, tasks and variations to resume it, or more to extend it, or choose another folder."
+                "Give as many trials, tasks and variations to resume it, or more to extend it, or choose another "
+                "folder."
             )
         require_same(path, existing.plan, wanted["plan"], "run", where="plan")
         _copy_task_files(path, existing.plan)
