@@ -33,9 +33,9 @@ diagnosis has to find the fault from the records alone. There are two families o
   The numbers of the sixth part, the last, estimate how well the diagnosis judges policies by other authors. The faults
   of the diagnosis that one part revealed were repaired before the next part was used. The last column gives the share
   of failed trials that get their true label now: with the versions of November 28, 2026, from seed 0 on, one of 1,622
-  trials of honest policies accused. For this number the parts are no longer held out. The suite was changed after these uses: in four conditions, a habit of the fourth, fifth or sixth
-  part no longer shows, and its true label there is withdrawn. The numbers still include these conditions, with the task
-  versions of that time.
+  trials of honest policies accused. For this number the parts are no longer held out. The suite was changed after
+  these uses: in four conditions, a habit of the fourth, fifth or sixth part no longer shows, and its true label there
+  is withdrawn. The other numbers still include these conditions, with the task versions of that time.
 
 @USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
