@@ -82,6 +82,17 @@ def test_threads_yield_every_result_once(workers, in_order):
         assert found == list(range(20))
 
 
+def test_a_resource_is_not_stopped_when_all_items_have_ended():
+    used = []
+
+    def work(resource, item):
+        used.append(resource)
+        return item
+
+    assert sorted(in_threads(range(5), work, workers=2, open_resource=opened)) == list(range(5))
+    assert not any(resource.stopped.is_set() for resource in used)
+
+
 def test_threads_in_order_begin_no_item_far_beyond_the_last_result():
     begun = []
 
