@@ -147,7 +147,7 @@ def test_episodes_that_are_missing_or_stand_there_twice_are_told(tmp_path):
     info = json.loads((path / "meta" / "info.json").read_text())
     for total, of, told in (
         (10**6, 10**6, "left out: 999,988 episodes"),
-        (5, 12, "says 5 episodes, and the files hold"),
+        (5, 12, "says 5 episodes, but the files have"),
     ):
         (path / "meta" / "info.json").write_text(json.dumps({**info, "total_episodes": total}))
         reading = read_lerobot(path).reading
