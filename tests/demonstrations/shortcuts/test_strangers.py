@@ -228,7 +228,7 @@ def test_names_that_do_not_tell_are_refused(tmp_path, names, said):
             "it contains map<string, double",
         ),
         (lambda t: pa.array([{"a": 1.0}] * t.num_rows), "struct<a: double> instead of numbers"),
-        (lambda t: pa.array([[[1.0]] * 4] * t.num_rows), "it holds list<.*> instead of numbers"),
+        (lambda t: pa.array([[[1.0]] * 4] * t.num_rows), "it contains list<.*> instead of numbers"),
         (lambda t: pa.array([None] * t.num_rows, pa.list_(pa.float32())), "does not have 4 numbers in each row"),
     ],
     lambda _, said: said,
