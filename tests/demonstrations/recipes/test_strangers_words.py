@@ -79,7 +79,7 @@ def test_commands_run_nothing_that_was_planted(tmp_path, framework):
         if UNPRINTABLE.search(word) or "\n" in word or "\t" in word:
             with pytest.raises(InvalidInputError, match="not a place of a data set"):
                 trainer_setup(framework, recipe_of(recipe), (str(data),))
-            with pytest.raises(InvalidInputError, match="--weights: .* is not a place"):
+            with pytest.raises(InvalidInputError, match=r"--weights: .* is not a place\."):
                 trainer_setup(framework, recipe_of(recipe), ("demos",), weights=word)
             continue
         setup = trainer_setup(framework, recipe_of(recipe), (str(data),), weights=word or None)

@@ -127,10 +127,8 @@ def test_files_that_the_run_does_not_ask_for_are_named(folder, check):
     place(folder, 1).with_name("notes.parquet").write_bytes(b"mine")
     status, told = check()
     assert status == EXIT_BAD_INPUT
-    assert (
-        f"fast_food/train1/7/{NAME} is of fast_food/train1/1 by reaching, which is not a recorded trial or not a view of this folder"
-        in told
-    )
+    where = f"fast_food/train1/7/{NAME} is of fast_food/train1/1 by reaching"
+    assert f"{where}, which is not a recorded trial or not a view of this folder" in told
     assert f"Move {place(folder, 1).with_name('notes.parquet')}; {place(folder, 7)} away." in told
     assert "To render" not in told
     assert check("--trial", "fast_food/train1/0")[0] == 0
