@@ -251,7 +251,7 @@ class DirectAnswers:
     def ask(self, frame, _):
         return self.server.answer(frame)
 
-    def post(self, body, _):
+    def post(self, body, _, **__):
         return HttpAnswer(200, self.server.answer(body))
 
     def close(self):
