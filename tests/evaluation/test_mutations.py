@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from tests.evaluation.conftest import tiny
+from tests.evaluation.conftest import FEW_STEPS, in_few_steps, tiny
 from tests.evaluation.mutating import (
     agree,
     json_bytes,
@@ -25,7 +25,6 @@ from tests.evaluation.mutating import (
     mutated_sealed,
     unique,
 )
-from tests.evaluation.test_faults import shortened
 
 from betterbench import json_form
 from betterbench.certification import load_coverage
@@ -62,7 +61,7 @@ class WrongError(Exception):
 def run(tmp_path_factory):
     """A short run, its diagnosis and its submission."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Trial, "resolve", shortened)
+        patch.setattr(Trial, "resolve", in_few_steps(FEW_STEPS))
         made = evaluate(tiny(trials=2), tmp_path_factory.mktemp("mutations") / "run")
     stored.store_diagnosis(made, diagnose_run(made))
     (made.path / "submission.json").write_bytes(submission_of(made).file_bytes())

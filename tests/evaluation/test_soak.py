@@ -10,8 +10,8 @@ import time
 
 import numpy as np
 import pytest
+from tests.evaluation.conftest import FEW_STEPS, in_few_steps
 from tests.evaluation.misbehaving import BREAKS, FRAMES, Misbehaving
-from tests.evaluation.test_faults import shortened
 
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.workers import pool
@@ -68,7 +68,7 @@ class Trouble:
 
 def work_shortly(settings, connection):
     """The main function of a worker process whose trials are short."""
-    Trial.resolve = shortened
+    Trial.resolve = in_few_steps(FEW_STEPS)
     ordinary_work(settings, connection)
 
 
