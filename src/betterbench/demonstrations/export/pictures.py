@@ -1,4 +1,4 @@
-"""Images of recorded states, with the pixels that a policy would get."""
+"""Render recorded states exactly as a policy observes them."""
 
 from __future__ import annotations
 

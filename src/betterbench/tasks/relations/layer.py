@@ -72,7 +72,7 @@ def _layers(info: ObjectInfo) -> tuple[str, ...]:
 def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float] | None:
     """Return the heights of both faces of an object that lies flat and centered over a base [m], else None."""
     info, middle = state.info.object(name), state.position(base)
-    # Most things are farther away than their faces are from where their pose says that they are.
+    # Early exit for distant objects: `reach` bounds the offset between an object's origin and the centers of its faces.
     reach = max(math.hypot(*foot_offset(info)), math.hypot(*_top(info)))
     if horizontal_distance(state.position(name), middle) > OFFSET + reach:
         return None

@@ -186,7 +186,7 @@ def _bands(
 
 
 def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
-    """Return which share of some points lies in a hull."""
+    """Return the fraction of points inside a convex hull."""
     if len(points) == 0:
         return 0.0
     return float(_is_inside(ConvexHull(corners), points, 0.0).mean())
