@@ -356,7 +356,7 @@ def test_options_that_do_not_fit_are_named(act, options, text):
     [
         (features(state=14), "its observation.state has 14 numbers"),
         (features(cameras=("top",)), r"the camera for observation.images.top is not known.*camera.observation"),
-        (features(cameras=("wrist", "hand")), "would all show the camera wrist"),
+        (features(cameras=("wrist", "hand")), "would all get the camera wrist"),
         (
             features(extra={"observation.environment_state": PolicyFeature(type=FeatureType.ENV, shape=(4,))}),
             "environment_state' is ENV",
