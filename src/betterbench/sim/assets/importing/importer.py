@@ -93,10 +93,8 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
     if not hulls:
         raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
     grasps = tuple(p.grasp for p in proposals(placed.solid, center))
-    cavity = placed.cavity
-    open_now = cavity is not None
     notes = (*placed.notes, said)
-    if kind is not None and kind.is_open and not open_now:
+    if kind is not None and kind.is_open and placed.cavity is None:
         notes = (*notes, f"no hollow was found, though a {kind.name} is open at the top")
     draft = Draft(
         shape=_shape(placed, size),

@@ -28,7 +28,6 @@ class Solid:
         origin: Corner of the first cell [m].
         pitch_m: Side of a cell [m].
         points: (k, 3) points spread evenly on the surface [m].
-        spacing_m: Typical distance between neighboring points [m].
     """
 
     cells: np.ndarray
@@ -36,7 +35,6 @@ class Solid:
     origin: np.ndarray
     pitch_m: float
     points: np.ndarray
-    spacing_m: float
 
     def centers(self, cells: np.ndarray) -> np.ndarray:
         """Return the (k, 3) centers [m] of the cells that are True."""
@@ -93,7 +91,7 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray) -> Solid:
     # What is inside (the layers of a burger, the end of a handle in its wall) is neither seen nor touched.
     outside = ndimage.binary_dilation(~cells, ndimage.generate_binary_structure(3, 3))
     points = points[outside[tuple(np.clip(np.floor((points - origin) / pitch).astype(int), 0, shape - 1).T)]]
-    return Solid(np.asarray(cells, dtype=bool), surface, origin, pitch, points, 0.5 * pitch)
+    return Solid(np.asarray(cells, dtype=bool), surface, origin, pitch, points)
 
 
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
