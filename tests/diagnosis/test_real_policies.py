@@ -349,7 +349,7 @@ def test_what_stands_in_for_an_absent_target_is_compared_with_that(stage):
     found = diagnose_record(s.bring(s.of("red block"), s.goal(0)).end())
     assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
     assert found.evidence.shared == ("slot",)
-    assert "'apple' was asked for and is absent" in found.evidence.text
+    assert "the instruction asks for 'apple', which is absent" in found.evidence.text
 
 
 # -- containers ---------------------------------------------------------------------------------------------------

@@ -343,7 +343,7 @@ def test_shoving_the_right_thing_aside_twice_is_a_failed_manipulation(stage, shu
         s.go(x + 0.1, y, 0.25).go(x - 0.1, y, 0.25)
     found = diagnose_record(s.end())
     assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "pushed")
-    assert "again and again" in found.evidence.text
+    assert "repeatedly" in found.evidence.text
 
 
 @pytest.mark.parametrize("shut", [False, True])
@@ -415,7 +415,7 @@ def test_coming_over_the_right_thing_and_going_away_is_a_phase_conflict_in_a_hal
     s = stage("fast_food", "T1")
     found = diagnose_record(comes_and_goes(s, s.of("burger"), 6).end())
     assert (found.label, found.evidence.rule) == (Label.PHASE_CONFLICT, "to_and_fro")
-    assert "again and again" in found.evidence.text
+    assert "repeatedly" in found.evidence.text
 
 
 def test_elsewhere_it_is_the_right_course(stage):
@@ -667,7 +667,7 @@ def test_a_gripper_that_shuts_far_from_everything_missed_and_shows_no_reasoning(
     assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "missed_by_far")
     assert [(a.result, a.object) for a in found.attempts] == [("null", None)]
     assert "cm from the" in found.evidence.text
-    assert "was asked for" in found.evidence.text
+    assert "the instruction asks for" in found.evidence.text
 
 
 def test_fingers_that_close_when_the_limit_comes_have_missed_nothing(stage):
@@ -741,7 +741,7 @@ def test_every_evidence_names_time_place_and_what_was_asked(stage, task, name, a
     text = found.evidence.text
     assert not found.success
     assert f"({found.evidence.start_s:.1f} s" in text, text
-    assert "asked for" in text, text
+    assert "instructed" in text, text
     for thing in found.evidence.objects:
         assert s.info.object(thing).kind in text, text
     if found.evidence.objects:
@@ -848,7 +848,7 @@ def test_a_gripper_that_does_one_step_and_does_not_close_for_the_next_is_said_no
     s.serve(0)
     found = diagnose_record(_visit(s, s.of("fries")).end())
     assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "does_not_close")
-    assert "has come to the fries" in found.evidence.text
+    assert "came down to the fries" in found.evidence.text
 
 
 @pytest.mark.parametrize(("task", "name"), [("morning_coffee", "train1"), *MID_TASK[1:]])

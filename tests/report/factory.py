@@ -122,7 +122,7 @@ def run_of(policy: str, *, seeds: int = 20, tasks: Sequence[str] = ("fast_food",
             "Goes where the word led in training, to another object: 80/80 trials of morning_coffee L1, L2, L3, L4.",
             "Goes for an object that no instruction asks to move: 20/20 trials of morning_coffee O1.",
         ),
-        "zoo:inertia": ("Plays a step of training that was not asked for: 39/40 trials of fast_food R1, R2.",),
+        "zoo:inertia": ("Repeats a step of training that was not requested: 39/40 trials of fast_food R1, R2.",),
         "zoo:progress-cue": ("Skips a required step or repeats a finished one: 32/40 trials of fast_food O1, T1.",),
     }
     return diagnosis(trials, policy=policy, findings=findings.get(policy, ()), notes=notes)

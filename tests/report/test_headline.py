@@ -120,7 +120,7 @@ def test_a_clumsy_hand_is_told_how(rules, how):
     ("rules", "said"),
     [
         (["collided"] * 10, "it knocks objects over or out of place; 10 of 10"),
-        (["harm"] * 6 + ["pushed"] * 4, "it knocks objects over or out of place or pushes things away; 6 of 10"),
+        (["harm"] * 6 + ["pushed"] * 4, "it knocks objects over or out of place or pushes objects away; 6 of 10"),
         (["goal_not_held"] * 10, ""),
     ],
 )

@@ -423,14 +423,14 @@ def _failed(label, *, attempts=True, **evidence):
 @pytest.mark.parametrize(
     ("trials", "said"),
     [
-        (_failed(Label.CAUSAL_CONFUSION, rule="finished_step_repeated"), "It does finished steps again"),
+        (_failed(Label.CAUSAL_CONFUSION, rule="finished_step_repeated"), "It repeats finished steps"),
         (_failed(Label.CAUSAL_CONFUSION, rule="required_step_skipped"), "It skips steps that are still open"),
         (_failed(Label.PHASE_CONFLICT, rule="freeze_in_mid_task_scene"), "It freezes before its first grasp"),
-        (_failed(Label.PHASE_CONFLICT, rule="to_and_fro"), "It goes to and fro"),
+        (_failed(Label.PHASE_CONFLICT, rule="to_and_fro"), "It moves to and fro"),
         (_failed(Label.BEHAVIORAL_INERTIA, rule="memorized_place"), "It brings objects where training brought them"),
-        (_failed(Label.BEHAVIORAL_INERTIA, rule="most_frequent_first_step"), "It begins with the step that most"),
+        (_failed(Label.BEHAVIORAL_INERTIA, rule="most_frequent_first_step"), "It begins with the first step of most"),
         (_failed(Label.EARLY_HALT, attempts=False), "It stops before its first grasp."),
-        (_failed(Label.EARLY_HALT), "It stops in the middle of its work."),
+        (_failed(Label.EARLY_HALT), "It stops after part of the task."),
         (_failed(Label.SEMANTIC_FEATURE_COLLAPSE, shared=("color",)), "objects of the target's color."),
         (
             _failed(Label.SEMANTIC_FEATURE_COLLAPSE, shared=("color", "shape", "slot")),

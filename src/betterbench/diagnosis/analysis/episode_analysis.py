@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the instruction at that time."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the step of the instruction that is due."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ class Step:
         at: Index of the attempted or missed object, or None.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots of the requested objects.
-        between: Index of another object that was as near as the requested one when the gripper closed on nothing, so
-            that either may have been the target; else None.
+        between: Index of another object that was as near as the requested object when the gripper closed on nothing.
+            Either may have been the target. Otherwise None.
     """
 
     grasp: GraspAttempt
@@ -101,17 +101,17 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeAnalysis:
-    """One episode against its condition and the training distribution of its task.
+    """One episode, compared with its condition and the training distribution of its task.
 
     Attributes:
-        meant: Per subgoal the indices of the objects that satisfy it.
+        meant: Indices of the objects that satisfy each subgoal.
         steps: All grasp attempts, in time.
         harm: Harm to objects that were not requested, in time.
         others: Approaches without closing the gripper, in time.
         on_nothing: Closings far from everything, or beside an empty slot, in time.
         fists: Closings on nothing where something is to be pushed shut, in time.
-        state: Returns the state at a row; None if only the recorded places are known.
-        found_once: What :func:`once_per_episode` keeps.
+        state: Function that returns the state at a row; None if only the recorded target regions are known.
+        found_once: Results that :func:`once_per_episode` keeps.
     """
 
     trace: Trace
@@ -133,7 +133,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last closing of the gripper, even on nothing, and its effects have ended; 0 without one."""
+        """Row at which the last closing of the gripper, even on nothing, and its effects end; 0 without a closing."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -192,7 +192,7 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
-        """Return the subgoals that are open at a row and for which an object is left on the table."""
+        """Return the subgoals that are open at a row and still have an object on the table."""
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
@@ -200,7 +200,7 @@ class EpisodeAnalysis:
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
-        """Return the objects for which an attempt at a row would be right: for the due step or for any step."""
+        """Return the objects that may be attempted at a row: of the due step, or of any step if the order is free."""
         _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
@@ -246,9 +246,9 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region of an object, if being there proves that it was brought there, or None.
+        """Return the target region of an object if its presence there proves that it was brought there, else None.
 
-        A wide region, such as a side of an object, proves nothing: the object may have stood there from the start.
+        A wide region, such as a side of another object, proves nothing: the object may have stood there from the start.
         """
         place = self.trace.placed(row, i)
         if place is None or self.state is None or not relation(place.relation).wide:
@@ -256,10 +256,10 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the region where an object was put although no subgoal wants it there, with its rows, or None.
+        """Return a region where an object was put although no subgoal requires it, with two rows, or None.
 
-        The rows are those of release and of rest. An object that was deliberately released at a region counts as placed
-        there in any posture.
+        The rows are those of the release and of the rest. An object that was deliberately released at a region counts
+        as placed there in any posture.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -273,7 +273,7 @@ class EpisodeAnalysis:
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
         """Return the region at which an object was deliberately released in any posture, or None.
 
-        If the object is in a requested region, or about as near to one, that region was intended.
+        If the object is in a requested region, or about as near to a requested region, that region was intended.
         """
         gone, rest = rows
         if self.state is None or gone < step.grasp.release:
@@ -303,7 +303,7 @@ class EpisodeAnalysis:
         return None if any(gap <= away + DOUBT for gap in asked) else found
 
     def _is_asked_at(self, i: int, kind: str, target: int, region: str) -> bool:
-        """Return whether a subgoal wants an object in a region."""
+        """Return whether a subgoal requires an object in a region."""
         return any(
             i in names and (goal.relation, t, goal.region) == (kind, target, region)
             for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
@@ -346,7 +346,7 @@ class EpisodeAnalysis:
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which training had objects of this kind, except the start slot of this one."""
+        """Return the slots in which training had objects of this kind, except the start slot of this object."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -368,8 +368,8 @@ class EpisodeAnalysis:
         place = self._place(first, objects[0]) if objects else ""
         if place and place.removeprefix("at ") not in text:
             facts.append(place)
-        if "asked for" not in text:
-            facts.append(f"asked for: {self.asked_at(first)}")
+        if "instruct" not in text:
+            facts.append(f"instructed next: {self.asked_at(first)}")
         said = f"{text.removesuffix('.')} ({', '.join(facts)})."
         return Evidence(
             rule, said, float(time[first]), float(time[end]), tuple(self.name(i) for i in objects), shared, candidates
@@ -379,18 +379,18 @@ class EpisodeAnalysis:
         """Return the instruction words of the steps that are due at a row, with the kinds they refer to."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
-        return listed(due) or "nothing more"
+        return listed(due) or "nothing"
 
     def open_words(self, row: int) -> tuple[str, ...]:
         """Return the instruction words of the subgoals that are open at a row, each once."""
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
-        """Return the instruction word of a step, with the kind of object if that differs: "'red' (red mug)"."""
+        """Return the instruction word of a step, and the kind of object if it differs: "'red' (red mug)"."""
         word = self.goals[goal].word
         kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
         named = " or ".join(kind for kind in kinds if kind != word)
-        return repr(word) + (f" ({named})" if named else "" if kinds else " (not there)")
+        return repr(word) + (f" ({named})" if named else "" if kinds else " (absent)")
 
     def _place(self, row: int, i: int) -> str:
         """Return the location of an object: a target region, a slot, or coordinates; empty for a drawer."""
@@ -443,7 +443,7 @@ class EpisodeAnalysis:
         """Return a phrase for the objects that were requested at the time of an attempt."""
         if step.goal is None:
             return "nothing was left to do"
-        return f"{self.asked_words(step.goal)} was asked for"
+        return f"the instruction asks for {self.asked_words(step.goal)}"
 
     def intended(self) -> tuple[int, ...]:
         """Return the objects for which the first attempt would be right; if it was right, its object comes first.
@@ -505,10 +505,10 @@ _Found = TypeVar("_Found")
 
 
 def once_per_episode(find: Callable[[EpisodeAnalysis], _Found]) -> Callable[[EpisodeAnalysis], _Found]:
-    """Return a function that keeps what it finds with the episode, because several failure modes ask for it.
+    """Return a function that computes its result once per episode, because several failure modes call it.
 
-    Four modes ask for the halt. Over 37 recorded trials of three policies no difference was measured (0.35 s of
-    processor time, 2026-11-28), so a mode may ask as it likes.
+    Four modes look for the halt. The saving was too small to measure over 37 recorded trials of three policies (0.35 s
+    of processor time, 2026-11-28).
     """
 
     @functools.wraps(find)
@@ -536,7 +536,7 @@ def analyze_episode(
         condition: Condition of the trial.
         trained: Training distribution of the task.
         harm: Harm to objects that were not requested.
-        state: Returns the state at a row; without it, only the recorded predicates decide placements.
+        state: Function that returns the state at a row. Without it, only the recorded predicates decide placements.
     """
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
@@ -573,7 +573,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed on nothing so far from an empty slot that it may have missed another object.
 
     This is possible if a requested object is about as near as the point at which demonstrations close in that slot. In
-    a slot from which training picked nothing, or that holds an object, the gripper has to be at its center.
+    a slot from which training picked nothing, or that holds an object, the gripper must be at the center of the slot.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -645,7 +645,7 @@ def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, .
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
-    """Return the subgoals that are not reached at a row and for which an object is left on the table.
+    """Return the subgoals that are not reached at a row and still have an object on the table.
 
     A drawer that is to be closed over an object is due once the object is inside.
     """
@@ -730,7 +730,7 @@ def _step(
     slot = grasp.slot if between is None else None
     attempt = Attempt(float(trace.time[row]), float(trace.time[grasp.end]), name, slot, result, grasp.secured)
     moved = sorted(i for i in needed if trace.info.objects[i].slot == grasp.slot)
-    if at is None and grasp.slot is not None and moved:  # the slot is empty because what was asked for was moved away
+    if at is None and grasp.slot is not None and moved:  # the instructed object was moved out of the slot
         at, target = moved[0], AttemptTarget.ASKED
         goal = next(g for g in now if at in wanted[g])
     return Step(grasp, attempt, at, target, goal, tuple(slots), between=between)
@@ -739,7 +739,7 @@ def _step(
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
     """Return the requested and another object if each finger comes down on one of them, or None.
 
-    An object that was lifted, or was between both fingers, was attempted by itself.
+    An object that was lifted, or was between both fingers, was the only target.
     """
     i = grasp.object
     if i is None or grasp.secured or trace.is_drawer(i):

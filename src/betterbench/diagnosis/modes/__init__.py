@@ -1,4 +1,4 @@
-"""The failure modes, one file each: every file of this folder registers itself.
+"""The failure modes, one file each. Every file in this folder registers its failure mode when it is imported.
 
 Installed packages and task files add their own (see :mod:`betterbench.tasks.user_files`).
 """

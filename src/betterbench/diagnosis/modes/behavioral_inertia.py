@@ -1,4 +1,4 @@
-"""Behavioral inertia: a step that is frequent in training is begun unrequested, or played without its object."""
+"""Behavioral inertia: a step that is frequent in training is begun unrequested, or executed without its object."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from betterbench.tasks.words import agreeing
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the first step, the target or the slot that training made frequent is present but not requested.
+    """Return whether the first step, the target or the slot that is frequent in training is present but not requested.
 
     A grasp at an emptied slot counts if it replaces a step, or if nothing may be grasped. It does not count if another
-    object stands in a slot of the instruction's word: a first grasp there is another failure mode.
+    object is in a slot of the instruction's word: a first grasp there is another failure mode.
     """
     due = {kind for goal in x.due for kind in x.kinds(goal)}
     waiting = {x.movable_in(slot) for slot in x.test.layout.values()}
@@ -60,18 +60,16 @@ def _exposed(x: Exposure) -> bool:
     "training is executed without an instruction or at an empty slot; or the right object is placed where its kind "
     "was placed in training, even if the target is no longer there. If an object must not be touched: the open "
     "gripper stays over it, or closes while passing over it.",
-    conclusion="It plays the habitual step of training, whether or not it was requested.",
+    conclusion="It repeats the habitual step of training, requested or not.",
     sharper=sharper_by_rule(
         {
-            "most_frequent_first_step": "It begins with the step that most demonstrations began with, whether or not "
-            "it was requested.",
-            "memorized_next_step": "It continues with the step that came next in training, whether or not it was "
-            "requested.",
+            "most_frequent_first_step": "It begins with the first step of most demonstrations, requested or not.",
+            "memorized_next_step": "It continues with the step that came next in training, requested or not.",
             "memorized_place": "It brings objects where training brought them, regardless of the instruction.",
-            "air_grasp_at_memorized_slot": "It grasps at empty slots, where training picked something.",
+            "air_grasp_at_memorized_slot": "It grasps at empty slots from which training picked an object.",
         }
     ),
-    finding="Plays a step of training that was not requested",
+    finding="Repeats a step of training that was not requested",
     rule=HABIT,
     exposed_by=_exposed,
 )
@@ -83,7 +81,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
-    """Yield the evidence of inertia of every attempt that shows it, in time."""
+    """Yield the evidence of inertia of each attempt, in order of time."""
     before: Step | None = None
     for step in episode.decisions:
         evidence = (
@@ -109,12 +107,13 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
     if found is None:
         return None
     start, end, i = found
-    text = f"The gripper {does.format(episode.kind(i))}, although it was to be left alone."
+    kind = episode.kind(i)
+    text = f"The gripper {does.format(kind)}, although {agreeing(kind, 'it', 'they')} should have been left alone."
     return episode.evidence("approach_to_what_is_to_be_left_alone", text, rows=(start, end), objects=(i,))
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt is at the kind that demonstrations begin with, although it is not requested now."""
+    """Return evidence if an attempt is at the kind that most demonstrations begin with, but which is not due."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
@@ -151,13 +150,13 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
         return None
     text = (
         f"The {kind} {agreeing(kind, 'is', 'are')} brought to {episode.where(place.target, place.region)}, as in "
-        f"training, although {agreeing(kind, 'it was', 'they were')} asked for {episode.asked_where(step)}."
+        f"training, although the instruction puts {agreeing(kind, 'it', 'them')} {episode.asked_where(step)}."
     )
     return episode.evidence("memorized_place", text, rows=(gone, rest), objects=(step.at, place.target))
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object is put where it would be right if its target still stood in its training slot."""
+    """Return evidence if the position of an object would be right had its target stayed in the training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None
@@ -170,15 +169,14 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
         return None
     target, at_rest = episode.trace.targets[step.goal], trial.record.state(rest)
     if _is_right(at_rest, episode, i, step.goal):
-        return None  # it was brought to the actual target, and fell over or lies askew there
+        return None  # the object was brought to the actual target, and fell over or is askew there
     for slot in episode.slots_in_training(target):
         state = _as_if_at(at_rest, target, slot)
         if _is_right(state, episode, i, step.goal):
             kind, anchor = episode.kind(i), episode.kind(target)
             text = (
-                f"The {kind} {agreeing(kind, 'is', 'are')} put where the {anchor} would take "
-                f"{agreeing(kind, 'it', 'them')} if it stood at slot {slot!r}, as in training; the {anchor} stands "
-                "elsewhere."
+                f"The {kind} {agreeing(kind, 'is', 'are')} put where {agreeing(kind, 'it', 'they')} would belong if "
+                f"the {anchor} were at slot {slot!r}, as in training; the {anchor} is elsewhere."
             )
             return episode.evidence("memorized_spot", text, rows=(gone, rest), objects=(i, target))
     return None
@@ -195,7 +193,7 @@ def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
 
 
 def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) -> bool:
-    """Return whether an object is where a subgoal wants it, or over the center of that region if contacts decide."""
+    """Return whether an object satisfies a subgoal, or is over the center of its region if contacts decide."""
     wanted = episode.goals[goal]
     kind, name = relation(wanted.relation), episode.name(i)
     target = state.info.objects[episode.trace.targets[goal]]
@@ -219,7 +217,7 @@ def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
         return None
     text = (
         f"It goes for {episode.describe(step)}, into which training put the {taken[0]}, although "
-        f"{agreeing(taken[0], 'it was', 'they were')} asked for {episode.asked_where(step)}."
+        f"the instruction puts {agreeing(taken[0], 'it', 'them')} {episode.asked_where(step)}."
     )
     return episode.at_step("memorized_place", text, step)
 

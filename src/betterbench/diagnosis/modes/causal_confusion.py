@@ -17,9 +17,9 @@ from betterbench.tasks.relations import relation
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether fewer objects are present than when training began, or a step can be repeated.
+    """Return whether fewer objects are present than at the start of training episodes, or a step can be repeated.
 
-    If a step is already done, there are fewer objects for that reason, and a policy that counts them acts correctly.
+    If a step is already done, fewer objects are left for that reason, and a policy that counts them acts correctly.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)
@@ -31,11 +31,11 @@ def _exposed(x: Exposure) -> bool:
     Label.CAUSAL_CONFUSION,
     short="causal",
     definition="A required step whose object is present is skipped for a later step, or a finished step is repeated.",
-    conclusion="It loses track of what has been done: it skips steps that are open or repeats finished ones.",
+    conclusion="It loses track of its progress: it skips open steps or repeats finished steps.",
     sharper=sharper_by_rule(
         {
-            "finished_step_repeated": "It does finished steps again: it loses track of what has been done.",
-            "required_step_skipped": "It skips steps that are still open: it loses track of what has been done.",
+            "finished_step_repeated": "It repeats finished steps: it loses track of its progress.",
+            "required_step_skipped": "It skips steps that are still open: it loses track of its progress.",
         }
     ),
     finding="Skips a required step or repeats a finished one",
@@ -59,9 +59,10 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
-    """Tell whether an attempt takes up an object that fell out of the gripper and met its goal by chance.
+    """Return whether an attempt takes up an object that fell out of the gripper and met its goal by accident.
 
-    What is dropped was not put there, so the policy may rightly take it again. Into a container objects may be dropped.
+    The policy did not place a dropped object, so it may rightly take the object again. Dropping into a container is
+    fine.
     """
     before = [s for s in episode.steps if s.grasp.start < step.grasp.start and s.grasp.object == step.at]
     rows = episode.let_go(before[-1]) if before else None
@@ -90,10 +91,10 @@ def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
         if not trace.closing[rows[1]] and (late or find_halt(episode) is None):
             continue  # an open gripper may have run into it while moving on
         text = (
-            f"It shuts the {episode.kind(i)} before it goes for {episode.asked_words(j)}, which has to be in it first."
+            f"It shuts the {episode.kind(i)} before it goes for {episode.asked_words(j)}, which must be inside first."
             if late
             else f"It shuts the {episode.kind(i)} and never goes for {episode.asked_words(j)}, "
-            "which has to be in it first and is present."
+            "which must be inside first and is present."
         )
         return episode.evidence("required_step_skipped", text, rows=rows, objects=(i,))
     return None

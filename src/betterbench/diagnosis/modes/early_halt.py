@@ -16,7 +16,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the combination of instruction and scene is new and something has to be done.
+    """Return whether the combination of instruction and scene is new and a step is open.
 
     If the scene looks half done, a halt before the first attempt is a phase conflict instead.
     """
@@ -25,20 +25,20 @@ def _exposed(x: Exposure) -> bool:
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return whether nearly all trials ended before the first grasp attempt, or after one."""
+    """Return a sentence on whether nearly all trials stopped before the first grasp attempt, or after an attempt."""
     never = sum(not trial.attempts for trial in trials)
     if never >= SHARE_OF_ALL * len(trials):
         return "It stops before its first grasp."
-    return "It stops in the middle of its work." if never <= (1 - SHARE_OF_ALL) * len(trials) else ""
+    return "It stops after part of the task." if never <= (1 - SHARE_OF_ALL) * len(trials) else ""
 
 
 @FailureMode(
     Label.EARLY_HALT,
     short="halt",
     definition="The arm stands still for 3 s or more, to the end, while steps are open and no attempt is under way.",
-    conclusion="It stops before the work is done.",
+    conclusion="It stops before the task is done.",
     sharper=_sharper,
-    finding="Stops for good with something left to do",
+    finding="Stops for good with steps left to do",
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
@@ -50,5 +50,5 @@ def _find(trial: TrialView) -> Evidence | None:
         return None
     held = in_fingers(episode.trace, halt[1])
     how = "" if held is None else f" with the {episode.kind(held)} in the gripper"
-    text = f"The arm stands still to the end{how}; asked for and still to do: {listed(episode.open_words(halt[0]))}."
+    text = f"The arm stands still to the end{how}; instructed and not yet done: {listed(episode.open_words(halt[0]))}."
     return episode.evidence("still_with_open_subgoals", text, rows=halt)

@@ -49,7 +49,7 @@ _HOW = {
 
 _UNTOLD = {
     "missed_between": "between two objects",
-    "missed_by_far": "far from everything",
+    "missed_by_far": "far from all objects",
 }
 """Descriptions of a closing on nothing whose target is unknown, by evidence rule."""
 
@@ -79,7 +79,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
         if untold.total() >= SHARE_OF_ALL * len(trials):
             return f"It closes its gripper {where}; its target is unknown."
         share = f"in {untold.total()} of {len(trials)} of these trials it closes {where}"
-        return f"Its manipulation fails; {share}, so that its target is unknown."
+        return f"Its manipulation fails; {share}, so its target is unknown."
     told = [trial for trial in trials if not _untold(trial)]
     ways = Counter(_HOW.get(trial.evidence.rule, "") for trial in told).most_common(2)
     named = ways[:1] if ways[0][1] >= SHARE_OF_ALL * len(trials) else ways
@@ -87,7 +87,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     how = " or ".join(way for way, _ in named) if known else ""
     aimless = sum(not _aims_right(trial) for trial in trials)
     if aimless > (1.0 - SHARE_OF_ALL) * len(trials):
-        said = f": it {how.replace('them', 'things')}" if how else ""
+        said = f": it {how.replace('them', 'objects')}" if how else ""
         return f"Its manipulation fails{said}; {aimless} of {len(trials)} of these trials do not show its target."
     return f"It goes for the right objects, but {how}." if how else ""
 
@@ -111,7 +111,7 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
     detail=_about,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first failure that was not made good later, or a missed goal without another explanation."""
+    """Return the first failure that was not corrected later, or a missed goal without another explanation."""
     episode = trial.episode
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
@@ -132,8 +132,8 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     things = tuple(dict.fromkeys(i for g in lost for i in episode.meant[g]))
     kinds = list(dict.fromkeys(episode.kind(i) for i in things))
     many = len(kinds) > 1 or any(map(is_plural, kinds))
-    state = "are not where they have" if many else "is not where it has"
-    which = f": the {listed(kinds)} {state} to be, at rest and let go" if kinds else " for long enough"
+    state = "are" if many else "is"
+    which = f": the {listed(kinds)} {state} not at rest and released at the target" if kinds else " for long enough"
     text = f"Every attempt was right, but the goal is not met at the end{which}."
     return episode.evidence("goal_not_held", text, rows=(last, last), objects=things)
 
@@ -185,7 +185,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return what a closing between two objects was on, and why its target is ambiguous."""
+    """Return clauses on the contact of a closing between two objects and on the reason why its target is ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -235,9 +235,7 @@ def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
     for i, shoves in times.items():
         if len(shoves) < SHOVED_AGAIN or episode.trace.there[-1, i]:
             continue
-        text = (
-            f"The gripper moves the {episode.kind(i)}, the right target, aside again and again and does not grasp it."
-        )
+        text = f"The gripper moves the {episode.kind(i)}, the right target, aside repeatedly and never grasps it."
         return episode.evidence("pushed", text, rows=(shoves[0].start, shoves[-1].end), objects=(i,))
     return None
 
@@ -254,7 +252,7 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
         return episode.evidence("comes_shut", text, rows=rows, objects=objects)
     rows = runs_into(trace, episode.idle_from, stay.at)
     if rows is not None:
-        text = f"The open gripper runs into the {kind}, the right target, again and again, and does not grasp it."
+        text = f"The open gripper repeatedly runs into the {kind}, the right target, and never grasps it."
         return episode.evidence("run_into", text, rows=rows, objects=objects)
     rows = closes_in_part(trace, episode.idle_from, stay.at)
     if rows is None:
@@ -277,7 +275,7 @@ def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
         then, now = openings[: max(lately - fist.start, 0)], openings[max(lately - fist.start, 0) :]
         if fist.release > last and (not then or min(then) - min(now) > THRESHOLDS.rest_travel):
             return None  # the step limit was reached while it pushed
-        text = f"The closed gripper is to push the {episode.kind(i)}, the right one, shut, and leaves it open."
+        text = f"The closed gripper should push the {episode.kind(i)}, the right target, shut, but leaves it open."
         return episode.evidence("drawer_left_halfway", text, rows=(fist.start, min(fist.release, last)), objects=(i,))
     return None
 
@@ -285,7 +283,7 @@ def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
 def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the gripper closed far from all objects and no later attempt shows the target.
 
-    The target was missed by a large distance and is unknown. This is not evidence about reasoning.
+    The target is unknown, so this is not evidence about reasoning.
     """
     trace = episode.trace
     for closing in episode.on_nothing:
@@ -296,7 +294,7 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
         gaps = trace.box_distances(closing.end, tool)
         near = min(trace.items, key=lambda i: (gaps[i], i), default=None)
         where = "" if near is None else f", {100 * gaps[near]:.0f} cm from the {episode.kind(near)}, the nearest object"
-        text = f"The gripper shuts on nothing{where}; {episode.asked_words(due[0])} was asked for."
+        text = f"The gripper closes on nothing{where}; the instruction asks for {episode.asked_words(due[0])}."
         return episode.evidence("missed_by_far", text, rows=(closing.start, closing.end))
     return None
 
@@ -304,7 +302,7 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
 def _brought_later(trial: TrialView, step: Step) -> bool:
     """Return whether a later attempt for the same subgoal worked, so that only the target region was wrong.
 
-    An object released high above the region may have landed there by chance, unless the target is a container.
+    An object released high above the region may have landed there by accident, unless the target is a container.
     """
     episode = trial.episode
     for later in episode.steps:
@@ -323,7 +321,7 @@ def _brought_later(trial: TrialView, step: Step) -> bool:
 
 
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
-    """Return whether a drawer ends as far open, or closed, as the step requires; not if it still has to be shut."""
+    """Return whether a drawer ends as far open, or closed, as the step requires; false if it must still be shut."""
     trace = episode.trace
     if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
         return False
@@ -337,7 +335,7 @@ def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | No
     """Return evidence if the gripper released a drawer halfway and nothing moved it further."""
     if episode.trace.left[-1, drawer] and episode.trace.right[-1, drawer]:
         return None  # the episode ended with the gripper on the drawer
-    text = f"The gripper moves the {episode.kind(drawer)}, the right one, and leaves it halfway."
+    text = f"The gripper moves the {episode.kind(drawer)}, the right target, and leaves it halfway."
     return episode.at_step("drawer_left_halfway", text, step)
 
 
@@ -386,9 +384,9 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if an object was moved that was not requested; an attempt at it is earlier evidence.
+    """Return evidence if an unrequested object was moved; an attempt at the object is earlier evidence.
 
-    An object that is knocked aside by a gripper that then closes on it was the target, so its harm counts from that
+    If the gripper knocks an object aside and then closes on it, the object was the target, so its harm counts from that
     attempt on.
     """
     if not episode.harm:
@@ -398,8 +396,8 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
     following = next((step for step in episode.decisions if step.grasp.start >= row), None)
     if following is not None and following.at == at:
         row = following.grasp.end
-    words = harm.words(episode.trace.info)
-    text = f"{words[0].upper()}{words[1:]}; it was to be left alone."
+    words, it = harm.words(episode.trace.info), agreeing(episode.kind(at), "it", "they")
+    text = f"{words[0].upper()}{words[1:]}; {it} should have been left alone."
     return episode.evidence("harm", text, rows=(row, row), objects=(at,))
 
 
@@ -415,8 +413,8 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
         return None
     row, g = min(found)
     kinds = " or ".join(dict.fromkeys(episode.kind(i) for i in episode.meant[g]))
-    was, now = agreeing(kinds, "was where it", "were where they"), agreeing(kinds, "is", "are")
-    text = f"The {kinds} {was} had to be and {now} knocked away from there."
+    was, now = agreeing(kinds, "was", "were"), agreeing(kinds, "is", "are")
+    text = f"The {kinds} {was} in the right place and {now} knocked away."
     return episode.evidence("knocked_out_of_place", text, rows=(row, row), objects=episode.meant[g])
 
 
@@ -437,5 +435,5 @@ def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
     part = "gripper" if trace.touched[row, i] else "arm" if trace.by_arm[row, i] else None
     kind = episode.kind(i)
     what = f"The {part} brushes against the {kind}" if part else f"The {kind} {agreeing(kind, 'is', 'are')} moved"
-    text = f"{what}, where nothing was to be touched."
+    text = f"{what}, although nothing may be touched."
     return episode.evidence("collided", text, rows=(row, row), objects=(i,))

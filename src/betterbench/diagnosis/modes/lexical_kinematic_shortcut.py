@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether a slot from which training picked a word's object now contains another known object."""
+    """Return whether a slot in which training picked the object of a word now contains another known object."""
     for goal in x.open_goals:
         for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
             kind = x.movable_in(slot)
@@ -42,8 +42,8 @@ def _find(trial: TrialView) -> Evidence | None:
     another = taken_for_another(episode, step)
     if another is not None and led_here:
         text = (
-            f"The first attempt takes {episode.describe(step)} and brings it where {word_of(episode, step)!r} "
-            "was to go, which was picked in that slot in training."
+            f"The first attempt takes {episode.describe(step)} and brings it to the target of "
+            f"{word_of(episode, step)!r}, which was picked in that slot in training."
         )
         return episode.at_step("word_leads_to_trained_slot", text, step, shared=_shared(episode, step, another))
     if step.target not in (AttemptTarget.LATER, AttemptTarget.REPEATED, AttemptTarget.OTHER):
@@ -74,8 +74,8 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     """Return the subgoal that an attempt serves with an object that was requested for another subgoal, or None.
 
-    If the order is free, taking the mug for the mouse shows only in where it is brought. If training brought the mug's
-    kind there, habit is the simpler explanation.
+    If the order is free, a policy that takes the mug for the mouse is recognized only by the place to which it brings
+    the mug. If training brought mugs there, habit is the simpler explanation.
     """
     goal = episode.taken_for(step)
     if goal is None or step.at is None or step.target is not AttemptTarget.ASKED:
@@ -85,7 +85,7 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the word of the subgoal that was due at an attempt; if none was open, of the first subgoal."""
+    """Return the word of the subgoal that was due at an attempt, or of the first subgoal if none was open."""
     goals = episode.goals
     if not goals:
         return None

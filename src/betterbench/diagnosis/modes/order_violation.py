@@ -1,4 +1,4 @@
-"""Order violation: right objects in a wrong order, if the order is part of the goal."""
+"""Order violation: the right objects are handled in the wrong order, and the order is part of the goal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the goal includes an order that training never showed and that no habit could violate."""
+    """Return whether the goal requires an order that training never showed and whose violation no habit explains."""
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
     early = {kind for goal in x.open_goals[1:] for kind in x.kinds(goal)} - {x.trained.habit}
@@ -29,7 +29,7 @@ def _exposed(x: Exposure) -> bool:
     conclusion="It handles the right objects in the wrong order.",
     sharper=sharper_by_rule(
         {
-            "memorized_order": "It goes on with the step that came next in training, where the instruction has "
+            "memorized_order": "It continues with the step that came next in training, although the instruction has "
             "another order.",
         }
     ),
@@ -79,5 +79,5 @@ def _completed_in_wrong_order(episode: EpisodeAnalysis) -> Evidence | None:
     if not late:
         return None
     row, g = min(late)
-    text = f"{episode.asked_words(g)} is done before what comes earlier in the instruction."
+    text = f"{episode.asked_words(g)} is done before a step that comes earlier in the instruction."
     return episode.evidence("completed_in_wrong_order", text, rows=(row, row), objects=episode.meant[g])

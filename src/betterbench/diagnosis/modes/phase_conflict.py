@@ -1,4 +1,4 @@
-"""Phase conflict: the policy cannot recognize the step that is due, and freezes at the start or moves to and fro."""
+"""Phase conflict: the policy does not recognize the due step, and freezes at the start or moves to and fro."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from betterbench.diagnosis.analysis.halts import find_halt, travel
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.statistics.wording import listed
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the initial state looks like the middle of a demonstration and something has to be done."""
+    """Return whether the initial state looks like the middle of a demonstration and a step is open."""
     return x.test.mid_task_look and x.test.expected is Expected.SUCCEED
 
 
@@ -32,16 +33,16 @@ def _exposed(x: Exposure) -> bool:
     Label.PHASE_CONFLICT,
     short="phase",
     definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
-    "empty gripper goes to and fro until the end, moves nothing, and does not approach a requested object.",
-    conclusion="It does not recognize the due step: it freezes in half-finished scenes, or goes to and fro.",
+    "empty gripper moves to and fro until the end, displaces nothing, and does not approach a requested object.",
+    conclusion="It does not recognize the due step: it freezes in half-finished scenes, or moves to and fro.",
     sharper=sharper_by_rule(
         {
-            "freeze_in_mid_task_scene": "It freezes before its first grasp where the scene looks half finished: it "
+            "freeze_in_mid_task_scene": "It freezes before its first grasp if the scene looks half finished: it "
             "does not recognize the due step.",
-            "to_and_fro": "It goes to and fro without a grasp: it does not recognize the due step.",
+            "to_and_fro": "It moves to and fro without a grasp: it does not recognize the due step.",
         }
     ),
-    finding="Freezes in a scene that looks half finished, or goes to and fro without an attempt",
+    finding="Freezes in a scene that looks half finished, or moves to and fro without an attempt",
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
@@ -62,8 +63,8 @@ def _find(trial: TrialView) -> Evidence | None:
     if rows is None or not episode.open_goals(rows[1]) or _goes_somewhere(episode, rows) or _all_asked(episode, rows):
         return None
     way = float(np.ptp(travel(episode.trace)[[*rows]]))
-    where = "between " + " and ".join(names) if (names := _names(episode, rows)) else "over nothing in particular"
-    text = f"The empty gripper goes to and fro {where} until the end, {way:.1f} m in all, without grasping."
+    where = f"between {listed(names)}" if (names := _names(episode, rows)) else "without a recognizable target"
+    text = f"The empty gripper moves to and fro {where} until the end, {way:.1f} m in total, and never grasps."
     return episode.evidence("to_and_fro", text, rows=rows)
 
 
@@ -74,9 +75,9 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether a path leads only over objects that may be grasped now, and over more than one.
+    """Return whether a path leads only over objects that may be grasped now, and over at least two of them.
 
-    Over a single object, repeated visits count as moving to and fro if the scene looks half finished.
+    Repeated visits of a single object count as moving to and fro if the scene looks half finished.
     """
     over = {stay.object for stay in find_stays(episode.trace, rows[0])}
     if not over or not over <= set(episode.wanted(rows[0])):
@@ -97,13 +98,13 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
     if rows is None or failed:
         return None
     text = (
-        f"The open gripper comes over the {episode.kind(stay.at)}, the right target, and goes away again and again "
-        "until the end, without grasping."
+        f"The open gripper repeatedly comes over the {episode.kind(stay.at)}, the right target, and leaves again until "
+        "the end, and never grasps."
     )
     return episode.evidence("to_and_fro", text, rows=rows, objects=(stay.at,))
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Return the kinds under the gripper while it moves to and fro, if there are several."""
+    """Return the kinds of object under the gripper while it moves to and fro; empty for a single kind."""
     over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
     return [f"the {kind}" for kind in over] if len(over) > 1 else []

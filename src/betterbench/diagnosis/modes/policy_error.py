@@ -10,7 +10,7 @@ from betterbench.tasks.labels import Label
 @FailureMode(
     Label.POLICY_ERROR,
     short="error",
-    definition="The policy crashed, answered too late or sent an invalid action, or the trial broke down.",
+    definition="The policy crashed, answered too late or sent an invalid action, or the trial could not be run.",
     conclusion="The policy itself failed to run; this says nothing about its reasoning.",
     sharper=sharper_by_rule(
         {"not_finished": "The run is not finished: most of its failures are trials without a record."}
@@ -22,7 +22,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if outcome.termination not in ("policy_error", "interrupted"):
         return None
     end = float(trial.record.time[-1])
-    how, why = outcome.termination, outcome.error or "no reason given"
+    how, why = outcome.termination, outcome.error or "no reason was recorded"
     return Evidence(how, f"The episode ended early ({how.replace('_', ' ')}): {why}", end, end)
 
 

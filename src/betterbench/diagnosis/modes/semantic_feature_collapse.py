@@ -19,11 +19,11 @@ def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
     """Return the most frequent combination of properties that the wrongly chosen objects share with the targets."""
     counts = Counter(t.evidence.shared for t in trials)
     shared = min(counts, key=lambda s: (-counts[s], s))
-    return f", {_likeness(shared)}" if shared else ", nothing like the target"
+    return f", {_likeness(shared)}" if shared else ", which shares nothing with the target"
 
 
 def _likeness(shared: Sequence[str]) -> str:
-    """Return in words what an object shares with the target ("of the target's color and shape, in its slot")."""
+    """Return a phrase for the properties shared with the target ("of the target's color and shape, in its slot")."""
     looks = [feature for feature in shared if feature != "slot"]
     if not looks:
         return "in the slot where the target was picked in training"
@@ -31,7 +31,7 @@ def _likeness(shared: Sequence[str]) -> str:
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return what nearly all wrongly chosen objects share with the targets."""
+    """Return a sentence on the properties that nearly all wrongly chosen objects share with the targets."""
     counts = Counter(feature for trial in trials for feature in trial.evidence.shared)
     shared = [feature for feature in ("color", "shape", "slot") if counts[feature] >= SHARE_OF_ALL * len(trials)]
     return f"It takes look-alikes for the real thing: objects {_likeness(shared)}." if shared else ""
@@ -99,4 +99,6 @@ def _absent(episode: EpisodeAnalysis) -> int | None:
 
 def _asked_for(episode: EpisodeAnalysis, step: Step) -> str:
     absent = _absent(episode)
-    return episode.asked_for(step) if absent is None else f"{episode.goals[absent].word!r} was asked for and is absent"
+    if absent is None:
+        return episode.asked_for(step)
+    return f"the instruction asks for {episode.goals[absent].word!r}, which is absent"

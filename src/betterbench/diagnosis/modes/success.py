@@ -20,11 +20,11 @@ def _find(trial: TrialView) -> Evidence | None:
 @FailureMode(
     Label.CORRECT_FREEZE,
     short="stayed still",
-    definition="Nothing was left to do, nothing was touched or approached, and the arm came to rest.",
+    definition="No step was left to do, nothing was touched or approached, and the arm came to rest.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
     """Return evidence that the arm correctly did nothing."""
-    return _success(trial, Expected.STAY_STILL, "Nothing was to be done, and nothing was touched.")
+    return _success(trial, Expected.STAY_STILL, "No step was left to do, and nothing was touched.")
 
 
 @FailureMode(

@@ -17,14 +17,14 @@ _BY_MECHANISM = sharper_by_rule(
     {
         "never_closes": "It goes for the right objects, but its gripper never closes on them.",
         "does_not_close": "It goes for the right objects, but its gripper does not close on them.",
-        "never_descends": "It goes over the right objects, but its gripper does not come down to them.",
+        "never_descends": "It moves over the right objects, but its gripper does not come down to them.",
         "never_opens": "It brings the right objects to their target regions, but its gripper never opens there.",
     }
 )
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return the mechanism that takes the time, or that nearly all trials ended before the first grasp attempt."""
+    """Return a sentence on the cause of the delay, or that nearly all trials ended before the first attempt."""
     never = sum(not trial.attempts for trial in trials)
     before = "It runs out of time before its first grasp." if never >= SHARE_OF_ALL * len(trials) else ""
     return _BY_MECHANISM(trials) or before
@@ -36,7 +36,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     definition="Every attempt was right, or no other object was attempted, and the step limit was reached.",
     conclusion="It makes no mistake, but runs out of time.",
     sharper=_sharper,
-    finding="Attempts nothing wrong until the step limit ends the trial",
+    finding="Makes no wrong attempt, but reaches the step limit",
 )
 def _find(trial: TrialView) -> Evidence | None:
     if not trial.unexplained or not trial.out_of_time:
@@ -44,7 +44,7 @@ def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     last = episode.trace.rows - 1
     words = listed(episode.open_words(last))
-    tail = f"; asked for and still to do: {words}" if words else ""
+    tail = f"; instructed and not yet done: {words}" if words else ""
     rule, course = _stuck(episode) or ("step_limit", _course(episode, last))
     return episode.evidence(rule, f"The step limit is reached {course}{tail}.", rows=(last, last))
 
@@ -56,10 +56,10 @@ def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
     if reached is not None and reached in episode.wanted(first):
         kind = episode.kind(reached)
         if not trace.closing.any():
-            return "never_closes", f"with a gripper that has come to the {kind}, the right target, and never closes"
+            return "never_closes", f"with a gripper that came down to the {kind}, the right target, and never closed"
         return (
             "does_not_close",
-            f"with a gripper that has come to the {kind}, the right target, and does not close on it",
+            f"with a gripper that came down to the {kind}, the right target, and did not close on it",
         )
     stay = _stay(episode)
     if stay is not None and stays_above(trace, first, stay):
@@ -68,7 +68,7 @@ def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
     if kept is None:
         return None
     kind = episode.kind(kept)
-    return "never_opens", f"with the {kind} in a gripper that has come to the right place with it and never opens"
+    return "never_opens", f"with the {kind} in a gripper that reached the right place and never opened"
 
 
 def _stay(episode: EpisodeAnalysis) -> int | None:
@@ -81,7 +81,7 @@ def _over(episode: EpisodeAnalysis, i: int) -> str:
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
-    """Return a clause on what the policy was doing at the step limit."""
+    """Return a clause on the behavior of the policy at the step limit."""
     held = in_fingers(episode.trace, last)
     if held is not None:
         return f"with the {episode.kind(held)} in the gripper"

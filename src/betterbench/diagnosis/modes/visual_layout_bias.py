@@ -1,4 +1,4 @@
-"""Visual layout bias: the first attempt does not depend on the instruction. It is decided over paired trials."""
+"""Visual layout bias: the first attempt does not depend on the instruction. Pairs of trials decide this label."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the slot that was picked for most words contains a known object that must not be picked now.
+    """Return whether the slot picked for most words contains a known object that must not be picked now.
 
-    An object without any instruction is excluded, because an attempt at it shows another fault. An empty slot is
-    excluded too, because a grasp there does no harm, unless nothing may be grasped.
+    Objects that no instruction names are excluded, because an attempt at such an object shows another fault. An empty
+    slot is excluded too, because a grasp there does no harm, unless nothing may be grasped.
     """
     slot = x.trained.favorite_slot
     kind = x.movable_in(slot)
@@ -36,7 +36,8 @@ def _exposed(x: Exposure) -> bool:
         {
             SAME_TARGET: "It does not use the instruction: its first target stays the same when only the instruction "
             "changes.",
-            SAME_THING: "It goes for one kind of object in every scene that has one, regardless of the instruction.",
+            SAME_THING: "It goes for one kind of object in every scene with such an object, regardless of the "
+            "instruction.",
         }
     ),
     finding="Goes to the same place or kind of object regardless of the instruction",
@@ -54,8 +55,8 @@ def _find(trial: TrialView) -> Evidence | None:
     if step.target is AttemptTarget.ASKED and another is None:
         return None
     thing = episode.describe(step, slots=False)
-    what = f"it is at {thing} although {episode.asked_for(step)}"
+    what = f"it is at {thing}, although {episode.asked_for(step)}"
     if another is not None:
-        what = f"it takes {thing} and brings it where {episode.asked_words(another)} was to go"
+        what = f"it takes {thing} and brings it to the target of {episode.asked_words(another)}"
     text = f"The first attempt goes to slot {step.grasp.slot!r}: {what}."
     return episode.at_step("same_place_whatever_the_instruction", text, step)
