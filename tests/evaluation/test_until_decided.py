@@ -261,7 +261,7 @@ def test_the_diagnosis_counts_what_was_run_and_gives_the_verdict(decided):
     gap = found.metric("illusion_gap", "morning_coffee/T1")
     assert (gap.value, gap.p_value) == (-1.0, 1.0)
     assert gap.method.startswith("anytime-valid")
-    assert "went on until its variations were decided" in found.notes[0]
+    assert "continued until its variations were decided" in found.notes[0]
     assert found.to_json()["until_decided"]["verdicts"][0]["verdict"] == "not_learned"
 
 

@@ -3,12 +3,12 @@
 - ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
 - ``thresholds``: the numbers that labels depend on.
-- ``trial``, ``labels``, ``ruling``: from the modes to the label of each trial; ``readers`` chooses how
+- ``trial``, ``labels``, ``ruling``: the label of each trial, from the evidence of all modes; ``readers`` chooses how
   the records of a world are read, and ``libero`` reads those of LIBERO.
-- ``rule_likelihood``, ``task_rules``, ``second_pass``: which rule of a policy explains its wrong first attempts, by
-  one rule, by one task and over all tasks. ``instruction_effect``, ``favorite_thing``, ``decider``: whether it uses the
-  instruction at all.
-- ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the difference of two.
+- ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts
+  (likelihood of one rule, rules of one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
+  ``decider``: use of the instruction by the policy.
+- ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the differences between two diagnoses.
 - ``measures``: metrics of a run, and the confusion and power matrices of the diagnosis itself.
 """
 

@@ -1,4 +1,4 @@
-"""Differences between a diagnosis and the one that the run keeps, trial by trial, with reasons."""
+"""Differences between a diagnosis and the stored diagnosis of the same run, trial by trial, with reasons."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
-"""Kind of change of a trial between two diagnoses. For the same record, the change is in the "label", in the "rule"
-that leads to the same label, or in the "evidence" of the same rule. "record": the record itself has changed, because
-the run went on. "new" and "gone": only one of the two diagnoses has the trial.
+"""Kind of change of a trial between two diagnoses.
+
+For the same record, the "label", the "rule" behind the same label, or the "evidence" of the same rule has changed.
+"record": the record itself has changed, because the run went on. "new" and "gone": only one of the two diagnoses
+contains the trial.
 """
 
 _SAME_TIME = 1e-6
@@ -39,7 +41,7 @@ class TrialChange:
     Attributes:
         before: The stored judgment, or None for a new trial.
         now: The judgment now, or None for a trial that is gone.
-        reasons: Reasons for the change that the two judgments show; sentences without a full stop.
+        reasons: Reasons for the change that the two judgments show, as sentences without a period.
     """
 
     key: str
@@ -88,7 +90,7 @@ class DiagnosisChanges:
 
     @property
     def any(self) -> bool:
-        """Whether anything differs."""
+        """Whether the two diagnoses differ."""
         return self.other_rules or bool(self.trials) or bool(self.metrics)
 
     @property
@@ -98,7 +100,7 @@ class DiagnosisChanges:
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
     def of_sort(self, *sorts: Sort) -> tuple[TrialChange, ...]:
-        """Return the changes of some sorts."""
+        """Return the changes of the given sorts."""
         return tuple(t for t in self.trials if t.sort in sorts)
 
     def to_json(self) -> dict[str, Any]:

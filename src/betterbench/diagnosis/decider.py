@@ -1,4 +1,4 @@
-"""Cues that may decide when a policy ignores the instruction: slot, kind, color or distance of an object."""
+"""Cues that may decide for a policy that ignores the instruction: slot, kind, color or distance of an object."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _BY_PLACE = "its place"
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """Cues that may decide a policy's first target instead of the instruction, as far as the trials separate them.
+    """Cues that may decide a policy's first target instead of the instruction, as far as the trials distinguish them.
 
     Attributes:
-        names: Cues, each of which may decide by itself; empty if no known cue explains the first attempts.
+        names: Cues, each sufficient to decide; empty if no known cue explains the first attempts.
     """
 
     names: tuple[str, ...]
@@ -27,13 +27,13 @@ class Decider:
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:
-        """Return the cues in words."""
+        """Return the cues as a phrase."""
         if not self.names:
             return (
-                "not one slot, kind, color or the nearest object, but something else that is constant within a seed, "
+                "not a slot, a kind, a color or the nearest object, but another cue that is constant within a seed, "
                 "such as the arm's start pose"
             )
-        more = "" if len(self.names) == 1 else ", which these trials do not separate"
+        more = "" if len(self.names) == 1 else ", which these trials do not distinguish"
         return f"{' or '.join(self.names)}{more}"
 
 

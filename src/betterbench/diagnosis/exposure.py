@@ -21,7 +21,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """A test condition beside its twin's condition and the regularities of training.
+    """A test condition, the condition of its training twin, and the regularities of training.
 
     Attributes:
         task: The task.
@@ -57,7 +57,7 @@ class Exposure:
 
     @property
     def open_goals(self) -> tuple[Subgoal, ...]:
-        """Subgoals that are not done at the start and have an object, in order."""
+        """Subgoals with an object in the scene that are not done at the start, in order."""
         return tuple(goal for goal in self.goals if self.slots(goal))
 
     @property
@@ -71,7 +71,7 @@ class Exposure:
         return {slot for goal in self.due for slot in self.slots(goal)}
 
     def movable_in(self, slot: str) -> str | None:
-        """Return the kind of the movable object that stands in a slot at the start, or None."""
+        """Return the kind of the movable object in a slot at the start, or None."""
         name = self.test.occupant(slot)
         if name is None or self.test.object(name).role not in ("item", "distractor"):
             return None

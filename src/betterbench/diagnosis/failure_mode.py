@@ -24,7 +24,7 @@ class TrialView:
     Attributes:
         record: The record of the trial, with its outcome.
         episode: The analyzed record: every grasp attempt and placement, compared with the instruction.
-        unexplained: True in the second round of detectors, when none has found anything in the first.
+        unexplained: True in the second round of detectors, if no detector found evidence in the first round.
     """
 
     record: Record
@@ -33,7 +33,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode reached its step limit with a subgoal never done, or with a goal reached just then."""
+        """Whether the episode reached its step limit with a subgoal that was never done, or only in the last rows."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
@@ -41,7 +41,7 @@ class TrialView:
 
 
 Finder = Callable[[TrialView], Evidence | None]
-"""Returns the first evidence of a mode in a trial, or None."""
+"""Function that returns the first evidence of a mode in a trial, or None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +51,16 @@ class FailureMode:
     Used as a decorator, an instance registers itself with the decorated finder.
 
     Attributes:
-        short: Name of one or two words for a segment of a bar.
+        short: Name of one or two words, for a segment of a bar chart.
         definition: Condition on the record, one sentence (suite, section 5).
         conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
-        sharper: Returns a more specific conclusion from the trials of this mode, or an empty text.
-        finding: Beginning of the sentence that counts such trials; empty if the mode yields no finding.
-        detail: Returns a continuation of that sentence: what its trials have in common.
-        rule: Kind of rule of the second pass that explains it (see ``ruling``), or None.
+        sharper: Function that returns a more specific conclusion from the trials of this mode, or an empty text.
+        finding: Beginning of the sentence that counts the trials of this mode; empty if the mode yields no finding.
+        detail: Function that returns the end of that sentence: the common feature of these trials.
+        rule: Kind of rule that explains the mode in the second pass (see ``ruling``), or None.
         needs_rule: Whether only an upheld rule proves the mode; without one, a trial is labeled ``wrong_object``.
         title: Full name, if it differs from the words of the label.
-        exposed_by: Returns whether a variation can reveal this fault; None if every variation can.
+        exposed_by: Function that returns whether a variation can reveal this fault; None if every variation can.
     """
 
     label: Label
@@ -106,7 +106,7 @@ class FailureMode:
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return a function from trials to the sentence for the rule that nearly all of them broke, else ""."""
+    """Return a function that returns the sentence for the evidence rule of nearly all trials, or ""."""
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:
         rule, count = Counter(trial.evidence.rule for trial in trials).most_common(1)[0]
@@ -132,7 +132,7 @@ def labels_of_second_pass() -> tuple[Label, ...]:
 
 
 def exposed_labels(task_id: str, variation: str) -> tuple[Label, ...]:
-    """Return the labels of the failure modes that a variation can bring out, in the order of the labels.
+    """Return the labels of the failure modes that a variation can reveal, in the order of the labels.
 
     Raises:
         UnknownNameError: If the task or variation does not exist.

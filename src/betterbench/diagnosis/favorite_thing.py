@@ -24,8 +24,8 @@ class FavoriteThing:
 
     Attributes:
         kind: The kind.
-        rate: Trials that begin with an attempt at it, among trials with such an object and a request for another kind.
-        asked: Number of other kinds that these trials ask for.
+        rate: Trials that begin with an attempt at this kind, among trials that contain it and request another kind.
+        asked: Number of other kinds that these trials request.
     """
 
     kind: str
@@ -36,25 +36,25 @@ class FavoriteThing:
         """Return a sentence that counts the trials."""
         return (
             f"In scenes with an object of kind {self.kind!r} and a request for another kind ({self.asked} kinds in "
-            f"all), the first attempt is at it in {self.rate.k} of {self.rate.n} trials."
+            f"total), the first attempt is at the {self.kind} in {self.rate.k} of {self.rate.n} trials."
         )
 
     def finding(self, suite: str) -> str:
         """Return the finding of a suite."""
         low, high = 100 * self.rate.low, 100 * self.rate.high
         return (
-            f"{suite}: It goes for the {self.kind} in every scene that has one, regardless of the instruction: in "
-            f"{self.rate.k} of {self.rate.n} trials that ask for {self.asked} other kinds (95 % interval {low:.0f} to "
-            f"{high:.0f} %)."
+            f"{suite}: It goes for the {self.kind} in every scene that contains it, regardless of the instruction: in "
+            f"{self.rate.k} of {self.rate.n} trials whose instructions name {self.asked} other kinds "
+            f"(95 % interval {low:.0f} to {high:.0f} %)."
         )
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the kind of object that a policy provably attempts in every scene of a suite that has it, or None.
+    """Return the kind of object that a policy provably attempts in every scene of a suite that contains it, or None.
 
-    At least :data:`LEAST_PAIRS` trials with such an object must ask for another kind, :data:`LEAST_ASKED` kinds in all.
-    The policy must attempt it more often than a policy that picks one of two objects at random (exact binomial test,
-    one-sided, corrected for the number of kinds that it wrongly attempted).
+    At least :data:`LEAST_PAIRS` trials with such an object must request another kind, :data:`LEAST_ASKED` kinds in
+    total. The policy must attempt it more often than a policy that picks one of two objects at random (exact binomial
+    test, one-sided, corrected for the number of kinds that it wrongly attempted).
     """
     wrong = Counter(c.thing for c in choices.values() if c.thing and not c.correct)
     if not wrong:

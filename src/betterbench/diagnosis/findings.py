@@ -55,14 +55,14 @@ def find_notes(
 ) -> tuple[str, ...]:
     """Return the limits of the run, one sentence each.
 
-    ``missing`` are the trials that broke down. ``even_pairs`` are the pairs of the first round of a run until decided.
-    ``cure`` says how to get the missing twins.
+    ``missing`` are the trials that failed to run. ``even_pairs`` are the pairs of the first round of a run until
+    decided. ``cure`` tells the user how to get the missing twins.
     """
     notes = []
     if pending:
         notes.append(
-            f"The run is still going: {len(trials)} of {len(trials) + pending} planned trials are done; the other "
-            f"{pending} are not counted yet. The order of the trials depends on the machine, so the numbers will "
+            f"The run is in progress: {len(trials)} of {len(trials) + pending} planned trials are done; the other "
+            f"{pending} are not counted yet. The order of the trials depends on the machine, so the numbers will still "
             f"change."
         )
     if missing:
@@ -73,7 +73,7 @@ def find_notes(
     if left:
         notes.append(
             f"{len(left)} of {len(trials)} planned trials are unfinished: they count in the denominator of every "
-            f"rate, but not as a failure of any kind, and in no pair. Run the same command again to finish them: "
+            f"rate, but not as failures of any kind, and not in pairs. Run the same command again to finish them: "
             f"{_first_few(left)}."
         )
     for task, found in sorted(rules.items()):
@@ -110,7 +110,7 @@ def _first_few(keys: Sequence[str]) -> str:
 
 
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
-    """Return the statistical support of a rule as a clause, or an empty text for labels that need none."""
+    """Return the statistical support of a rule as a clause, or an empty text for labels that need no rule."""
     if found is None or mode.rule is None:
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
@@ -124,10 +124,10 @@ def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRule
         return ""
     here, there = Rate(rule.explained, rule.opportunities), Rate(rule.errors_elsewhere, rule.elsewhere)
     place = f" (slot {rule.slot!r})" if rule.slot else " (one slot per arrangement)" if rule.name == PLACE else ""
-    text = f"; followed in {here.k}/{here.n} trials where that is wrong{place}"
+    text = f"; followed in {here.k}/{here.n} trials in which the rule is wrong{place}"
     if there.n:
         p = fisher_p(here, there)
-        text += f", against {there.k}/{there.n} errors where it is right (Fisher's exact test, {p_text(p)}"
+        text += f", against {there.k}/{there.n} errors in trials in which it is right (Fisher's exact test, {p_text(p)}"
         text += ")" if p <= DEFAULT_ALPHA else ": these counts alone do not show that it follows this rule)"
     return text
 

@@ -2,8 +2,8 @@
 
 Trials of one seed begin with the same scene if their conditions have the same objects in the same slots, because the
 random streams do not depend on the condition. Every run therefore contains pairs of trials that differ only in the
-instruction. If their instructions ask for different objects first, a policy that uses the instruction goes for
-different objects, correctly or not. A policy that ignores it goes for the same object in both trials.
+instruction. If the two instructions name different first objects, a policy that uses the instruction goes for different
+objects, correctly or not. A policy that ignores the instruction goes for the same object in both trials.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from betterbench.tasks.labels import Kind
 Pair = tuple[TrialDiagnosis, TrialDiagnosis]
 
 SAME_TARGET = "same_target_whatever_the_instruction"
-"""Evidence rule for a wrong first attempt of a policy that does not use the instruction."""
+"""Evidence rule of a wrong first attempt by a policy that does not use the instruction."""
 
 SAME_THING = "same_thing_whatever_the_instruction"
-"""Evidence rule for a wrong first attempt at the favorite kind of a policy
+"""Evidence rule of a wrong first attempt at the favorite kind of object of a policy
 (:mod:`betterbench.diagnosis.favorite_thing`).
 """
 
@@ -76,7 +76,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the first target of a trial: the name of the object, or of the empty slot, or None."""
+    """Return the first target of a trial: the name of the object or of the empty slot, or None."""
     return trial.first_attempt or trial.first_slot
 
 
@@ -110,8 +110,8 @@ def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
 def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
     """Return whether an instruction effect proves that the instruction is not used.
 
-    This takes :data:`LEAST_PAIRS` pairs and a p-value below 2.5 %, corrected for the number of tests. For a single
-    test, this is an interval below :data:`USED`.
+    The proof requires :data:`LEAST_PAIRS` pairs and a p-value below 2.5 %, corrected for the number of tests. For a
+    single test, this is an interval below :data:`USED`.
     """
     if effect is None or effect.p_value is None:
         return False
@@ -133,12 +133,12 @@ def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
 
 
 def effect_words(effect: Metric) -> str:
-    """Return the sentence that counts the pairs of an instruction effect."""
+    """Return the sentence with the counted pairs of an instruction effect."""
     return f"In {_counted(effect)} the first target is the same."
 
 
 def unused_sentence(effect: Metric) -> str:
-    """Return the conclusion of an instruction effect that proves that the instruction is not used."""
+    """Return the conclusion if the instruction effect proves that the instruction is not used."""
     return f"It does not use the instruction: the first target is the same in {_counted(effect)}."
 
 
@@ -146,7 +146,7 @@ def effect_sentence(effect: Metric | None) -> str:
     """Return the conclusion of an instruction effect in one sentence: used, not used, or not decided."""
     if effect is None or not effect.n:
         return (
-            "This run has no two trials that differ only in the instruction and ask for different first targets, so "
+            "This run has no two trials that differ only in the instruction and have different first targets, so "
             "it does not show whether the instruction is used."
         )
     pairs = "pair of trials that differs" if effect.n == 1 else "pairs of trials that differ"

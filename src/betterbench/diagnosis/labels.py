@@ -15,7 +15,7 @@ from betterbench.records import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 
 FIRST_STEP = "most_frequent_first_step"
-"""The evidence rule that the second pass may reject; other evidence of behavioral inertia needs no second pass."""
+"""The only evidence rule of behavioral inertia that the second pass may reject."""
 
 
 class LabelEvidence(NamedTuple):
@@ -29,7 +29,7 @@ def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...
     """Return all evidence that a trial gives, in the order of the labels.
 
     A success, or an end that the policy's reasoning did not cause, is the only evidence of its trial. Otherwise the
-    list includes labels that need the second pass.
+    result includes labels that need the second pass.
 
     Returns:
         At least one piece of evidence.
@@ -43,7 +43,7 @@ def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...
 
 
 def _with_harm(view: TrialView, findings: tuple[LabelEvidence, ...]) -> tuple[LabelEvidence, ...]:
-    """Return the findings, with a sentence on harm added where the trial caused harm and they do not mention it."""
+    """Return the findings, with a sentence on harm added if the trial caused harm that they do not mention."""
     said = []
     for label, evidence in findings:
         clauses = [words for words in view.episode.harm_words() if words not in evidence.text]
@@ -59,16 +59,17 @@ def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:
 
 
 _OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
-"""Evidence rules that a favorite place would explain as well."""
+"""Evidence rules of attempts that a favorite place would explain as well."""
 
 
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
     """Return the piece of evidence that decides a trial.
 
-    The earliest evidence decides; for the same attempt, the order of the labels does. If the second pass leaves open
-    which rule explains an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's
-    appearance or a habit of training explains the attempt. A wrong order is no such explanation: otherwise a favorite
-    place would be labeled as an order violation in ordered tasks and as a wrong object in all others.
+    The earliest evidence decides; for the same attempt, the order of the labels does. If the second pass cannot decide
+    between rules for an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's
+    appearance or a habit of training explains the attempt. A wrong order does not count as such an explanation.
+    Otherwise, a favorite place would be labeled as an order violation in ordered tasks and as a wrong object in all
+    others.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}

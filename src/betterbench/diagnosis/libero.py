@@ -1,8 +1,9 @@
 """Trials in LIBERO: conversion of its records for the detectors, and the limits of its suites.
 
-LIBERO defines no conditions for a task. The request is read from the goal of the task's file, the training distribution
-from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and the initial positions from the
-record. Regions on the table are LIBERO's. Heights are measured from the table, as in betterbench's own scenes.
+LIBERO defines no conditions for a task. The requested objects are read from the goal in the task's file, the training
+distribution from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and the initial
+positions from the record. Regions on the table are those of LIBERO. Heights are measured from the table, as in
+betterbench's own scenes.
 """
 
 from __future__ import annotations
@@ -48,15 +49,15 @@ AXES = {
     "task": Axis.PRIMITIVE_RECOMPOSITION,
     "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
 }
-"""The axis of each change of LIBERO-PRO; paraphrases of the instruction have none."""
+"""The axis of each change of LIBERO-PRO; paraphrases of the instruction have no axis."""
 
 NOTE = (
-    "LIBERO's tasks have one training condition each, and its suites ask for one thing at a time: habits of order, "
+    "LIBERO's tasks have one training condition each, and most instructions name one object: habits of order, "
     "skipped steps and correct refusals cannot be observed here. Success is LIBERO's own verdict, and harm to other "
     "objects is not judged. Each suite of LIBERO-PRO has its own initial states: a trial and its twin share the task "
     "and the number of the state, but the poses of the robot and the objects differ slightly."
 )
-"""Note of every diagnosis of a run in LIBERO."""
+"""Note added to every diagnosis of a run in LIBERO."""
 
 
 PLUS_NOTE = (
@@ -64,7 +65,7 @@ PLUS_NOTE = (
     "share one twin. The interval of a gap therefore resamples each twin together with all its variants, and its "
     "p-value exchanges a twin with its variants. Give both runs more initial states (--trials) for more twins."
 )
-"""Note of every diagnosis of a run in LIBERO-Plus."""
+"""Note added to every diagnosis of a run in LIBERO-Plus."""
 
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
@@ -86,11 +87,11 @@ class LiberoRun:
 
     @classmethod
     def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> Self:
-        """Return it from the stored plan of a run."""
+        """Return this data from the stored plan of a run."""
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the reading of one record. Raises RecordError if it lacks a field of a LIBERO record."""
+        """Return the reading of one record. Raises RecordError if the record lacks a field of a LIBERO record."""
         here = on_our_table(record)
         goals = _goals(here.metadata)
         if goals is None:
@@ -123,7 +124,7 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return the LIBERO-PRO suites that would add information to runs of base suites; empty if one was run."""
+    """Return the LIBERO-PRO suites that would add information to runs of base suites; empty if such a suite was run."""
     if any(trial.variation is not None for trial in trials):
         return ""
     told = [f"{suite}_swap" for suite in dict.fromkeys(suite_of(t.task) for t in trials) if f"{suite}_swap" in SUITES]
@@ -134,7 +135,7 @@ def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def suite_of(task: str) -> str:
-    """Return the base suite of a task of LIBERO ("libero_object-03"): its tasks are judged together."""
+    """Return the base suite of a LIBERO task ("libero_object-03"); the tasks of a suite are judged together."""
     return task.rpartition("-")[0]
 
 
@@ -142,7 +143,7 @@ def on_our_table(record: Record) -> Record:
     """Return a record of LIBERO with heights measured from its table and target regions named as in betterbench.
 
     Raises:
-        RecordError: If it names no regions on a table.
+        RecordError: If the record names no regions on a table.
     """
     m = record.metadata
     if not m.scene.slots:
@@ -269,8 +270,8 @@ def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
     """Return the label of a task that moves a joint and whose goal is not met."""
     end = float(record.time[-1])
     text = (
-        f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. A part of it moves a "
-        "joint, and why such a task failed is not judged in LIBERO."
+        f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. Part of the goal moves a "
+        "joint, and betterbench does not judge the cause of such failures in LIBERO."
     )
     return Label.TIMEOUT, Evidence("joint_not_judged", text, end, end)
 
@@ -283,7 +284,7 @@ def by_outcome(
     axis: str | None,
     condition: str = BASE,
 ) -> TrialDiagnosis:
-    """Return a diagnosis that says no more than how the trial ended; ``unmet`` is the label of one without success."""
+    """Return a diagnosis from the end of a trial alone; ``unmet`` is the label of a trial without success."""
     m, outcome, end = record.metadata, record.outcome, float(record.time[-1])
     if outcome.success:
         label, evidence = Label.SUCCESS, Evidence("goal", "The goal is met.", end, end)

@@ -1,4 +1,4 @@
-"""Readers of the records of a run: how its world is read by the diagnosis, and what is said about its trials."""
+"""Readers of the records of a run, one per kind of world: readings, grouping of tasks, and notes on the trials."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Reader(Protocol):
 
     @property
     def finds_favorites(self) -> bool:
-        """Whether a policy may be found that goes for one kind of object, whatever is asked for."""
+        """Whether the diagnosis looks for a favorite kind of object of the policy."""
 
     @property
     def twins_cure(self) -> str:
-        """How trials get their twins, for notes."""
+        """Advice on how to get missing twins, for notes."""
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
         """Return the reading of one record."""
@@ -46,17 +46,17 @@ class Reader(Protocol):
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return what the rules of a policy are judged by: its task, or a suite of tasks with one sentence each."""
+        """Return the group for judging the rules of a policy: the task, or a suite of one-instruction tasks."""
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return notes about the world of a run."""
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return notes about what other runs would show."""
+        """Return notes on other runs that would add information."""
 
 
 class OwnReader:
-    """Reader of runs in our own scenes: conditions and training distributions are those of the tasks."""
+    """Reader of runs in betterbench's own scenes; tasks define the conditions and training distributions."""
 
     twins_elsewhere = finds_favorites = False
     twins_cure = "run their training conditions with the same seeds"
@@ -79,7 +79,7 @@ class OwnReader:
         )  # fmt: skip
 
     def group(self, task: str) -> str:
-        """Return the task: the rules of a policy are judged per task."""
+        """Return the task, because the rules of a policy are judged per task."""
         return task
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
@@ -94,13 +94,13 @@ class OwnReader:
 
 
 class LiberoReader(libero.LiberoRun):
-    """Reader of runs in LIBERO and LIBERO-Plus: goals are those of the files, training that of the base suite."""
+    """Reader of runs in LIBERO and LIBERO-Plus; the files define the goals, the base suite the training."""
 
     twins_elsewhere = finds_favorites = True
     twins_cure = libero.TWINS_CURE
 
     def group(self, task: str) -> str:
-        """Return the suite of a task, because each task of LIBERO has one sentence alone."""
+        """Return the suite of a task, because each LIBERO task has only one instruction."""
         return libero.suite_of(task)
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
@@ -108,16 +108,16 @@ class LiberoReader(libero.LiberoRun):
         return (libero.NOTE, *_plus_notes(run, found))
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
-        """Return which suites would say more about a run of base suites."""
+        """Return a note on suites that would add information to a run of base suites."""
         untold = libero.untold_by(trials)
         if not untold:
             return ()
-        return (f"A base suite shows what training showed: to learn why the policy succeeds, {untold}.",)
+        return (f"A base suite contains only training scenes. To learn why the policy succeeds, {untold}.",)
 
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reader of runs in a world of which no more is known than how each trial ended.
+    """Reader of runs in a world in which only the end of each trial is judged.
 
     Attributes:
         title: Name of the world in messages.
@@ -132,8 +132,8 @@ class OutcomeReader:
         """Return the reading of one record: success, a policy that stopped, or the step limit."""
         m = record.metadata
         text = (
-            f"The goal {', '.join(m.subgoal_names)} is not met at the end. Why a trial failed is not judged in "
-            f"{self.title}."
+            f"The goal {', '.join(m.subgoal_names)} is not met at the end. betterbench does not judge the cause of "
+            f"failures in {self.title}."
         )
         unmet = (Label.TIMEOUT, Evidence("outcome_alone", text, float(record.time[-1]), float(record.time[-1])))
         found = libero.by_outcome(record, path, unmet=unmet, condition=m.base_condition or m.condition, axis=m.axis)
@@ -156,7 +156,7 @@ class OutcomeReader:
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return the limit of this reading."""
         del run, found
-        return (f"Of a trial in {self.title}, no more is judged than how it ended.",)
+        return (f"In {self.title}, only the end of each trial is judged, not the cause of a failure.",)
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
         """Return no notes."""
@@ -185,7 +185,7 @@ _WORLD = TypeAdapter(_WorldForm)
 
 
 def reader_of(run: RunFolder) -> Reader:
-    """Return the reader of a run, as its world is read; RecordError if its plan lacks what reading needs."""
+    """Return the reader for the world of a run; RecordError if the plan lacks data for it."""
     return _READERS[run.world.reading](run)
 
 
@@ -207,8 +207,8 @@ def _by_outcomes(run: RunFolder) -> Reader:
 
 def _of_chains(run: RunFolder) -> Reader:
     raise RecordError(
-        f"{run.path}: a run in {run.world.title} gets no labels, because its success rules name no target for every "
-        f"subtask. Give `better compare {shell_word(run.path)}` for its five rates, its average length and its rates "
+        f"{run.path}: a run in {run.world.title} gets no labels, because the success rules of some subtasks name no "
+        f"target. Run `better compare {shell_word(run.path)}` for the five rates, the average length and the rates "
         "per subtask."
     )
 
@@ -229,4 +229,4 @@ def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
     left_out = run.plan["world"].get("left_out", {})
     if left_out:
         counted = ", ".join(f"{axis} {number}" for axis, number in left_out.items())
-        yield f"Variants that were not run, because they want the assets of LIBERO-Plus's authors: {counted}."
+        yield f"Variants that were not run, because they need the assets of LIBERO-Plus's authors: {counted}."

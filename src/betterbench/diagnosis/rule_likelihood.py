@@ -1,9 +1,9 @@
-"""Rules of a policy as hypotheses about its first attempts: their predictions, and the likelihood of the attempts.
+"""Likelihood of a policy's first attempts under each rule that the policy may follow.
 
 A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise
-it goes to a right slot, apart from slips. Confusion is the null hypothesis: a policy with a constant error rate and no
-direction. The cost of a hypothesis is its negative log-likelihood at the best value of its one parameter [nats]. See
-docs/second-pass.md for the formulas and an example.
+it goes to a right slot, apart from slips. The null hypothesis, "confusion", is a policy with a constant error rate and
+no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its one parameter
+[nats]. See docs/second-pass.md for the formulas and an example.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class PolicyRule:
         name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of occupied slots.
         cost: Negative log-likelihood at the best strength [nats], plus the costs of choosing it and its kind.
         strength: The best strength, from 0 to 1.
-        explained: Wrong first attempts that it explains.
-        opportunities: Trials in which it predicts a wrong first attempt.
-        errors_elsewhere: Wrong first attempts in trials in which it predicts a right one.
-        elsewhere: Trials in which it predicts a right first attempt.
+        explained: Number of wrong first attempts that it explains.
+        opportunities: Number of trials in which it predicts a wrong first attempt.
+        errors_elsewhere: Number of wrong first attempts in trials in which it predicts a right first attempt.
+        elsewhere: Number of trials in which it predicts a right first attempt.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Rulings of the second pass: the conclusions from all trials of a policy for each single trial."""
+"""Rulings: conclusions about one trial from all trials of its policy (the second pass of the diagnosis)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ WORD, HABIT, LATER, PLACE, CONFUSION = "word", "habit", "later", "place", "confu
 """Kinds of rule that can explain a wrong first attempt; confusion is the absence of a rule."""
 
 RuleStatus = Literal["upheld", "rejected", "open"]
-"""Status of a rule for a trial: it explains the trial, does not, or cannot be separated from another rule."""
+"""Status of a rule for a trial: explains it, does not explain it, or is not distinguishable from another rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,4 +34,4 @@ class Ruling:
 
 
 ALONE = Ruling("open", "open")
-"""The ruling on a trial without other trials to compare it with."""
+"""The ruling on a trial that cannot be compared with other trials."""

@@ -1,4 +1,4 @@
-"""Diagnosis of a run: every planned trial by itself, the second pass over all trials, and findings about the policy."""
+"""Diagnosis of a run: each planned trial on its own, then all trials together (second pass), then findings."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class _Trials:
     """The planned trials of a run, with the records read so far.
 
     Attributes:
-        plan: Every trial that counts, in plan order.
+        plan: The counted trials, in plan order.
         readings: Reading of the record, by trial.
         missing: Reason for a missing record, by trial; None if unknown.
         pending: Trials that a run in progress has not reached; they are not counted.
@@ -80,8 +80,8 @@ def diagnose_run(
 
     Args:
         folder: The run, or its folder.
-        allow_mixed: True to diagnose records of several versions, engines or policies together.
-        whole: True to count trials that a run in progress has not reached as trials without a record.
+        allow_mixed: Whether to accept records of several versions, engines or policies.
+        whole: Whether to count the trials that a run in progress has not reached as trials without a record.
         twins_in: For a run in LIBERO-PRO, a run of its base suite. Its trials with the same numbers are the twins.
         on_progress: Called with the number of processed trials and the number of planned trials.
 
@@ -94,7 +94,7 @@ def diagnose_run(
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan, rule = read_plan(run)
     reader = reader_of(run)
-    running = run.is_running and not whole  # asked before the journal is read: a run that ends now has its last lines
+    running = run.is_running and not whole  # read before the journal, so that a run that ends meanwhile is complete
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
     for number, trial in enumerate(plan):
@@ -125,7 +125,7 @@ def diagnose_run(
 
 
 def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
-    """Read the record of a finished trial, if it is there."""
+    """Read the record of a finished trial, if it exists."""
     path = run.record_path(trial.task, trial.condition, trial.seed)
     if path.exists():
         record = run.read_record(trial.task, trial.condition, trial.seed)
@@ -219,7 +219,7 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
     trials = tuple(TrialId(t.task, t.variation or t.condition, t.seed) for t in plan.trials)
     twice = next((trial for trial, times in Counter(trials).items() if times > 1), None)
     if twice is not None:
-        raise RecordError(f"{where}: {twice} is planned twice. Remove one of the two.")
+        raise RecordError(f"{where}: {twice} is planned twice. Remove one of the two entries.")
     return plan.policy, trials, plan.until_decided
 
 
@@ -291,7 +291,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
     A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
-    attempt at the favorite place of its task if the place does not decide over all tasks.
+    attempt at the favorite place of its task, unless the place is the deciding cue over all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial

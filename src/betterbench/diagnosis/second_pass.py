@@ -2,20 +2,20 @@
 
 Four kinds of rule predict the slot of a first attempt: *word* goes to the slot where a word of the instruction led in
 training. *habit* begins with the most frequent first step. *later* begins with the object of a later step. *place*
-always goes to the same slot, or to the same one for each set of occupied slots, as a policy does that takes the nearest
+always goes to the same slot, or to a fixed slot for each set of occupied slots, like a policy that takes the nearest
 object. All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the
 likelihood of the attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` the ruling within a task. See
 docs/second-pass.md for the whole model.
 
-A wrong order shows in a single trial, a favorite place only in several trials with different instructions. If "later"
-explains the first attempts of a policy in all its tasks together at least as well as the other rules, an attempt at the
-object of a later step is therefore a wrong order (:func:`mistakes_order`).
+A single trial can show a wrong order. Only several trials with different instructions can show a favorite place. An
+attempt at the object of a later step is therefore a wrong order if "later" explains the first attempts of the policy in
+all its tasks together at least as well as the other rules (:func:`mistakes_order`).
 
-Evidence is pooled over a policy's tasks, so that findings in one task count a little in the others. Each kind of rule
-has a prior cost that depends on the share of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A
-kind that explains all of them clearly better than any other is the rule of the policy (:func:`rule_of_all_tasks`). If
-two rules both predict a wrong attempt, the other tasks thus decide between them. The attempts of one task can still
-outweigh this: over ten tasks the prior costs are at most 3.0 nats, as much as one attempt that only one of two rules
+Evidence is pooled over a policy's tasks, so findings in one task have some weight in the others. The prior cost of each
+kind of rule depends on the share of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A kind
+that explains all these tasks clearly better than any other kind is the rule of the policy (:func:`rule_of_all_tasks`).
+If two rules both predict a wrong attempt, the other tasks thus decide between them. The attempts of one task can
+outweigh the prior costs, which are at most 3.0 nats over ten tasks: as much as one attempt that only one of two rules
 predicts.
 """
 
@@ -73,7 +73,7 @@ def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, floa
 
 
 def _proven_elsewhere(task: str, alone: Mapping[str, TaskRules], prior_costs: Mapping[str, float]) -> list[str]:
-    """Return the kinds of rule that enough other tasks have proven and that are the policy's most frequent ones."""
+    """Return the policy's most frequent kinds of rule that enough other tasks have proven."""
     others = [found for name, found in alone.items() if name != task]
     return [
         family
@@ -84,9 +84,9 @@ def _proven_elsewhere(task: str, alone: Mapping[str, TaskRules], prior_costs: Ma
 
 
 def rule_of_all_tasks(choices: _Attempts, alone: Mapping[str, TaskRules]) -> str | None:
-    """Return the kind of rule that explains a policy in all its tasks clearly better than any other, or None.
+    """Return the kind of rule that explains a policy in all its tasks clearly better than any other kind, or None.
 
-    A kind that explains fewer wrong attempts than another one is rejected, even if it costs less because it has fewer
+    A kind that explains fewer wrong attempts than another kind is rejected, even if it costs less because it has fewer
     rules to choose from.
     """
     tasks = [alone[task] for task in _with_errors(choices)]
@@ -128,7 +128,7 @@ def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return the summed cost of the best rules of a kind in several tasks; tasks without one count as confusion."""
+    """Return the summed cost of the best rules of a kind in several tasks; tasks without such a rule cost confusion."""
     return sum(_least_cost(family, task, otherwise=task.confusion) for task in tasks)
 
 
@@ -144,7 +144,7 @@ def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
     """Return the prior cost of each kind of rule in a task, from all tasks together [nats, 0 for the most frequent].
 
     Each task with wrong attempts is explained by one kind, and the shares of the kinds are estimated over all tasks
-    (empirical Bayes). The cost of a kind is the logarithm of the ratio of the largest share to its own.
+    (empirical Bayes). The cost of a kind is the logarithm of the ratio of the largest share to the share of the kind.
     """
     costs = [
         [

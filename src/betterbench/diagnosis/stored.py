@@ -22,7 +22,7 @@ STORED_SCHEMA_VERSION = 2
 """Version of ``diagnosis.json``. Version 2 has a checksum; version 1 is read with a warning."""
 
 _MAX_BYTES = 256 * 1024 * 1024
-_CURE = "Restore the file, or move it elsewhere and store a new one"
+_CURE = "Restore the file, or move it elsewhere and store a new diagnosis"
 
 
 @open_form
@@ -46,8 +46,8 @@ class StoredTrial:
 
     Attributes:
         label: The outcome, under the label names of the version that wrote it.
-        candidates: Labels that the trial alone could not tell apart.
-        has_record: Whether there was a record.
+        candidates: Labels that the trial alone could not distinguish.
+        has_record: Whether the trial had a record.
     """
 
     key: str
@@ -125,7 +125,7 @@ class StoredDiagnosis:
             ("metrics", [(m.name, m.scope) for m in file.metrics]),
         ):
             if len(set(keys)) < len(keys):
-                raise RecordError(f"{where}: {what}: one occurs twice. {_CURE}.")
+                raise RecordError(f"{where}: {what}: an entry occurs twice. {_CURE}.")
         return cls(
             package_version=file.package_version,
             thresholds=file.thresholds,
@@ -150,7 +150,7 @@ def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
     Raises:
         OSError: If the folder cannot be written.
         RunConflictError: If another process is writing to the run.
-        StorageError: If the disk is full, broken or protected.
+        StorageError: If the disk is full, broken or write-protected.
         InvalidInputError: If the path is a link that leads out of the folder.
     """
     path = stored_path(run)

@@ -1,7 +1,8 @@
 """Rules of a policy in one task: fitting, comparison with confusion, and a ruling for each trial.
 
-A rule is upheld if it costs less than confusion. This is a likelihood ratio with a penalty for choosing the rule. A
-favorite place also needs a pair of trials that shows it under different instructions (:func:`has_pair`).
+A rule is upheld if it costs less than confusion, the null hypothesis of undirected errors. This is a likelihood-ratio
+test with a penalty for choosing the rule. A favorite place also needs a pair of trials with different instructions that
+both go there (:func:`has_pair`).
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class TaskRules:
         rules: All rules, the cheapest first; at equal cost in the order word, habit, later, place.
         confusion: Cost of plain confusion [nats].
         upheld: Names of the rules that are proven better than confusion and distinguishable from similar rules.
-        rulings: Ruling by trial key.
-        undecided: Number of wrong trials for which too few trials prove a rule or separate it from another.
+        rulings: Ruling on each trial, by its key.
+        undecided: Number of wrong trials for which the run is too small to prove a rule or distinguish it from another.
     """
 
     rules: tuple[PolicyRule, ...]
@@ -54,8 +55,8 @@ def judge_rules(
         choices: First attempt per trial key.
         prior_costs: Prior cost of each kind of rule [nats]; zero if not given.
         known: Kinds of rule that other tasks have proven for the policy. A known "place" needs no pair of trials in
-            this task. "later" is judged only by other tasks, because within one task a favorite place may look like it.
-            None if other tasks have not been judged yet; all rules are then judged by the trials of this task.
+            this task. "later" is judged only by other tasks, because within one task a favorite place may look the
+            same. None if other tasks have not been judged yet; all rules are then judged by the trials of this task.
         ordered: Whether the policy is known to mistake the order. A premature attempt then proves neither word nor
             place.
     """
@@ -93,8 +94,8 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
     """Return the cost of a rule apart from its likelihood [nats].
 
-    The slots of a place rule are fitted to the trials, so each slot adds the cost of a choice among all slots. The
-    other rules follow from training and have no free choice.
+    The slots of a place rule are fitted to the trials, so each slot adds the cost of a choice among all slots. Training
+    fixes the other rules completely.
     """
     if name in (WORD, HABIT, LATER):
         return prior[name]
@@ -165,8 +166,8 @@ def _open_slots(
 ) -> frozenset[str]:
     """Return the slots that may be favorites although the trials do not prove it.
 
-    Without the penalty they are likelier than confusion, but these trials could not even prove a policy that always
-    goes there: there are too few of them.
+    Without the penalty, such a slot is likelier than confusion, but there are too few trials to prove even a policy
+    that always goes there.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
     found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}
@@ -226,6 +227,6 @@ class _Judged:
         return Ruling("rejected", place=open_place if choice.replaced else "rejected")  # the habit
 
     def _word_is_told_from(self, slot: str) -> bool:
-        """Return whether the trials separate "the word leads there" from "always this slot"."""
+        """Return whether the trials distinguish "the word leads there" from "always this slot"."""
         place = place_rule(slot)
         return bool({place, PLACE} & self.proven) or any(fits(WORD, c) != fits(place, c) for c in self.attempts)

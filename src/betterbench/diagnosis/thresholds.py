@@ -1,10 +1,11 @@
 """Thresholds of the diagnosis alone, each with its unit, its reason and the effect of changing it.
 
-What the diagnosis shares with live judging (the goal tracker, grasp attempts, harm) stands in
-:mod:`betterbench.tasks.thresholds`, with the thresholds of halts, falls, collisions and slips that every run lists in
-its conventions. A tolerance of a relation stands in the file of its relation.
+Thresholds that live judging uses too (goal tracker, grasp attempts, harm) are in :mod:`betterbench.tasks.thresholds`,
+with the thresholds of halts, falls, collisions and slips that every run lists in its conventions. The tolerance of a
+relation is in the file of the relation.
 
-Entries that are not listed decided before they stood here: see :func:`betterbench.tasks.thresholds.threshold`.
+Entries that are not listed were added to this table after they were in use: see
+:func:`betterbench.tasks.thresholds.threshold`.
 """
 
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
@@ -35,7 +36,7 @@ MEMORIZED_SPOT = threshold("memorized_spot", 0.04, "m",
     "slots vary by 15 mm to each side, and placements by as much.",
     "Larger: more placements count as memorized; more behavioral_inertia, fewer execution_failure.")
 
-# Stays: what an empty gripper is over.
+# Stays: an empty gripper over an object.
 OVER_HEIGHT = threshold("over_height", 0.12, "m",
     "Maximum height above the top of an object at which an open gripper is over it; grasps from above begin there.",
     "Larger: the gripper is over objects from higher up; more wrong_object and semantic_feature_collapse by a stay, "
@@ -46,7 +47,7 @@ BESIDE = threshold("over_beside", 0.01, "m",
     "stay, fewer phase_conflict and timeout.")
 STAY_TIME = threshold("stay_time", 2.0, "s",
     "Total time for which an open gripper must stay over an object to choose it. Honest policies of the independent "
-    "family stay over another object for up to 4 s, but then grasp, and are judged by the grasp.",
+    "family stay over another object for up to 4 s before they grasp, and the grasp then decides.",
     "Larger: fewer stays choose an object; fewer wrong_object and semantic_feature_collapse, more timeout.")
 STAY_SHARE = threshold("stay_share", 0.7, "1",
     "Minimum share of the time over any object that is spent over the chosen one; a smaller share is motion to and "
@@ -127,7 +128,7 @@ CLOSED_IN_PART = threshold("closed_in_part", THRESHOLDS.finger_travel, "m",
     "Larger: fewer partial closings are intended grasps; fewer execution_failure, more timeout.")
 RUNS_INTO = threshold("runs_into", 3, "1",
     "Number of times that an open gripper must descend, run into the right object and rise again for the grasp to "
-    "have failed. A policy that is only slow runs into nothing.",
+    "have failed. A policy that is merely slow does not run into the object.",
     "Larger: more contacts with the right object are tolerated; fewer execution_failure, more timeout.")
 RISEN_AGAIN = threshold("risen_again", 0.03, "m",
     "Height by which a gripper must rise after a partial closing or a contact from above to have given up that "
@@ -163,7 +164,7 @@ DRIFT = threshold("drift", 0.002, "m/s",
     "Larger: more creeping arms count as halted; more early_halt and phase_conflict, fewer timeout.")
 COME_TO_REST = threshold("come_to_rest", 0.005, "m",
     "Maximum distance, apart from drift, that an arm may move until the end after a slow stretch, to have come to "
-    "rest there. An arm that creeps on at 4 mm/s or more has not.",
+    "rest there. An arm that creeps at 4 mm/s or more has not come to rest.",
     "Larger: more slow stretches end at rest; more early_halt and phase_conflict, fewer timeout.")
 PAUSES_VARY = threshold("pauses_vary", 1.5, "1",
     "For a policy with long pauses: multiple of its longest earlier pause above which a stop is a halt.",
@@ -171,7 +172,7 @@ PAUSES_VARY = threshold("pauses_vary", 1.5, "1",
 TREMBLE_TIME = threshold("tremble_time", 8.0, "s",
     "Time within halt_radius until the end after which an arm that never stands still counts as halted; honest "
     "policies of the independent family move on after at most 6.5 s.",
-    "Larger: an arm has to tremble in place for longer; fewer early_halt and phase_conflict, more timeout.")
+    "Larger: an arm must tremble in place for longer; fewer early_halt and phase_conflict, more timeout.")
 OVER_GOAL = threshold("over_goal", 0.06, "m",
     "Maximum horizontal distance of a held object from the center of its target region at which it has been brought "
     "there; wider regions count up to their edge.",
@@ -194,7 +195,7 @@ RESTS_ON_GAP = threshold("rests_on_gap", 0.01, "m",
 # The second pass: which rule explains the first attempts of a policy (docs/second-pass.md).
 HIGHEST_STRENGTH = threshold("highest_strength", 0.99, "1",
     "Largest tried strength of a rule; no run has enough trials to distinguish a larger one.",
-    "Larger: rules without exceptions cost less, those with one are unchanged; more lexical_kinematic_shortcut and "
+    "Larger: rules without exceptions cost less, others are unchanged; more lexical_kinematic_shortcut and "
     "visual_layout_bias, fewer wrong_object.",
     listed=False)
 LOWEST_ERROR_RATE = threshold("lowest_error_rate", 0.001, "1",
@@ -215,8 +216,8 @@ ORDER_TRIALS = threshold("order_trials", 3, "1",
     "and lexical_kinematic_shortcut.",
     listed=False)
 OTHER_TASKS = threshold("other_tasks", 2, "1",
-    "Number of other tasks in which a rule must be proven to count in a task whose own trials cannot prove it; one "
-    "may be chance.",
+    "Number of other tasks in which a rule must be proven to count in a task whose own trials cannot prove it; a proof "
+    "in one task may be chance.",
     "Larger: fewer rules carry over from other tasks; fewer visual_layout_bias and order_violation, more "
     "wrong_object.",
     listed=False)
@@ -233,7 +234,7 @@ CLEARLY = threshold("clearly_better", 2.0, "1",
     "visual_layout_bias.",
     listed=False)
 
-# The instruction effect, and what decides in place of the instruction.
+# The instruction effect, and the cues that decide instead of the instruction.
 LEAST_PAIRS = threshold("instruction_pairs", 10, "1",
     "Minimum number of pairs for the conclusion that a policy does not use the instruction; with fewer, chance cannot "
     "be excluded.",
@@ -262,7 +263,7 @@ NEARLY_ALL = threshold("nearly_all", 0.9, "1",
 
 # Sentences about several trials, and the power matrix.
 SHARE_OF_ALL = threshold("share_of_all", 0.8, "1",
-    "Minimum share of a policy's trials of one mode that must look alike for a more specific conclusion than that of "
+    "Minimum share of a policy's trials of one mode that must look alike for a conclusion more specific than that of "
     "the mode.",
     "Larger: no label changes; conclusions are less specific.",
     listed=False)
@@ -271,6 +272,6 @@ REPLAY_LIMIT = threshold("replay_limit", 0.25, "1",
     "slots leaves this much.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 FAILS_AT = threshold("fails_at", 0.5, "1",
-    "Maximum success rate at which a pretender fails a variation: no better than a coin.",
+    "Maximum success rate at which a pretender fails a variation: that of a coin flip.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 # fmt: on

@@ -1,4 +1,4 @@
-"""First pass over one trial: its diagnosis from its record alone, and the input of the second pass."""
+"""Diagnosis of one trial from its record alone (first pass), and its contribution to the second pass."""
 
 from __future__ import annotations
 
@@ -50,9 +50,8 @@ class Choice:
         thing: Kind of the object in the slot of the first attempt; empty if the slot was empty.
         color: Color of that object.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
-        favorite_slots: Slot that the policy may favor among trials with the same occupied slots; set by the second
-            pass.
-        replaced: Whether another object stood in the slot of the first attempt, to which the habit leads. A single
+        favorite_slots: Slot that the policy may favor in trials with the same occupied slots; set by the second pass.
+        replaced: Whether the slot of the first attempt, to which the habit leads, contained another object. A single
             trial then does not show the habit.
     """
 
@@ -82,7 +81,7 @@ class Reading:
     """Result of the first pass for one record: its own diagnosis, all evidence, and the choice for the second pass.
 
     Attributes:
-        choice: The first attempt for the second pass, or None if it is no evidence for a rule.
+        choice: The first attempt for the second pass, or None if it is not evidence for any rule.
     """
 
     diagnosis: TrialDiagnosis
@@ -96,7 +95,7 @@ def _trained(task: str) -> TrainingDistribution:
 
 
 def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosis:
-    """Return the diagnosis of one record by itself.
+    """Return the diagnosis of one record without other trials.
 
     Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not
     assigned: the label is then ``wrong_object``, and the evidence names the candidates.

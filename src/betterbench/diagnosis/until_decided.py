@@ -43,7 +43,7 @@ class UntilDecided:
         points = f"{100 * self.rule.margin:.0f} points"
         parts = [
             f"{counts[Verdict.DROP]} drop against their training twins",
-            f"{counts[Verdict.NO_DROP]} do not drop by {points}",
+            f"{counts[Verdict.NO_DROP]} drop by less than {points}",
         ]
         if counts[Verdict.NOT_LEARNED]:
             parts.append(f"{counts[Verdict.NOT_LEARNED]} cannot drop, because their twins mostly fail")
@@ -57,8 +57,8 @@ class UntilDecided:
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
-            f"The run went on until its variations were decided. {self.summary} At most {level} of the verdicts that "
-            f"name a drop, and of those that exclude a drop of {points}, are expected to be wrong, whenever the run "
+            f"The run continued until its variations were decided. {self.summary} At most {level} of the verdicts that "
+            f"find a drop, and of those that exclude a drop of {points}, are expected to be wrong, whenever the run "
             f"stopped."
         )
         numbers = (

@@ -17,10 +17,10 @@ class Evidence:
     """Reason for a label, with its time span, so that a person can check it in the film.
 
     Attributes:
-        start_s: Beginning of the span that shows it [s].
-        shared: Properties that the grasped object shares with the one it was mistaken for ("color", "shape"; for a
+        start_s: Beginning of the time span [s].
+        shared: Properties that the grasped object shares with the object it was mistaken for ("color", "shape"; for a
             look-alike also "slot").
-        candidates: Labels that the trial alone could not separate; the second pass may.
+        candidates: Labels that the trial alone could not distinguish; the second pass may distinguish them.
     """
 
     rule: str
@@ -57,11 +57,11 @@ class TrialDiagnosis:
 
     Attributes:
         variation: Name of the variation, or None for a training condition.
-        condition: Name of the training condition; for a variation, the one it is derived from (the twin's condition).
+        condition: Name of the training condition; for a variation, the training condition of its twin.
         axis: Axis of the variation, or None.
         expected: "succeed", "refuse" or "stay_still".
-        first_attempt: Object of the first grasp attempt, or None if there is none or it was an air grasp; a drawer that
-            had to be moved for it is not counted.
+        first_attempt: Object of the first grasp attempt, or None without an attempt or after an air grasp. A drawer
+            that had to be moved first is not counted.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
         intended: Object that the first attempt should have been at, or None if no attempt was right. If the attempt was
@@ -71,11 +71,10 @@ class TrialDiagnosis:
         intention_correct: Whether the first attempt was at a requested object (suite, section 4), or None without a
             record.
         progress: Number of subgoals completed in a valid order, divided by the number requested.
-        harm: Harm to objects that were not requested, which rules out success, one clause each ("the mouse lies on the
-            floor"); empty for a success.
-        needless: For a success, the steps of training that it played although they were not requested, such as a
-            replayed grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty
-            otherwise.
+        harm: Harm to objects that were not requested, one clause each ("the mouse lies on the floor"). Harm rules out
+            success.
+        needless: For a success, the steps of training that the policy repeated without a request, such as a grasp at an
+            emptied slot. They are evidence of inertia that did not prevent the goal. Empty otherwise.
         collisions: Number of times that the robot, or its held object, bumped into a fixture; None without a record.
         record: Path of the record relative to the run, or None if there is none.
         scene: Digest of the initial state. Trials of one seed with the same digest differ only in the instruction.
@@ -226,7 +225,7 @@ class RunDiagnosis:
 
     @property
     def even_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """The trials that were selected independently of outcomes: all, or the first round of a run until decided."""
+        """The trials selected independently of outcomes: all trials, or the first round of a run until decided."""
         if self.until_decided is None:
             return self.trials
         return tuple(t for t in self.trials if t.seed in self.until_decided.first_seeds)
@@ -236,7 +235,7 @@ class RunDiagnosis:
         return replace(self, trials=self.even_trials)
 
     def named(self, name: str) -> RunDiagnosis:
-        """Return the diagnosis under another policy name, also in every trial."""
+        """Return the diagnosis with another policy name, also in every trial."""
         trials, waiting = (tuple(replace(t, policy=name) for t in part) for part in (self.trials, self.waiting))
         return replace(self, policy=name, trials=trials, waiting=waiting)
 
@@ -246,7 +245,7 @@ class RunDiagnosis:
         return len(self.trials) + len(self.pending)
 
     def metric(self, name: str, scope: str) -> Metric | None:
-        """Return a metric, or None if the run does not have it."""
+        """Return a metric, or None if the run lacks it."""
         for metric in self.metrics:
             if metric.name == name and metric.scope == scope:
                 return metric

@@ -1,4 +1,4 @@
-"""Versions used for the records of a run, which must not be mixed silently."""
+"""Versions of the records of a run, which must not be mixed silently."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.errors import RunConflictError
 from betterbench.records import RecordMetadata
 
 _SCENE_KEYS = ("model", "scene", "hash")
-"""Words in the names of engine fingerprint parts that differ between scenes by design."""
+"""Words in the names of fingerprint parts that legitimately differ between scenes."""
 
 
 class RecordVersions:
@@ -42,8 +42,8 @@ class RecordVersions:
             if known and value not in known and not self._allow_mixed:
                 other, at = next(iter(known.items()))
                 raise RunConflictError(
-                    f"{name} is {value!r} in the record of {trial} and {other!r} in that of {at}. "
-                    "Run one of them again, or allow mixed versions and interpret the numbers with care."
+                    f"{name} is {value!r} in the record of {trial} and {other!r} in the record of {at}. "
+                    "Run one of the two again, or allow mixed versions and interpret the numbers with care."
                 )
             known.setdefault(value, trial)
         if "simulator" in metadata.engine:  # for a task of another world, each record has the fingerprint

@@ -90,7 +90,7 @@ def test_a_thing_that_is_gone_for_whatever_is_asked(run_of, monkeypatch):
     assert {t.label for t in found.trials} == {"visual_layout_bias"}
     assert {t.evidence.rule for t in found.trials} == {SAME_THING}
     assert (
-        "It goes for the ball in every scene that has one, regardless of the instruction: in 3 of 3"
+        "It goes for the ball in every scene that contains it, regardless of the instruction: in 3 of 3"
         in found.findings[0]
     )
     assert "one kind of object in every scene" in headline_of(found).conclusion

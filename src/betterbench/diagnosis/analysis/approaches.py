@@ -1,7 +1,7 @@
 """Targets that a policy approached without grasping: objects that it hovered over, and objects that it pushed.
 
-A grasp shows which target a policy has chosen. After the last grasp, the path of the empty gripper has to show it. The
-gripper may stay over one object, return to it repeatedly, or move to and fro between objects without settling on one.
+A grasp shows the target of a policy. After the last grasp, only the path of the empty gripper shows it. The gripper may
+stay over an object, return to an object repeatedly, or move to and fro between several objects.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """Rows during which an open gripper stays over an object, first to last; passing over it does not count."""
+    """First and last row of a stay of an open gripper over an object; passing over the object does not count."""
 
     start: int
     end: int
@@ -63,7 +63,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the stays that begin at a given row or later, in time; objects at a target or on the floor have none."""
+    """Return the stays that begin at a given row or later, in time; except for objects at a target or on the floor."""
     near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
@@ -81,13 +81,13 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay over the object that a policy chooses by staying, from a row on, or None.
+    """Return the first stay, from a row on, over the object that a policy chooses by staying there, or None.
 
     Args:
         trace: The episode.
         first: The row.
-        asked: Indices of requested objects. If the gripper is over one of them about as long, or as often, as over
-            another object, the other one does not count as chosen.
+        asked: Indices of requested objects. If the gripper is over a requested object about as long, or as often, as
+            over another object, the other object is not chosen.
     """
     stays = find_stays(trace, first)
     times: Counter[int] = Counter()
@@ -104,7 +104,7 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Return whether a gripper is over a requested object about as long, or as often, as it stays over another one.
+    """Return whether a gripper is over a requested object about as long, or as often, as over another object.
 
     Times over both objects are counted up to the same height above the table. Otherwise a taller object would be
     counted earlier.
@@ -151,7 +151,10 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
 
 
 def taken_below(trace: Trace, i: int) -> Floats:
-    """Return the height at which a gripper has come down to an object, shape (T,) [m]: its top, unless it is flat."""
+    """Return the height at which a gripper has come down to an object, shape (T,) [m].
+
+    This is the top of the object, unless the object is flat.
+    """
     feet: Floats = trace.positions[:, i, 2]
     return feet + max(trace.info.objects[i].size_m[2], COMES_DOWN)
 
@@ -178,7 +181,7 @@ def lowered(heights: Floats) -> float:
 
 
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows in which an open gripper repeatedly comes over an object and leaves again, or None."""
+    """Return the rows during which an open gripper repeatedly comes over an object and leaves again, or None."""
     visits = [stay for stay in find_stays(trace, first) if stay.object == i]
     times = 1
     for last, stay in itertools.pairwise(visits):
@@ -250,7 +253,7 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
     """Return whether a path approaches any of some objects: its center comes nearer in each quarter.
 
-    A path whose center is at an object from the start does not approach it.
+    A path whose center is at an object from the start does not approach that object.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -270,8 +273,8 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
     """Return the rows in which an empty gripper pushes an object, and the object, in time.
 
-    An object that moves while the gripper that closed on it is still there was carried or dragged, not pushed. An
-    object that is hit while another one is between the fingers was not pushed either.
+    An object that moves while the gripper is still closed on it is carried or dragged, not pushed. An object that is
+    hit while another object is between the fingers is not pushed either.
     """
     shoves = find_shoves(trace, grasps)
     times = Counter(shove.object for shove in shoves)
@@ -279,7 +282,7 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper moves an object, even by less than a push, in time."""
+    """Return the rows in which an empty gripper moves an object, including by less than a push, in time."""
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
 
@@ -321,8 +324,8 @@ def _is_empty(trace: Trace) -> Bools:
 def _over(trace: Trace, row: int) -> int:
     """Return the object under an empty gripper, or -1. Targets are excluded because a gripper also releases over them.
 
-    Of several candidates it is the nearest as seen from above. An object below the gripper, even if only its rim is,
-    takes precedence over one whose center is nearer.
+    Of several candidates, the nearest as seen from above is returned. An object of which any part is below the gripper
+    takes precedence over an object whose center is nearer.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
@@ -331,7 +334,7 @@ def _over(trace: Trace, row: int) -> int:
 
 
 class _Gap(NamedTuple):
-    """Distances of the gripper from an object: from above, to its box (``beside``) and its middle (``center``) [m].
+    """Distances of the gripper from an object: horizontally to its box (``beside``) and to its middle (``center``) [m].
 
     Attributes:
         above: Height over its top [m].
@@ -366,7 +369,7 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 def _passes(trace: Trace, stay: Stay) -> bool:
     """Return whether the gripper leaves on another side than it came from, or is over the object only for a moment.
 
-    If the episode ends before it leaves, it passes if it was still moving straight on.
+    If the episode ends while the gripper is over the object, it passes if it was still moving straight on.
     """
     if stay.end == trace.rows - 1:
         last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
@@ -399,7 +402,7 @@ def _moves_from(trace: Trace, i: int, touched: int) -> int:
 
 
 def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Return whether a touched object and the gripper moved in the same direction, the gripper far enough."""
+    """Return whether a touched object and the gripper moved in the same direction, and the gripper moved far enough."""
     way, tool = _ways(trace, i, start, end)
     lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
     if lengths[0] < PUSH_TRAVEL or lengths[1] < PUSH_SHARE * PUSH_TRAVEL:

@@ -37,9 +37,9 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. If the arm trembles in place, it lasts
     for ``tremble_time``; trembling over a requested object is not a halt.
 
-    A pause after which the arm goes on is not a halt: a policy that pauses is slow. A stop that is shorter than an
-    earlier pause may also be a pause. An arm that holds the right object at its target region has halted only if it
-    does not move at all: its gripper fails to open.
+    A pause after which the arm goes on is not a halt but slowness. A stop that is shorter than an earlier pause may
+    also be a pause. An arm that holds the right object at its target region has halted only if the arm does not move at
+    all: otherwise the gripper fails to open.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
@@ -72,7 +72,7 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
     """Return the object that a closed gripper has held at its target region for long, until the end, or None.
 
-    The object may be standing there between the fingers. An object that is still being lowered does not count.
+    The object may stand on the target between the fingers. An object that is still being lowered does not count.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     for g, goal in enumerate(episode.goals):
@@ -92,7 +92,7 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
-    """Return the rows, from a row on, at which an object is at or over a target region that a subgoal wants for it."""
+    """Return the rows, from a row on, at which an object is at or over its target region in a subgoal."""
     trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
     target = trace.info.objects[t]
     middle = place_middle(target, goal.relation, goal.region)
@@ -107,7 +107,7 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return the longest plausible pause of a policy, in rows; several long pauses allow for a longer one."""
+    """Return the longest plausible pause of a policy, in rows; several long pauses make a longer pause plausible."""
     return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 

@@ -18,7 +18,7 @@ FINAL = frozenset({"turned", "target_moved", "left_open"})
 
 
 class DatedHarm(NamedTuple):
-    """One harm with the row at which it is first seen; an object left at a wrong target is dated to the last row."""
+    """A harm with the row at which it first shows; the harm of an object left at a wrong target has the last row."""
 
     row: int
     harm: Harm
@@ -27,8 +27,8 @@ class DatedHarm(NamedTuple):
 def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
     """Return all harm that a record shows, in time.
 
-    The goal tracker decides, on the rows that can change its verdict. Objects are identified by kind and slot as in the
-    trace, so that their names do not matter.
+    The goal tracker judges the rows that can change its verdict. Objects are identified by kind and slot as in the
+    trace, so their names do not matter.
     """
     info, template = trace.info, get_task(condition.task).template
     asked = tuple(

@@ -19,10 +19,10 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows in which an object was in a given relation to a target, whether or not the instruction asks for it.
+    """Rows in which an object was in a given relation to a target, requested or not.
 
     Attributes:
-        place: Region of the target, "" if it has only one.
+        place: Region of the target; "" if the target has only one region.
         rows: (T,) whether the object was there.
     """
 
@@ -85,9 +85,9 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
 
     Args:
         record: The record.
-        condition: The condition in force. Objects are identified by kind and slot, so that their names do not matter.
-        step_limit: Step limit of the condition. Later rows are ignored, so that idle time at the end of a record
-            changes nothing.
+        condition: Condition of the trial. Objects are identified by kind and slot, so their names do not matter.
+        step_limit: Step limit of the condition. Later rows are ignored, so idle time at the end of a record changes
+            nothing.
 
     Raises:
         RecordError: If the record lacks a predicate of a movable object, or an object of the condition.

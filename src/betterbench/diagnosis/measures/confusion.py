@@ -42,7 +42,7 @@ FAMILIES: dict[str, str] = {
 """Descriptions of the sets of policies on which the diagnosis is measured: faulty policies, parts of the independent
 family.
 
-The claimed accuracy of the diagnosis is that on the last set, which was written last and used once.
+The claimed accuracy of the diagnosis is its accuracy on the last set, which was written last and used once.
 """
 
 CLAIMED = next(reversed(FAMILIES))
@@ -50,7 +50,7 @@ CLAIMED = next(reversed(FAMILIES))
 
 
 def packaged_file(family: str) -> str:
-    """Return the name of the file of a family's packaged calibration, in ``data`` beside this module."""
+    """Return the name of the file of a family's packaged calibration, in the folder ``data``."""
     return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
 
 
@@ -95,8 +95,8 @@ class LabelScore:
     """Recall and precision of one label.
 
     Attributes:
-        recall: Share of the trials with this true label that were given it.
-        precision: Share of the trials that were given this label that have it as the true label.
+        recall: Share of the trials with this true label that were diagnosed with this label.
+        precision: Share of the trials diagnosed with this label that have this true label.
     """
 
     label: Label
@@ -113,7 +113,7 @@ class Calibration:
         crossed: Trials in which a reasoning failure was labeled as an execution failure, or the reverse.
         without_grasp: Correctly labeled trials, out of the failed ones without a grasp attempt.
         accused: Trials labeled as a reasoning failure, out of all trials of policies without a fault.
-        left_out: Trials that say nothing about the policy's fault and are not judged.
+        left_out: Number of trials that are no evidence about the policy's fault and are not judged.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -167,7 +167,7 @@ class Calibration:
 
     @property
     def crossed_rate(self) -> Rate:
-        """Trials in which reasoning and execution were confused, out of all that failed for either."""
+        """Trials in which reasoning and execution were confused, out of all reasoning and execution failures."""
         kinds = (Kind.REASONING, Kind.EXECUTION)
         return Rate(self.crossed, sum(n for (truth, _), n in self.counts.items() if truth.kind in kinds))
 

@@ -31,7 +31,7 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 Trials = Sequence[TrialDiagnosis]
 
 ANYTIME = "anytime-valid"
-"""Method of an interval that is valid whenever the trials stopped."""
+"""Method of an interval that is valid at any stopping time."""
 
 _Rates = tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...]
 
@@ -48,7 +48,7 @@ _RATES: _Rates = (
 the denominator.
 
 A success with a needless step contains a step of training that was not requested, such as a replayed grasp at an
-emptied slot. It counts as a success too. Collisions are those with fixtures; they do not affect success by themselves.
+emptied slot. It is also a success. Collisions are collisions with fixtures; they do not rule out success.
 """
 
 _UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
@@ -65,8 +65,7 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
     Returns:
         Rates, distractor grasp rate and progress per scope, instruction effects, ΔSR of recompositions, and illusion
-        gaps. Each gap comes with the two success rates whose difference it is: of the twins and of the variations in
-        the same pairs.
+        gaps. Each gap comes with its two success rates: of the twins and of the variations in the same pairs.
     """
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
     rates = (*_RATES, *_UNFINISHED) if any(t.kind is Kind.UNFINISHED for t in trials) else _RATES
@@ -140,7 +139,7 @@ def _progress(scope: str, trials: Trials) -> Metric:
 
 
 def _delta_success_rates(trials: Trials) -> list[Metric]:
-    """Return ΔSR of every recomposition, and over all of a task, against the mean of the task's seen compositions."""
+    """Return ΔSR per recomposition and task: success rate minus the mean over the task's seen compositions."""
     metrics = []
     for task in sorted({t.task for t in trials}):
         mine = [t for t in trials if t.task == task]
@@ -163,7 +162,7 @@ def _success_rate(trials: Trials) -> Rate:
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
     """Return SR of the twins minus SR of the variations; p-values are Holm-corrected within each kind of scope.
 
-    ``stopped`` are all trials of a run until decided, for the gaps of single variations; None for other runs.
+    ``stopped`` contains all trials of a run until decided, for the gaps of single variations; None for other runs.
     """
     pairs = twins(trials)
     if not pairs:
@@ -191,7 +190,7 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 
 
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
-    """Yield the two rates whose difference is an illusion gap, over its pairs: of the twins and of the variations.
+    """Yield the two success rates of an illusion gap over its pairs: of the twins and of the variations.
 
     A twin of several variations counts in each of its pairs. The interval uses the effective number of independent
     pairs (Kish: the squared number of pairs over the sum of the squared numbers per twin).

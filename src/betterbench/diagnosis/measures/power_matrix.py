@@ -1,8 +1,8 @@
 """Power matrix: success rates of every faulty rule, blind probe and replayed demonstration on every variation.
 
-Pretenders are policies that succeed without the tested ability. A success rate proves the ability only as far as it
-exceeds the rates of the pretenders. The matrix is measured once (``better calibrate --power``) and ships with the
-package. This module reads it and never starts a simulator.
+Pretenders are policies without the tested ability. A success rate is evidence of the ability only if it exceeds the
+rates of the pretenders. The matrix is measured once (``better calibrate --power``) and ships with the package. This
+module reads it and never starts a simulator.
 """
 
 from __future__ import annotations
@@ -28,16 +28,14 @@ from betterbench.tasks import Expected, Label, Task, get_task
 from betterbench.tasks.interventions import vary
 
 PACKAGED_MATRIX = "power.json"
-"""File of the packaged matrix, beside this module in ``data``."""
+"""File of the packaged matrix, in the folder ``data``."""
 CURE = "measure it again with better calibrate --power"
 
 EXPERT = "expert"
 STOPPING_AT_NEWS = "zoo:halt"
-"""The rule that stops wherever instruction and scene form a new combination: it fails everywhere, so it separates
-nothing.
-"""
+"""The rule that stops at every new combination of instruction and scene. It fails every variation alike."""
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
-"""The pretenders that lack an input: vision or the instruction. The last two move without looking."""
+"""The pretenders without vision or without the instruction. The last two move without looking."""
 FLOOR = ("random", "noop")
 """Pretenders that need no demonstrations."""
 
@@ -55,8 +53,8 @@ class PowerCell:
         k: Trials that succeeded.
         n: Trials.
         right: Trials whose first grasp attempt was at a requested object (suite, section 4).
-        shared: Trials that were not simulated again, because the rule decided like the expert throughout; they copy its
-            outcome.
+        shared: Trials that were not simulated again, because the rule decided like the expert throughout. They copy the
+            expert's outcome.
         wrong: Trials per label of the first wrong decision, for a policy that reports its decisions.
         failed: Number of those trials that did not succeed.
     """
@@ -87,10 +85,10 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """Results of a pretender with a missing input on one variation on which something has to be done.
+    """Results of a pretender with a missing input on one variation that requires an action.
 
     Attributes:
-        chance: Expected rate: of guessing the instruction, or of a replay under jittered poses.
+        chance: Expected success rate: of guessing the instruction, or of a replay under jittered poses.
         p_value: Two-sided exact binomial test against that rate.
         p_adjusted: The p-value, Holm-corrected over all cells.
     """
@@ -121,7 +119,7 @@ class BlindCell:
 
 @dataclass(frozen=True, slots=True)
 class Ceiling:
-    """The best rate on a variation, among the pretenders that the variation is designed to expose."""
+    """The best success rate on a variation among the pretenders that the variation is designed to expose."""
 
     pretender: str
     rate: Rate
@@ -170,7 +168,7 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation claims to expose: they fail it by decisions with a claimed label.
+        """Return the rules that a variation claims to expose: rules that fail it by decisions with a claimed label.
 
         A rule that passes with a needless step is not exposed by its success rate, so it is not claimed.
         """

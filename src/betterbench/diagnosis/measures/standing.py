@@ -69,12 +69,12 @@ class Standing:
     """Comparison of a policy with the pretenders.
 
     Attributes:
-        scores: The policy's own success rates over the variations that the matrix covers, by scope.
-        lines: One line per pretender and one for the expert, the best overall first.
+        scores: The policy's success rates over the variations that the matrix covers, by scope.
+        lines: One reference line per pretender and one for the expert, the best overall first.
         likenesses: Agreement with each pretender, the nearest first; without the expert.
         expert: Agreement with the expert, or None without a matrix.
         margins: One margin per variation that is in both the run and the matrix.
-        covered: Trials of the run that the matrix covers, of all its trials of variations.
+        covered: Trials of the run that the matrix covers, out of all its trials of variations.
         notice: Missing data and how to get it, one sentence; empty if nothing is missing.
     """
 
@@ -93,13 +93,13 @@ class Standing:
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """The pretenders whose agreement equals that of the nearest one."""
+        """The other pretenders with the same agreement as the nearest pretender."""
         best = self.nearest
         return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
 
     @property
     def proven(self) -> Rate:
-        """Variations whose margin has an interval above zero, out of those that are not control cells."""
+        """Variations with a margin interval above zero, out of all that are not control cells."""
         counted = [m for m in self.margins if not m.control]
         return Rate(sum(m.margin.low > 0.0 for m in counted), len(counted))
 
@@ -232,10 +232,10 @@ def _said(standing: Standing) -> Iterator[str]:
     best = standing.nearest
     if best is None or standing.expert is None:
         return
-    others = f" (as near: {', '.join(standing.rivals)})" if standing.rivals else ""
+    others = f" (equally near: {', '.join(standing.rivals)})" if standing.rivals else ""
     yield (
-        f"Nearest pretender: {best.pretender}{others}, whose outcomes agree with this policy's in {_share(best)} of "
-        f"the trials. The expert's agree in {_share(standing.expert)}."
+        f"Nearest pretender: {best.pretender}{others}, whose outcomes agree with this policy's outcomes in "
+        f"{_share(best)} of the trials. The expert's outcomes agree in {_share(standing.expert)}."
     )
     proven = standing.proven
     if proven.n:
