@@ -14,5 +14,5 @@ def test_a_finding_says_whether_its_counts_show_the_rule(elsewhere, shown):
     rules = TaskRules((rule,), 2.0, ("word",), {}, 0)
     trials = [trial("morning_coffee", "L3", seed=s, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for s in range(3)]
     (text,) = find_findings(trials, {"morning_coffee": rules})
-    assert f"followed in 3/3 trials where that is wrong, against {elsewhere[0]}/{elsewhere[1]} errors" in text
+    assert f"followed in 3/3 trials in which the rule is wrong, against {elsewhere[0]}/{elsewhere[1]} errors" in text
     assert ("do not show that it follows this rule" in text) is not shown

@@ -63,8 +63,8 @@ def test_the_table_of_hypotheses_is_what_the_code_finds():
         assert explains == f"{rule.explained} of {errors} errors"
     assert found.upheld == ("place:far",)
     place = rules["place:far"]
-    assert f"{place.explained}/{place.opportunities} trials where that is wrong" in EXAMPLE
-    assert f"{place.errors_elsewhere}/{place.elsewhere} errors where it is right" in EXAMPLE
+    assert f"{place.explained}/{place.opportunities} trials in which the rule is wrong" in EXAMPLE
+    assert f"{place.errors_elsewhere}/{place.elsewhere} errors in trials in which it is right" in EXAMPLE
 
 
 def test_other_tasks_decide_the_second_task_as_the_page_says():
@@ -80,11 +80,11 @@ def test_other_tasks_decide_the_second_task_as_the_page_says():
     assert rule_of_all_tasks(tasks, alone) == "place"
     place_in_all = sum(min(r.cost for r in found.rules if r.family == "place") for found in alone.values())
     confusion = sum(found.confusion for found in alone.values())
-    assert re.search(rf"by {place_in_all:.2f} nats, and the next best, confusion, by {confusion:.2f}", EXAMPLE)
+    assert re.search(rf"costs {place_in_all:.2f} nats, and the next best kind, confusion, {confusion:.2f}", EXAMPLE)
     found = judge_policy(tasks)["lunch"]
     assert found.rulings["lunch/L1"] == Ruling("rejected", place="upheld")
     (dearer,) = (rule.cost for rule in found.rules if rule.name == "word")
-    assert f"the word costs 3 nats more, {dearer:.2f} in all" in EXAMPLE
+    assert f"The word then costs 3 nats more ({dearer:.2f} in total)" in EXAMPLE
 
 
 def test_ten_tasks_are_worth_about_one_attempt():
