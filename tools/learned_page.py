@@ -103,7 +103,7 @@ def _variations(study: Mapping[str, Any]) -> list[str]:
         ]
         for row in study["variations"]
     ]
-    return _table(["variation", "predicted", *arms, "what it turned out to measure"], rows)
+    return _table(["variation", "predicted", *arms, "verdict"], rows)
 
 
 def _joined(tables: Sequence[Mapping[str, Any]], later: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -123,7 +123,7 @@ def _levers(table: Mapping[str, Any]) -> list[str]:
     rows = []
     for row in table["rows"]:
         found, against = row["found"], row["against"] or {}
-        name = found["lever"] or "as it is"
+        name = found["lever"] or "unchanged"
         name += f", begins with {row['start']}" if row["start"] else ""
         name += f", against {row['compared']}" if row["compared"] else ""
         counted = [found["training"], *(row["axes"][axis] for axis in axes), found["variations"], found["intention"]]

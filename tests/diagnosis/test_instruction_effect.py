@@ -71,7 +71,7 @@ def test_an_honest_policy_changes_its_target_in_every_pair(stage):
     ("choose", "decides"),
     [
         (red, "what it is or its color"),
-        (by_start_pose, "something else that is constant within a seed"),
+        (by_start_pose, "another cue that is constant within a seed"),
         (lambda s: s.at("far"), "its place"),
         (nearest, "nearest to the gripper"),
     ],
@@ -102,7 +102,7 @@ def test_a_favorite_place_of_one_task_is_not_the_rule_of_all(stage):
     alone = headline_of(diagnose_records(take(stage, lambda s: s.at("far"))))
     assert alone.conclusion == "It goes to the same place regardless of the instruction."
     found = diagnose_records([*take(stage, lambda s: s.at("far")), *desks])
-    assert "What decides instead: not one slot" in found.findings[0]
+    assert "What decides instead: not a slot" in found.findings[0]
     wrong = [t for t in found.trials if t.label is Label.VISUAL_LAYOUT_BIAS]
     assert {t.task for t in wrong} == {"morning_coffee", "desk_meeting"}
     assert {t.evidence.rule for t in wrong} == {SAME_TARGET}

@@ -69,6 +69,8 @@ _MEANS_WORDS = {
     Means.STAY: " (the open gripper stays over it)",
     Means.TRY: " (its fingers hardly move)",
 }
+_INSTRUCTION_WORDS = ("instructed", "the instruction asks for", "the instruction puts")
+"""Words by which a text of evidence already states the instruction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,7 +370,7 @@ class EpisodeAnalysis:
         place = self._place(first, objects[0]) if objects else ""
         if place and place.removeprefix("at ") not in text:
             facts.append(place)
-        if "instruct" not in text:
+        if not any(words in text for words in _INSTRUCTION_WORDS):
             facts.append(f"instructed next: {self.asked_at(first)}")
         said = f"{text.removesuffix('.')} ({', '.join(facts)})."
         return Evidence(
