@@ -183,7 +183,7 @@ def test_what_is_solved_blind_stands_raw_beside_corrected(calibration, tmp_path)
         assert text in page
     sentences = blind_sentences(matrix().blind_cells())
     assert "1 variation is solved" in sentences[0]
-    assert blind_sentences(())[0].count("none is solved") == 1
+    assert blind_sentences(())[0].count("none are solved") == 1
 
 
 def test_the_page_of_the_matrix_names_ceilings_and_control_cells(tmp_path):

@@ -196,7 +196,7 @@ def test_sequential_evidence_is_that_of_the_pairs_in_the_order_of_the_run(side):
     assert found.process.decided_at == 13
     assert found.different
     text = compare([one, two], sequential=True).verdict[0]
-    assert text.startswith("Decided after 13 pairs, whenever you looked: one is better than two")
+    assert text.startswith("Decided after 13 pairs, for any number of looks: one is better than two")
 
 
 def test_sequential_evidence_stops_at_the_first_unfinished_pair(side):

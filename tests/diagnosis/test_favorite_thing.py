@@ -43,7 +43,10 @@ def test_the_milk_in_every_scene_that_holds_one_is_a_favorite():
     assert (found.kind, found.rate.k) == ("milk", found.rate.n)
     assert found.rate.n >= 10
     assert found.asked == found.rate.n // 3
-    assert f"{found.rate.n} of {found.rate.n} trials whose instructions name {found.asked} other kinds" in found.finding("suite")
+    assert (
+        f"{found.rate.n} of {found.rate.n} trials whose instructions name {found.asked} other kinds"
+        in found.finding("suite")
+    )
 
 
 def test_a_favorite_that_is_taken_almost_always_is_found():

@@ -103,7 +103,7 @@ def test_the_verbs_put_answers_beside_deeds_and_on_the_page(failing, decisive, t
     assert "it knew the right decision in 1 (expected without the image" in " ".join(capsys.readouterr().out.split())
     assert main(["report", str(failing.path), "--films", "0", "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "index.html").read_text()
-    assert "Does it know what it fails to do?" in page
+    assert "Knowledge of a model and behavior of the policy" in page
     assert "wise" in page
 
 

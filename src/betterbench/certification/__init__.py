@@ -2,7 +2,7 @@
 
 The values (:mod:`~betterbench.certification.certificate`, :mod:`~betterbench.certification.coverage`,
 :mod:`~betterbench.certification.support`) can be read without a simulator;
-:mod:`~betterbench.certification.examine` and :mod:`~betterbench.certification.runner` run one.
+:mod:`~betterbench.certification.examine` and :mod:`~betterbench.certification.runner` run a simulator.
 """
 
 from betterbench.certification.certificate import (

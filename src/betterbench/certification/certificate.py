@@ -17,18 +17,18 @@ SCHEMA_VERSION = 1
 
 CLAUSES: Mapping[str, str] = {
     "a": "the expert solves it within the step limit",
-    "b": "every pick, put and slide of the expert is inside the training distribution",
+    "b": "every pick, placement and drawer move of the expert is inside the training distribution",
     "c": "the initial state is at rest and free of penetration",
     "d": "every requested object can be reached without a collision",
     "e": "the scene matches the premise of the instruction",
 }
-"""The five clauses of law 2 of the benchmark."""
+"""The five clauses of a certificate (law 2 of the benchmark: every trial is solvable with trained motions)."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Finding on one clause: whether it is fulfilled, and a reason or remark (may be empty)."""
+    """Finding on one clause: whether the clause is fulfilled, and a reason or remark (may be empty)."""
 
     passed: bool
     text: str = ""
@@ -49,7 +49,7 @@ class TrialCertificate:
             None if none was planned.
         support_slack_mm: Smallest distance of a pick or a target to the border of its jitter region [mm]; None if the
             expert touched nothing.
-        watched: True if the right behavior is to touch nothing, so that every episode lasts until the step limit.
+        watched: Whether the right behavior is to touch nothing; every episode then lasts until the step limit.
         primitives: Primitives of the expert's episode, one phrase each.
         expert_s: Wall time of the expert's episode [s].
         total_s: Wall time of the whole examination [s].
@@ -96,7 +96,9 @@ class TrialCertificate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """Versions on which a certificate depends besides the seeds; the suite version determines the random streams.
+    """Versions on which a certificate depends, in addition to the seeds.
+
+    The suite version determines the random streams.
 
     ``looks`` is the set of looks of objects and rooms in the examined trials.
     """
@@ -178,8 +180,8 @@ class Summary:
         passed: Number of trials on which all clauses are fulfilled.
         clauses: Number of trials on which each clause is fulfilled.
         steps_share: Largest share of the step limit that the expert used, among solved trials; None if it solved none,
-            or if episodes last until the limit by design.
-        notes: Remarks on clauses, each once, with an example seed.
+            or if episodes always last until the limit.
+        notes: Remarks on clauses without repetitions, each with an example seed.
     """
 
     task: str

@@ -18,8 +18,10 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.user_files import options_for
 
 SOLVED_SHARE = 0.95
-"""Minimum share of a condition's trials that the expert has to solve; the few unsolved ones then count as its own
-slips. Clauses (b) to (e) must be fulfilled on every single trial. Unsolved trials are listed."""
+"""Minimum share of a condition's trials that the expert must solve.
+
+The few unsolved trials are attributed to the expert and are listed. Clauses (b) to (e) must hold on every single trial.
+"""
 MOST_SEEDS = 1_000_000
 """Largest seed of a range in a file, so that a malicious file cannot exhaust the memory."""
 MAX_BYTES = 256 << 20
@@ -32,8 +34,8 @@ FORM: Literal["betterbench coverage"] = "betterbench coverage"
 class Gap(NamedTuple):
     """First trial that a certificate does not cover, with the reason.
 
-    ``refused`` is true if the trial was examined under the current versions and failed, so that examining it again is
-    useless.
+    ``refused`` is true if the trial was examined under the current versions and failed; a new examination would fail
+    too.
     """
 
     trial: TrialId
@@ -205,8 +207,8 @@ def cure_for(
 ) -> str:
     """Return the remedy for an uncertified trial, for a run that begins at the seed ``first``.
 
-    ``tasks`` are all tasks of the run, because one certificate has to cover the run; empty for the whole suite. The
-    ``unmeasured`` tasks are defined in user's files, and their demonstrations have to be measured first.
+    ``tasks`` are all tasks of the run, because one certificate must cover the run; empty for the whole suite. The
+    ``unmeasured`` tasks are defined in users' files, and their demonstrations must be measured first.
     """
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"

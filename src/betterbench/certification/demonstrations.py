@@ -19,13 +19,13 @@ from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.relations import RELATIONS
 
 MOST_POSES = 12
-"""Maximum number of final poses kept per asset and target region; the first ones are kept."""
+"""Maximum number of final poses per asset and target region; the first poses are kept."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """One put of a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
+    """One placement of a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
 
     slot: str
     relation: str
@@ -43,7 +43,7 @@ class DemonstratedPut:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Demonstration of the expert: its puts, and the reason for a failure (empty if solved)."""
+    """Demonstration of the expert: its placements, and the reason for a failure (empty if solved)."""
 
     task: str
     condition: str
@@ -61,7 +61,7 @@ def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...]
     """Return the demonstrations of a task to measure, cycling through its training conditions.
 
     Returns:
-        Those that begin without pre-placed objects, and those that begin in the final state of the former.
+        The demonstrations without pre-placed objects, and the demonstrations that begin in final states of the former.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]
@@ -70,7 +70,7 @@ def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...]
 
 
 def demonstrate(trial: TrialId, so_far: Demonstrated | None = None) -> Demonstration:
-    """Run one demonstration of the expert and return its puts.
+    """Run one demonstration of the expert and return its placements.
 
     Args:
         trial: A training condition and a seed of demonstrations.
@@ -109,7 +109,7 @@ def _noted(put: Put) -> DemonstratedPut:
 
 
 def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrated:
-    """Return the measurements from the demonstrations of a task; unsolved ones are ignored."""
+    """Return the measurements from the demonstrations of a task; unsolved demonstrations are ignored."""
     solved = [d for d in demonstrations if not d.problem]
     puts = [put for d in solved for put in d.puts]
     places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}

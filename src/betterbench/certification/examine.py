@@ -1,4 +1,4 @@
-"""Examination of one trial in the simulator: the five clauses of law 2."""
+"""Examination of one trial in the simulator: the five clauses of a certificate."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.relations import RELATIONS
 
 REST_STEPS = 4
-"""Number of control steps of zero action after which an initial state has to be at rest: 0.2 s."""
+"""Number of control steps of zero action after which an initial state must be at rest: 0.2 s."""
 DRIFT_M = 0.001
-"""Largest motion of an object by itself in that time [m]."""
+"""Largest motion of an untouched object in that time [m]."""
 PENETRATION_M = 0.0015
 """Largest overlap that counts as a contact of the soft-constraint solver [m]; assets at rest have < 0.5 mm."""
 
@@ -80,7 +80,7 @@ def examine_condition(
     training: bool = False,
     looks: Looks = "seen",
 ) -> TrialCertificate:
-    """Return the findings on one seed of a condition, which does not have to be registered."""
+    """Return the findings on one seed of a condition, registered or not."""
     began = time.perf_counter()
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks)
     start = _at_rest(scene)
@@ -173,7 +173,7 @@ def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
 
 
 def _shut_targets(condition: Condition) -> tuple[str, ...]:
-    """Return the drawers that are closed at the start although something has to be put inside."""
+    """Return the drawers that are closed at the start although an object must be put inside."""
     targets = dict.fromkeys(g.target for g in condition.instruction.subgoals)
     return tuple(t for t in targets if condition.object(t).role == "drawer" and not condition.opened.get(t))
 
@@ -185,7 +185,7 @@ def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[d
     reasons: dict[str, str | None] = {}
     margins: list[float] = []
     for drawer in _shut_targets(condition):
-        reasons[drawer] = "it is closed and has to be opened by its handle first"
+        reasons[drawer] = "it is closed and must be opened by its handle first"
     for name in _to_be_grasped(condition, state):
         if state.info.object(name).role == "drawer":
             reasons.setdefault(name, "it is moved by its handle")
@@ -206,7 +206,7 @@ def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[d
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
     """Return clause (d): fulfilled by a plan from the start, or by the expert's success."""
     if not reasons:
-        return Clause(passed=True, text="no object has to be grasped")
+        return Clause(passed=True, text="no object must be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}
     if not later:
         return Clause(passed=True)
@@ -243,7 +243,7 @@ def watch_expert(scene: Scene) -> Watched:
             state = scene.state()
             truth = tracker.update(state)
             handling.update(state)
-    except Exception as error:  # noqa: BLE001 - a crash of the expert counts as an unsolved trial and is listed
+    except Exception as error:  # noqa: BLE001 - a crash of the expert is listed as an unsolved trial
         broke = f"{type(error).__name__}: {error}"
     problem = "" if truth.success else broke or _why_not(condition, scene.info, tracker, truth, state.step)
     mishap = getattr(agent, "ground_truth", {}).get("mishap")

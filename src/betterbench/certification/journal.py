@@ -1,6 +1,7 @@
 """Journals of certifications: a header with versions, and one synced line per trial, for resuming.
 
-The lines of a journal of version 2 are linked, beginning with the header; those of version 1 are read with a warning.
+The lines of a journal of version 2 are linked, beginning with the header; journals of version 1 are read with a
+warning.
 """
 
 from __future__ import annotations

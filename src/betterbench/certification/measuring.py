@@ -70,7 +70,7 @@ def measure(
     Args:
         tasks: Names of the tasks.
         out: Folder of the journal.
-        number: Demonstrations per task, over its training conditions in turn.
+        number: Demonstrations per task, cycling through its training conditions.
         workers: Worker processes.
         on_progress: Called at the start of each turn and after every demonstration.
 

@@ -23,7 +23,7 @@ def require_certified(plan: Plan, certificate: Path | None = None) -> str:
     allowed, and the sentence states that they are not certified. The sentence is empty if the expert solved all trials.
 
     Raises:
-        InvalidInputError: If a trial is not covered; the message names the first one and the remedy.
+        InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.
     """
     coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
     if certificate is None and plan.looks != coverage.versions.looks:
@@ -36,13 +36,13 @@ def require_certified(plan: Plan, certificate: Path | None = None) -> str:
 def require_coverage(
     coverage: Coverage, trials: Sequence[TrialId], *, seed: int, trials_per_variation: int, looks: Looks = "seen"
 ) -> str:
-    """Check that a certificate covers every planned trial, and return a sentence on unsolved ones.
+    """Check that a certificate covers every planned trial, and return a sentence on unsolved trials.
 
     The sentence is empty if the expert solved all trials. ``seed``, the first of the run, and ``trials_per_variation``
     are used for the remedy.
 
     Raises:
-        InvalidInputError: If a trial is not covered; the message names the first one and the remedy.
+        InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.
     """
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in trials)}
     gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions, looks=looks)

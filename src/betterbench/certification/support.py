@@ -1,4 +1,4 @@
-"""Support: the picks, puts and slides of a training distribution, and the check of an episode against them."""
+"""Support: the picks, placements and drawer moves of a training distribution, and the check of an episode."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Demonstrated, Fl
 from betterbench.tasks.relations import RELATIONS
 
 POSITION_TOLERANCE_M = 0.001
-"""Distance outside a slot's jitter that still counts as inside [m]: the drift that clause (c) allows."""
+"""Tolerance at the border of a slot's jitter [m]: the drift that clause (c) allows."""
 YAW_TOLERANCE_RAD = 0.02
-"""Rotation outside a slot's yaw jitter that still counts as inside [rad]; assets at rest rotate less."""
+"""Tolerance at the limit of a slot's yaw jitter [rad]; assets at rest rotate less."""
 PUSHED_TOLERANCE_M = 0.005
 """Position tolerance for a movable target when an object is put on it [m]; placing objects may push it this far."""
 LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
@@ -41,8 +41,8 @@ class TrainedSupport:
     Attributes:
         demonstrated: Release points and final poses of the training demonstrations.
         relation: Relation in which objects are pre-placed.
-        targets: Relation, kind of target and region of every put.
-        spots: Slot, relation, region and level of every put.
+        targets: Relation, kind of target and region of every placement.
+        spots: Slot, relation, region and level of every placement.
     """
 
     demonstrated: Demonstrated
@@ -144,7 +144,7 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Return how far a release is from all releases of demonstrations at its target; None if it is among them."""
+        """Return the deviation of a release from all demonstrated releases at its target; None if it is among them."""
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"
@@ -169,7 +169,7 @@ class TrainedSupport:
         nearest = min(poses, key=lambda pose: _offset_m(there.pose, pose))
         turned = math.degrees(min(abs(_turn(there.pose, pose)) for pose in poses))
         far = f"{1000.0 * _offset_m(there.pose, nearest):.1f} mm and {turned:.0f} degrees"
-        return Found(text, f"{text}, {far} from the nearest in which demonstrations leave one", None)
+        return Found(text, f"{text}, {far} from the nearest pose in which demonstrations leave such an object", None)
 
 
 def _place(target_kind: str, region: str) -> str:

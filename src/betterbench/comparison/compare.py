@@ -1,4 +1,4 @@
-"""Comparison of several runs: every pair of policies, in success and in failures, corrected and in sentences."""
+"""Comparison of several runs: every pair of policies, in success and in failures, with corrected tests."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Comparison:
         matching: Trials that were compared.
         groups: Every measure over every scope: success (overall, training, per axis, per task), then the kinds of
             failure and the labels over all variations.
-        sequential: Sequential evidence on success, valid while the runs go on; empty unless requested.
+        sequential: Sequential evidence on success, valid during the runs; empty unless requested.
         verdict: The result in sentences, the most important first.
         standings: Comparison of each policy with the pretenders, on the compared trials.
     """
@@ -93,15 +93,15 @@ def compare(
 ) -> Comparison:
     """Compare runs of several policies on the trials that they share.
 
-    Every planned trial counts, including those that broke down. Two policies are called different if the Holm-corrected
-    p-value is at most alpha and the interval of the difference excludes zero. The test is exact but treats pairs as
-    independent; the interval accounts for pairs that share a scene.
+    Every planned trial counts, including trials that failed to run. Two policies are called different if the
+    Holm-corrected p-value is at most alpha and the interval of the difference excludes zero. The test is exact but
+    treats pairs as independent; the interval accounts for pairs that share a scene.
 
     Args:
         sides: The runs, at least two, with different names.
         alpha: Level of each family of tests; the intervals have confidence 1 - alpha.
-        sequential: True to add sequential evidence, which may be inspected any number of times while the runs go on.
-        allow_mixed: True to compare over different versions or engines.
+        sequential: Whether to add sequential evidence, which may be inspected any number of times during the runs.
+        allow_mixed: Whether to compare runs with different versions or engines.
 
     Raises:
         InvalidInputError: If a number is out of range, the runs share no condition, or required pairs are missing.
@@ -135,7 +135,7 @@ class _Question(NamedTuple):
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials of the scope, each with whether it has the counted outcome."""
+        """Return the trials of the scope, each with a flag for the counted outcome."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -211,7 +211,7 @@ def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequen
 def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
     """Yield the sequential evidence of every pair of sides.
 
-    Pairs are used in the order of the run, up to the first one that a side has not finished. The selection of pairs
+    Pairs are used in the order of the run, up to the first pair that a side has not finished. The selection of pairs
     then does not depend on outcomes, and a later inspection continues where this one stopped.
     """
     order = sorted(

@@ -125,7 +125,7 @@ def _until_decided(side: Side) -> Iterator[str]:
         first = plural(len(decided.first_seeds), "seed")
         chosen = plural(len(side.diagnosis.trials) - len(side.diagnosis.even_trials), "trial")
         yield (
-            f"{side.name} went on until its variations were decided: only the trials of its first {first} are "
+            f"{side.name} ran until its variations were decided: only the trials of its first {first} are "
             f"compared; {chosen} that depended on outcomes are left out."
         )
 

@@ -22,7 +22,7 @@ class Side:
 
     Attributes:
         name: The declared name of its policy, with the name of the folder added if two are equal.
-        unfinished: Keys of planned trials that have neither ended nor broken down.
+        unfinished: Keys of planned trials that have neither ended nor failed to run.
         conventions: Versions and conventions by name, of its plan and of its records.
     """
 
@@ -43,7 +43,7 @@ def load_sides(
     """Read and diagnose the runs of a comparison; ``names`` overrides the names of their policies.
 
     A path is the folder of a run, or the file of a submission, whose outcomes are used as stored. ``on_progress`` is
-    called with the name of a run, the number of its processed trials, and the number of all.
+    called with the name of a run, the number of its processed trials, and the number of its trials.
 
     Raises:
         InvalidInputError: If fewer than two runs are given, a run is given twice, the names do not match the runs, or a

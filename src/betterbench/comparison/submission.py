@@ -32,7 +32,7 @@ SUBMISSION_SCHEMA_VERSION = 1
 """Version of the file; it increases when an older reader would misinterpret a newer file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
-_CURE = "Give the folder of a run, or a file that better export wrote"
+_CURE = "Give the folder of a run, or a file written by better export"
 
 Line = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]+$")]
 Text = Annotated[str, Field(max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
@@ -96,7 +96,8 @@ class Submission:
         conventions: Versions and conventions by name, of the plan and of the records.
         thresholds: Thresholds of the diagnosis by name.
         plan_sha256: Hash of the plan as canonical JSON.
-        left_out: Number of trials of a run until decided that depended on outcomes, so that they are not a fair sample.
+        left_out: Number of trials of a run until decided that were selected by outcomes and are therefore not a fair
+            sample.
         trials: Every other planned trial, in plan order.
         sha256: Hash of all other fields as canonical JSON. It detects damage but does not authenticate the author.
     """
@@ -161,7 +162,7 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
     Args:
         run: The run; for a run until decided, only the trials of its first round are used.
         name: Name of the policy in the submission; default: its declared name.
-        on_progress: Called with the number of processed trials and the number of all.
+        on_progress: Called with the number of processed trials and the number of all trials.
 
     Raises:
         RecordError: If the run or a record cannot be read.
@@ -217,7 +218,7 @@ def read_submission(path: Path) -> Submission:
 
 
 def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount | None = None) -> None:
-    """Check that a submission states what the records of a run prove; ``on_progress`` as :func:`submission_of` has it.
+    """Check a submission against the records of a run; ``on_progress`` is as for :func:`submission_of`.
 
     Raises:
         RunConflictError: If they disagree; the message names the first difference.
@@ -228,7 +229,7 @@ def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount
         where, there, stated = difference
         raise RunConflictError(
             f"{where} is {there} according to the records of {run.path}, but the submission states {stated}. "
-            "Export the run again, or ask for the run from which the submission was made."
+            "Export the run again, or request the run from which the submission was made."
         )
 
 

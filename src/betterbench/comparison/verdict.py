@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.facts import facts_of_task
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which every pair gets a sentence; above it, letters are shorter."""
+"""Largest number of policies for which every pair gets a sentence; for more policies, letters are shorter."""
 
 SHOWN_PARTS = 6
 """Largest number of parts that one sentence names."""
@@ -131,6 +131,6 @@ def _sequential(c: SequentialContrast, alpha: float, contrasts: int) -> str:
         worse = c.second if better == c.first else c.first
         stop = f" The runs may stop: {left} of {c.planned} pairs are left." if left else ""
         at = "" if c.process.decided_at is None else f" after {c.process.decided_at} pairs"
-        return f"Decided{at}, whenever you looked: {better} is better than {worse} ({counts}; {reach}).{stop}"
+        return f"Decided{at}, for any number of looks: {better} is better than {worse} ({counts}; {reach}).{stop}"
     rest = f"{left} of {c.planned} pairs are left to run" if left else f"all {n} pairs are used"
     return f"Not decided between {c.first} and {c.second} after {n} pairs ({counts}; {reach}); {rest}."

@@ -18,11 +18,11 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Share of failed trials that a kind of failure has to exceed to be a conclusion if no illusion gap shows it, as in
+"""Share of failed trials that a kind of failure must exceed to be a conclusion if no illusion gap shows it, as in
 training or without training twins (exact binomial test at the usual level)."""
 
 FEW = 3
-"""Minimum number of trials that show a habit: of a policy, of one task if failures are rare, or of one axis."""
+"""Minimum number of trials for a habit of a policy, of one task (if failures are rare) or of one axis."""
 
 MOST_PAIRS = 100
 """Largest recommended number of pairs per variation."""
@@ -45,9 +45,9 @@ class Grounds:
 
     Attributes:
         supported: Whether the test is passed at the usual level; True for a conclusion that only counts outcomes.
-        test: Tested statement, in words.
+        test: The tested statement.
         p_value: The p-value of that test, or None without a test.
-        deciding: Sentence on the trials needed to decide it; empty if nothing is open.
+        deciding: Sentence on the trials needed to decide the conclusion; empty if nothing is open.
         command: Command for these trials, if known.
     """
 
@@ -72,7 +72,7 @@ def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = No
     text = "What would decide it: more trials of the training conditions (a larger --trials)"
     needed = next((m for m in range(n + 1, MOST_PAIRS + 1) if _is_below_half(k, n, m)), None)
     if n and needed is not None:
-        text += f"; {needed} in all, if the share of solved trials stays the same"
+        text += f"; {needed} in total, if the share of solved trials stays the same"
     command = "" if diagnosis is None else _training_command(diagnosis, needed or MOST_PAIRS)
     return Grounds(False, test, p, f"{text}.", command)
 
@@ -168,7 +168,8 @@ def _above(count: int, n: int, share: float) -> float:
 def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
     """Return the variations and numbers of pairs needed for a verdict, and the command that runs them with new seeds.
 
-    The new run is judged by itself. Pooling its pairs with those that prompted it would bias the result toward them.
+    The new run is judged alone. Pooling its pairs with the earlier pairs, which prompted it, would bias the result
+    toward them.
     """
     varied = [t for t in diagnosis.trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     failed = Counter((t.task, t.pool) for t in varied if t.kind is not Kind.NONE)
@@ -184,7 +185,7 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
     else:
         text = f"What would decide it, if the failure rate stays the same: {plural(each, 'pair')} of {names}"
         text += " each" if len(chosen) > 1 else ""
-    text += " on new seeds, judged by themselves."
+    text += " on new seeds, judged without the earlier pairs."
     if not all(facts_of_task(task).measured for task, _ in chosen):
         return text, ""
     command = _evaluation(
@@ -230,7 +231,7 @@ def _next_seed(diagnosis: RunDiagnosis) -> int:
 def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
     """Return the pairs per variation with which the test of the gap detects its drop with 80 % power, or None.
 
-    The observed drop is assumed to be the true one. None if there is no drop, or if it needs more than
+    The observed drop is assumed to be the true drop. None if there is no drop, or if its detection needs more than
     :data:`MOST_PAIRS` pairs.
     """
     pairs = [

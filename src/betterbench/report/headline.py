@@ -32,11 +32,11 @@ from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
-"""Largest share of failed variation trials that counts as exceptions: one of the suite's usual 20 trials."""
+"""Largest share of failed variation trials that are mere exceptions: one of the suite's usual 20 trials."""
 
 WEAK_SHARE = 0.5
-"""Success rate on training conditions below which a policy has not learned the task well enough to judge its reasoning
-by its success. Its first attempts can still be judged."""
+"""Success rate on training conditions below which the success of a policy is not evidence about its reasoning, because
+it has not learned the task. Its first attempts can still be judged."""
 
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
@@ -53,8 +53,8 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 class Failure:
     """The leading failure mode of some trials, with its counts among the failures and among all trials.
 
-    ``look_alikes`` counts the look-alikes that its rule took from a trained slot, if they are at least as many as its
-    own trials.
+    ``look_alikes`` is the number of look-alikes that its rule took from a trained slot, if it is at least the number of
+    its own trials.
     """
 
     label: Label
@@ -96,15 +96,15 @@ class Headline:
     """Conclusion about one policy at the top of the page, with its numbers.
 
     Attributes:
-        conclusion: One sentence with the main fault, or the statement that there is none.
-        sentences: One or two sentences with the numbers behind it.
-        family: Color family of the main failure, "right" if there is none.
+        conclusion: One sentence with the main fault, or the statement that no fault was found.
+        sentences: One or two sentences with the numbers behind the conclusion.
+        family: Color family of the main failure; "right" without a failure.
         effect: The instruction effect, over pairs of trials that differ only in the instruction.
         effect_sentence: Meaning of the instruction effect, one sentence.
-        needless: Successes in which the policy played a step of training that was not requested.
+        needless: Successes in which the policy repeated a step of training that was not requested.
         segments: Outcomes of the variation trials.
         breakdown: Outcome of most trials if the policy itself failed to run.
-        claim: Test behind the conclusion, and the trials needed to decide it if the test is not passed.
+        claim: Test behind the conclusion, and the trials needed to decide the conclusion if the test is not passed.
     """
 
     policy: str
@@ -208,8 +208,8 @@ def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
     """Return the most frequent label within the most frequent kind of failure, or None without failures.
 
     A policy that follows a rule to a slot takes any object there, including look-alikes. If such a rule is proven and
-    most of the taken look-alikes were in a trained slot of the target, the rule explains them and is named. The
-    exception is a policy for which the appearance explains everything that the rule explains, and more.
+    most of the taken look-alikes were in a trained slot of the target, the rule explains them and is named. An
+    exception is a policy for which the appearance of the objects explains all of these attempts and more.
     """
     kinds = Counter(trial.kind for trial in trials if _has_failed(trial))
     if not kinds:
@@ -233,7 +233,7 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a rule is followed only to objects that look like the target, and often broken otherwise."""
+    """Return whether a rule leads only to objects that look like the target, and is often violated otherwise."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
@@ -264,7 +264,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
     if weak and rare and weak_claim.supported:
         solved = "all" if main is None else f"{len(varied) - len(failed)} of {len(varied)}"
         text = f"It fails the training conditions ({training.count()} solved) and solves {solved} trials of variations"
-        return f"{text}: look at the films of training first.", "execution", weak_claim
+        return f"{text}: watch the films of training first.", "execution", weak_claim
     if weak and rare:
         solved = f"{len(varied) - len(failed)} of {len(varied)}"
         text = f"it solved {training.count()} training trials and {solved} trials of variations"
@@ -320,7 +320,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run without variations: the results in training, and what they do not show."""
+    """Return the conclusion for a run without variations: the results in training, and their limits."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:
@@ -366,9 +366,9 @@ NOTHING_YET = "Nothing to conclude yet"
 
 
 def _unused_instruction(diagnosis: RunDiagnosis) -> tuple[str, str, Grounds] | None:
-    """Return sentence, family and test of a policy that is proven not to use the instruction.
+    """Return sentence, family and test for a policy that provably does not use the instruction.
 
-    Such a policy is right in some of its trials by chance, so that its failures alone may prove nothing.
+    Such a policy is right in some trials by chance, so its failures alone may prove nothing.
     """
     effect = diagnosis.metric("instruction_effect", "overall")
     if effect is None or not is_unused(effect):
@@ -388,10 +388,10 @@ def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
 
 
 def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
-    """Return sentence, family and test of a failure that is rare overall but the rule on some conditions of a task.
+    """Return sentence, family and test of a failure that is rare overall but frequent on some conditions of a task.
 
-    Training conditions count too, for a policy that fails one task from the beginning. It is not a habit if the same
-    failure is scattered over other tasks as well.
+    Training conditions are included, for a policy that fails one task from the beginning. A failure that is scattered
+    over other tasks too is not a habit.
     """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:

@@ -42,7 +42,7 @@ AXIS_NAMES: dict[str, str] = {
 """Axes and their names, in the order of the paper; those of LIBERO-Plus come last."""
 
 AXIS_PLACES: dict[str, str] = {
-    Axis.SPATIAL_LAYOUT_SHIFT.value: "where objects are elsewhere than in training",
+    Axis.SPATIAL_LAYOUT_SHIFT.value: "where objects are at other places than in training",
     Axis.PRIMITIVE_RECOMPOSITION.value: "where known steps form new combinations",
     Axis.ADVERSARIAL_OBJECT_PERTURBATION.value: "where objects were exchanged",
     Axis.TEMPORAL_EXTRAPOLATION.value: "where there is more or less to do than in training",

@@ -35,7 +35,7 @@ class ConditionRow:
         hypothesis: Hypothesis that the variation tests, or an empty string if the task is unknown.
         expected: Correct behavior, in words.
         instruction: The instruction, or the first of several.
-        twin_instruction: The instruction of the training condition that a variation is derived from.
+        twin_instruction: The instruction of the training condition from which a variation is derived.
         support: Whether the poses are inside the training distribution, or an empty string.
         twin: Success rate of the counterfactual twins of the pairs in the run.
         segments: Non-empty outcomes in stacking order.
@@ -76,7 +76,7 @@ def task_of(name: str) -> Task | None:
 
 
 def is_abroad(diagnosis: RunDiagnosis) -> bool:
-    """Tell whether a run is in another world, of which our matrices, pretenders and certificates say nothing."""
+    """Return whether a run is in another world, to which the matrices, pretenders and certificates do not apply."""
     return bool(diagnosis.trials) and not any(facts_of_task(trial.task).measured for trial in diagnosis.trials)
 
 

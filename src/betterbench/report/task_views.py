@@ -80,7 +80,7 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
 
 
 def _title(task: str, groups: Sequence[ConditionGroup]) -> str:
-    """Return the title of a task; in other worlds, a task is known by its sentence."""
+    """Return the title of a task; in other worlds, its instruction."""
     return task_title(task) if facts_of_task(task).measured else groups[0].first.twin_instruction
 
 

@@ -24,7 +24,7 @@ class Figure:
         low: Lower end of the 95 % interval.
         high: Upper end of the 95 % interval.
         k: Numerator, or None if the number is not a single rate.
-        n: Denominator, or number of pairs; None if the number has none by nature (a guess).
+        n: Denominator, or number of pairs; None for numbers without a denominator (a guess).
         difference: True for differences of rates, which are given in points and with their sign.
         noun: Noun of the counted units ("trials", "pairs", "attempts").
         sides: For a difference, its two rates.
@@ -67,7 +67,7 @@ class Figure:
 
     @property
     def digits(self) -> int:
-        """Smallest number of digits at which a difference equals that of its two printed sides; 0 for other numbers."""
+        """Smallest number of digits at which a difference matches its two printed sides; 0 for other numbers."""
         if self.sides is None or self.value is None:
             return 0
         for digits in range(3):
@@ -104,7 +104,7 @@ class Figure:
         return f"{self.number(digits)}{THIN}%"
 
     def count(self) -> str:
-        """Return the count that goes with the number ("149/240", "240 pairs", "no trials")."""
+        """Return the count behind the number ("149/240", "240 pairs", "no trials")."""
         if self.n is None:
             return "" if self.value is None else "by chance"
         if self.n == 0:

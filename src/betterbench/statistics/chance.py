@@ -14,7 +14,7 @@ def chance_p(rate: Rate, *, chance: float) -> float:
     """Return the two-sided p-value of the exact binomial test against a chance level.
 
     The p-value is the probability, under the chance level, of all outcomes that are not more likely than the observed
-    one.
+    outcome.
 
     Args:
         rate: The measured rate.

@@ -1,4 +1,4 @@
-"""Differences of rates with intervals: of two rates, and of a novel condition against the mean of seen ones."""
+"""Differences of rates with intervals: of two rates, and of a novel condition and the mean of seen conditions."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
 
     The seen conditions have equal weight regardless of their numbers of trials. The interval adds the distances to the
     ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in Medicine
-    27, 2008, 1693-1702); with one seen condition it is Newcombe's.
+    27, 2008, 1693-1702); with one seen condition it is Newcombe's interval.
 
     Returns:
         The difference; if a condition has no trials, the value is None and the interval is [-1, 1].

@@ -16,7 +16,7 @@ def sign_flip_p(differences: Sequence[float], *, generator: np.random.Generator)
     """Return the two-sided p-value of Fisher's randomization test of paired differences.
 
     If neither side is better, each difference is equally likely with the opposite sign. The p-value is the share of all
-    sign combinations whose mean is at least as far from zero as the observed one. It is exact for up to
+    sign combinations whose mean is at least as far from zero as the observed mean. It is exact for up to
     :data:`EXACT_UP_TO` differences and estimated from random flips beyond. The smallest possible p-value of n pairs is
     2 / 2**n.
 

@@ -1,4 +1,4 @@
-"""Compact letter display: the verdicts of all pairs as one short text per item."""
+"""Compact letter display: significant differences of all pairs, as a few letters per item."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
     """Return letters such that two items share a letter exactly if they do not differ significantly.
 
     This is the insert-and-absorb algorithm (Piepho, Journal of Computational and Graphical Statistics 13, 2004,
-    456-466): all items begin with one letter. For every pair that differs, each shared letter is split into one without
-    the first item and one without the second. A letter is dropped if another letter covers all its items.
+    456-466): all items begin with one letter. For every pair that differs, each shared letter is split into a letter
+    without the first item and a letter without the second. A letter is dropped if another letter covers all its items.
 
     Args:
         different: Whether items ``i`` and ``j`` differ significantly, shape (n, n), symmetric, False on the diagonal.

@@ -87,9 +87,9 @@ def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEF
     """Return the evidence from two independent arms, one trial of each per pair.
 
     The safe test for two proportions in blocks of two (Turner and Grünwald): the likelihood of a pair under the two
-    rates estimated from earlier pairs, divided by that under their mean. The rates may drift from pair to pair, but the
-    outcomes of one pair must be independent. If one side tends to fail trials that the other solves, the false alarm
-    rate exceeds the level. For policies on the same trials use :func:`discordant_e_process`.
+    rates estimated from earlier pairs, divided by the likelihood under their mean. The rates may drift from pair to
+    pair, but the outcomes of one pair must be independent. If one side tends to fail trials that the other side solves,
+    the false-positive rate exceeds the level. For policies on the same trials use :func:`discordant_e_process`.
 
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.

@@ -138,6 +138,6 @@ def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
 
 
 def _uninformative(first: Rate, second: Rate) -> bool:
-    """Return whether the data cannot separate the rates: an empty arm, or the same result in all trials."""
+    """Return whether the data cannot distinguish the rates: an empty arm, or the same result in all trials."""
     k, n = first.k + second.k, first.n + second.n
     return first.n == 0 or second.n == 0 or k in (0, n)

@@ -33,7 +33,7 @@ FIRST_PAIRS = 5
 """Pairs of the first round: the smallest number after which unanimous pairs give a verdict."""
 
 TWIN_SHARE = 0.5
-"""Minimum share of pairs in which the twin has to succeed; below it, a drop by the margin could hardly show."""
+"""Minimum share of pairs in which the twin must succeed; with fewer, a drop by the margin could hardly show."""
 
 
 class Verdict(StrEnum):
@@ -44,7 +44,7 @@ class Verdict(StrEnum):
     NO_DROP = "no_drop"
     """The condition is not solved less often by the margin or more."""
     NOT_LEARNED = "not_learned"
-    """As "no drop", but the twin fails in most pairs, so that a drop could hardly show."""
+    """Like "no drop", but the twin fails in most pairs, so a drop could hardly show."""
     OPEN = "open"
     """None of these is proven yet."""
 
@@ -59,7 +59,7 @@ class StoppingRule:
     """Rule by which a question is decided.
 
     Attributes:
-        level: Bound of the expected share of wrong verdicts, separately among those of "drop" and of "no drop".
+        level: Bound on the expected share of wrong verdicts, separately among "drop" and "no drop" verdicts.
         margin: Drop that a verdict of "no drop" excludes, as a fraction.
         first: Pairs of the first round; every further round adds one.
     """
@@ -116,8 +116,8 @@ class Decisions:
 
     Attributes:
         answers: One per question, in their order.
-        waiting: (condition, seed) of the current round without an outcome, including twins; empty if nothing is left to
-            run.
+        waiting: (condition, seed) of each trial of the current round without an outcome, including twins; empty at the
+            end.
     """
 
     answers: tuple[Answer, ...]

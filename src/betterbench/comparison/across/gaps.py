@@ -29,7 +29,7 @@ class WorldGap:
             own suite.
         base: Success rate without the change, or the share of subtasks solved in a row.
         changed: The same rate with the change.
-        pairs: Trials that were run with and without the change.
+        pairs: Number of trials that were run with and without the change.
         difference: ``base - changed`` as a fraction, with its interval.
         p_value: p-value of the paired test, Holm-corrected over the gaps of the policy; None if there is only an
             interval (CALVIN's average length).
@@ -53,7 +53,7 @@ class WorldGap:
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
     """Return all gaps of each policy that its runs allow, in the order of the runs.
 
-    A gap in LIBERO-PRO needs a run of the base suite and one of the changed suite. A gap in CALVIN needs the official
+    A gap in LIBERO-PRO needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
     and the resampled chains. The gap in betterbench's own suite is the metric of the diagnosis.
 
     Raises:

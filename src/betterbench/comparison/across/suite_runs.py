@@ -1,4 +1,4 @@
-"""Outcomes of runs in one suite of one world. Every planned trial counts; an unfinished one is a failure."""
+"""Outcomes of runs in one suite of one world. Every planned trial counts; unfinished trials are failures."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from betterbench.tasks.worlds.facts import OUR_SUITE
 from betterbench.tasks.worlds.libero import PLUS_SUITES
 
 OURS = OUR_SUITE
-"""Name of the suite of a run in our own scenes."""
+"""Name of the suite of a run in betterbench's own scenes."""
 
 InitialState = tuple[str, int]
 """Task and seed, the number of the initial state. Twins and policies share it.
 
-In LIBERO-Plus the task is that of a variant ("libero_object-03/camera_0_0_100_2_4").
+In LIBERO-Plus, the task is the name of a variant ("libero_object-03/camera_0_0_100_2_4").
 """
 
 
@@ -32,14 +32,14 @@ class SuiteRun:
 
     Attributes:
         policy: Name of the policy; runs of the same name are one policy.
-        base: The suite that this one changes, or its own name.
-        change: Its change ("swap", "resampled"), or None.
+        base: The suite from which this suite is derived by a change, or its own name.
+        change: The change ("swap", "resampled"), or None.
         protocol: The community's protocol under which it was run; empty for betterbench's own suite.
         versions: Versions of the world's packages; numbers from different versions are not compared.
         successes: Whether each planned trial succeeded.
         chains: The planned chains of CALVIN.
         unfinished: Planned trials that have not ended yet.
-        broken: Trials that broke down without a record.
+        broken: Trials that failed to run and have no record.
     """
 
     policy: str
@@ -75,7 +75,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
             the policy.
 
     Raises:
-        InvalidInputError: If the number of names is not that of the runs, or a policy has two runs in the same suite.
+        InvalidInputError: If the numbers of names and runs differ, or a policy has two runs in the same suite.
         RecordError: If a run or a record cannot be read.
     """
     called = tuple(names) if names else tuple(run_names([run])[0] for run in runs)
@@ -97,7 +97,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
 
 def _suite_of(run: RunFolder) -> str:
-    """Return the suite of a run; RecordError if its plan names none that is known."""
+    """Return the suite of a run; RecordError if its plan names no known suite."""
     facts = run.world
     if len(facts.suites) == 1:
         return next(iter(facts.suites))

@@ -40,7 +40,7 @@ class WorldRow:
     Attributes:
         policy: Its name.
         suites: Success rate by name, for each of LIBERO's four suites that was run.
-        average: Mean of the four with equal weights, with its interval; None unless all four were run.
+        average: Mean of the four rates with equal weights, with its interval; None unless all four suites were run.
         chains: Results of its chains in CALVIN, or None.
     """
 
@@ -195,7 +195,7 @@ def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
                 problem = f"{base}: the {what} differ: {listed}."
                 if not allow_mixed:
                     raise RunConflictError(
-                        f"{problem} Run one of them again with the same protocol and installation, or give "
+                        f"{problem} Run one of the two again with the same protocol and installation, or give "
                         f"--allow-mixed and interpret the numbers with care."
                     )
                 notes.append(problem)

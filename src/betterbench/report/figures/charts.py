@@ -19,8 +19,8 @@ MODES_SHOWN = 6
 """Number of failure modes that the chart shows per policy; the CSV file of the trials has all of them."""
 
 HOLM_NOTE = (
-    " If an interval excludes zero although p is large, the two answer different questions: the interval is for this "
-    "row only, while p is exact for few pairs and corrected for the number of axes (Holm). Only a small p shows a gap."
+    " An interval may exclude zero although p is large: the interval is for this row only, while p is exact for few "
+    "pairs and corrected for the number of axes (Holm). Only a small p shows a gap."
 )
 """Note of the chart of gaps for rows where an interval and its p-value seem to contradict each other."""
 
@@ -109,8 +109,8 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     return Chart(
         "outcomes",
         "How the trials ended",
-        "Counts of trials. Reasoning: it went for the wrong object. Execution: correct target at the right time, "
-        "failed manipulation. System: the policy did not run.",
+        "Counts of trials. Reasoning: the policy went for the wrong object. Execution: correct target at the right "
+        "time, failed manipulation. System: the policy did not run.",
         tuple(groups),
         key=tuple(families_of(t for d in diagnoses for t in d.trials).items()),
     )

@@ -20,7 +20,7 @@ NARROW_PX = 340
 """Widths of the two drawings [px]; the narrow one fits a phone of 390 px with its margins."""
 
 _CHARACTER_PX = 6.3
-"""Width of a character of a 12 px sans serif, rounded up so that a text that is fitted never overflows."""
+"""Width of a character of a 12 px sans serif [px], rounded up so that fitted texts never overflow."""
 
 _LEAST_NAME_PX, _MOST_NAME_PX, _LEAST_BAR_PX = 80.0, 210.0, 150.0
 """Limits of the width for names, and the minimum length of the scale, in a wide drawing [px]."""
@@ -102,7 +102,7 @@ class StackGroup:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart on the page and in a file of its own.
+    """A chart on the page and in a separate file.
 
     Attributes:
         name: File name without its ending.

@@ -13,8 +13,8 @@ from betterbench.errors import InvalidInputError
 from betterbench.tasks.labels import Kind
 
 LEAD_S = 1.0
-"""Time from the evidence to the frame before it, and to a frame after short evidence [s]. A reach over the table takes
-one to two seconds, a grasp a fifth of a second."""
+"""Time between the evidence and the frame before it, or after it if the evidence is short [s]. A reach over the table
+takes one to two seconds, a grasp a fifth of a second."""
 
 ACTS = ("attempt", "evidence", "same step")
 """Captions of the main frame of a film; "same step" is for a twin's frame that is not a grasp."""
@@ -72,7 +72,7 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial to be shown as a film, with the times to render [s], strictly increasing, and their captions.
+    """A trial to show as a film, with the times to render [s], strictly increasing, and their captions.
 
     ``twin`` is None if the run has no record of the twin; ``evidence_s`` is the span of the evidence [s].
     """
@@ -95,8 +95,8 @@ class Showing:
 def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool = False) -> list[Showing]:
     """Return at most ``limit`` representative trials with the times to render, the most informative first.
 
-    Every kind of failure of every variation is shown before any is shown twice. Each pair of variation and label is
-    represented by the trial whose evidence is at the median time, preferably one whose twin succeeded. With
+    Every kind of failure of every variation is shown once before any is shown twice. Each pair of variation and label
+    is represented by the trial whose evidence is at the median time, preferably a trial whose twin succeeded. With
     ``repeats``, the other trials of the pairs follow. Reasoning failures come first, then execution failures, then
     solved trials; within each group, the most frequent pairs come first. Trials without a record are left out.
     """
@@ -133,7 +133,7 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the times to show of a trial around its evidence, and of its twin around the same step."""
+    """Return the times to show: of the trial around its evidence, and of its twin around the same step."""
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     grasps = trial.kind is not Kind.NONE and any(attempt.start_s == start for attempt in trial.attempts)
     moments = _moments(start, end, trial.duration_s, "attempt" if grasps else "evidence")
@@ -156,7 +156,7 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
     """Return the span of a twin that corresponds to the evidence of a trial, its duration, and the caption.
 
-    It is the twin's grasp of the object that the trial should have attempted, if there is one. Otherwise it is the
+    The span is the twin's grasp of the object that the trial should have attempted. Without such a grasp, it is the
     grasp with the same number, counted in attempted objects.
     """
     if not twin.attempts:

@@ -39,7 +39,7 @@ class PlayedView:
 
 @dataclass(frozen=True, slots=True)
 class PlayedLane:
-    """Row of a timeline: spans of frames, including the last one, each with a text."""
+    """Row of a timeline: spans of frames (both ends included), each with a text."""
 
     kind: str
     name: str
@@ -52,7 +52,7 @@ class PlayedTrial:
 
     Attributes:
         heading: Name of the trial ("fast_food/T1/3").
-        ended: Its outcome, in words.
+        ended: Outcome of the trial, as a phrase.
         times_s: Time of each frame [s].
         objects: Names of the objects, with their colors as (red, green, blue).
     """

@@ -134,8 +134,8 @@ def calibration_summary(calibration: Calibration) -> str:
     """Return the summary of a calibration in a few sentences."""
     kinds, overall = rate_text(calibration.failed_kinds), rate_text(calibration.overall)
     labels = (
-        f"Of the failed trials {rate_text(calibration.failed)} got their true label and {kinds} a label of the right "
-        f"kind; of all trials {overall} got their true label."
+        f"Of the failed trials, {rate_text(calibration.failed)} got their true label and {kinds} a label of the right "
+        f"kind; of all trials, {overall} got their true label."
     )
     crossed = (
         f"Reasoning and execution failures were confused in {rate_text(calibration.crossed_rate)} of the trials that "
@@ -144,7 +144,7 @@ def calibration_summary(calibration: Calibration) -> str:
     sentences = [labels, crossed]
     if calibration.without_grasp.n:
         found = rate_text(calibration.without_grasp)
-        sentences.append(f"Where no grasp was attempted, {found} of the failed trials got their true label.")
+        sentences.append(f"Of the failed trials without a grasp attempt, {found} got their true label.")
     if calibration.accused.n:
         found = f"{calibration.accused.k} of {plural(calibration.accused.n, 'trial')}"
         sentences.append(f"Trials of policies without a fault were labeled as reasoning failures in {found}.")

@@ -41,7 +41,7 @@ STRIP_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class ReportSetting:
-    """One line of a table of settings: its value per policy, or one value if all agree."""
+    """One line of a table of settings: a value per policy, or a single value if all policies agree."""
 
     name: str
     values: tuple[str, ...]
@@ -84,7 +84,7 @@ class Unfinished:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A film on the first screen: the frames around its evidence, those of the twin, and one labeled frame of each."""
+    """A film on the first screen: frames around the evidence, frames of the twin, and one labeled frame of each."""
 
     shown: ShownFilm
     frames: tuple[Frame, ...]
@@ -227,7 +227,7 @@ def _style_and_script() -> dict[str, str]:
 
 
 def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
-    """Return the diagnostic matrices that the runs fill, the short horizon first, and a sentence on each empty one.
+    """Return the diagnostic matrices with results, the short horizon first, and a sentence on each empty matrix.
 
     Runs in LIBERO have no matrices, because the matrices are about betterbench's own tasks.
     """
@@ -365,8 +365,8 @@ def _unfinished(diagnosis: RunDiagnosis, *, single: bool) -> Unfinished:
         ended, planned = len(diagnosis.trials) - len(stopped), len(diagnosis.trials)
         text = (
             f"Unfinished: {_grouped(ended)} of {_grouped(planned)} trials{whose} have ended. The other "
-            f"{_grouped(len(stopped))} count in the denominator of every rate, but not as a failure of any kind, and "
-            f"in no pair. Run the same command again to finish them."
+            f"{_grouped(len(stopped))} count in the denominator of every rate, but not as failures of any kind, and "
+            f"not in pairs. Run the same command again to finish them."
         )
         return Unfinished(text, tuple(sorted(left.items())))
     text = (

@@ -72,7 +72,7 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
     told = len(keys) - len(control)
     replayed = [key for key in keys if _solved(matrix.cell(BLIND[2], key))]
     all_of_them = plural(len(keys), "variation")
-    failed = f"{told} of {all_of_them} are failed by a rule, not counting the one that stops at new combinations"
+    failed = f"{told} of {all_of_them} are failed by a rule, not counting the rule that stops at new combinations"
     if control:
         failed += f"; {plural(len(control), 'control cell')}, where the rules should succeed: {listed(control)}"
     blindly = (
@@ -97,10 +97,10 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
     ):
         named = list(dict.fromkeys(f"{c.task}/{c.variation}" for c in chosen))
         are = "is" if len(named) == 1 else "are"
-        found = f"{plural(len(named), 'variation')} {are} solved" if named else "none is solved"
+        found = f"{plural(len(named), 'variation')} {are} solved" if named else "none are solved"
         each = listed([f"{c.task}/{c.variation} by {c.pretender} ({c.rate.k}/{c.rate.n})" for c in chosen])
         said.append(
-            f"Of the variations on which something has to be done, {found} more often than by chance by a pretender "
+            f"Of the variations that require an action, {found} more often than by chance by a pretender "
             f"without vision, instruction or aim, {mark}" + (f": {each}." if named else ".")
         )
     alone = redundant(cells)
@@ -148,8 +148,8 @@ def blind_table(matrix: PowerMatrix) -> Table:
         rows.append((_name(key), f"{100 * matrix.chances.get(key, 1.0):.0f} %", *marks))
     caption = (
         f"Successes out of trials. {RAW} above chance at 5 % only before the correction, {CORRECTED} also after "
-        f"Holm's correction over all cells. For `{BLIND[0]}`, chance is guessing the instruction among those that "
-        f"make sense in the scene; for pretenders that move without looking, it is {100 * REPLAY_LIMIT:.0f} %."
+        f"Holm's correction over all cells. For `{BLIND[0]}`, chance is the rate of guessing the instruction among "
+        f"those that make sense in the scene; for pretenders that move without looking, {100 * REPLAY_LIMIT:.0f} %."
     )
     return Table(
         "Variations that can be solved blind",
@@ -170,9 +170,9 @@ def _overall(matrix: PowerMatrix) -> Table:
         trials, shared = sum(c.n for _, c in cells), sum(c.shared for _, c in cells)
         rows.append((f"`{name}`", *rates, first, str(trials), str(shared)))
     caption = (
-        "Mean success over the variations in percent, each counted once. If a rule agrees with all decisions of the "
-        "expert in a trial, its episode would be identical. It then copies the expert's outcome, and the trial is "
-        "counted as shared. Every other trial was simulated. First right: share of trials with a correct first grasp "
+        "Mean success over the variations in percent, each with the same weight. If a rule agrees with all decisions "
+        "of the expert in a trial, the episode would be identical: the trial gets the expert's outcome and is counted "
+        "as shared. Every other trial was simulated. First right: share of trials with a correct first grasp "
         "attempt, or correctly without one."
     )
     columns = ("pretender", "all", *(axis.letter for axis in Axis), "first right", "trials", "shared")
@@ -205,7 +205,7 @@ def _limits(matrix: PowerMatrix) -> Table:
     rows = [(_name(key), not_shown(matrix, key)) for key in matrix.variations if _axis(key) is not None]
     caption = (
         f"A pass does not show an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
-        f"trials, or more than {100 * REPLAY_LIMIT:.0f} % where the policy moves without looking."
+        f"trials, or more than {100 * REPLAY_LIMIT:.0f} % if the policy moves without looking."
     )
     return Table("Abilities that a pass does not show", caption, ("variation", "limits"), tuple(rows))
 

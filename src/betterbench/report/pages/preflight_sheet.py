@@ -94,7 +94,7 @@ def write_preflight_sheet(content: _Content, path: Path) -> Path:
     page.write(content.title, _TITLE)
     page.write(content.trial, _SMALL, _GRAY)
     page.rule()
-    page.write("What the policy is shown", _HEAD)
+    page.write("Input of the policy", _HEAD)
     page.write(f"“{content.prompt}”", _TEXT)
     page.y += 8
     if content.shown:
@@ -104,7 +104,7 @@ def write_preflight_sheet(content: _Content, path: Path) -> Path:
     page.y += 14
     page.rows(content.state, name_width=330)
     page.rule()
-    page.write("What it does", _HEAD)
+    page.write("Effect of the first answer", _HEAD)
     page.y += 8
     top = page.y
     height, width = content.scene.shape[:2]

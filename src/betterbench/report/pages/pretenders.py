@@ -23,7 +23,7 @@ class ScoreRow:
     Attributes:
         name: A policy or a pretender.
         cells: Success rate per column [%], "–" if there is none.
-        likeness: Agreement of the outcomes with those of the policy, in words; empty for the policy itself.
+        likeness: Agreement of the outcomes with the policy's outcomes, as text; empty for the policy itself.
         mine: Whether this row is the policy under test.
     """
 
@@ -72,7 +72,7 @@ class PretenderView:
 
 
 def pretender_views(diagnoses: Sequence[RunDiagnosis]) -> list[PretenderView]:
-    """Return the section for every policy; without a power matrix it contains only the reason."""
+    """Return the section for every policy; without a power matrix it only gives the reason."""
     return [_view(d.policy, standing_of(d)) for d in diagnoses]
 
 
@@ -132,7 +132,7 @@ def _words(x: Likeness) -> str:
 
 def _margin(m: Margin) -> MarginRow:
     value = 100 * (m.margin.value or 0.0)
-    remark = "control cell" if m.control else "" if m.margin.low > 0.0 else "proves nothing yet"
+    remark = "control cell" if m.control else "" if m.margin.low > 0.0 else "not significant yet"
     return MarginRow(
         f"{m.task}/{m.variation}",
         rate_text(m.rate),

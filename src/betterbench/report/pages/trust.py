@@ -29,7 +29,7 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     facts["Calibration"] = (
         f"This build contains no calibration; run better calibrate --family {CLAIMED}."
         if held_out is None
-        else "Measured on policies that the diagnosis was not developed on, with habits and a controller of their own. "
+        else "Measured on policies with other habits and another controller, on which the diagnosis was not developed. "
         f"{calibration_summary(held_out)} {_interval(held_out)} Command: better calibrate --family {CLAIMED}."
     )
     facts |= _blind({name for name, _ in trials})
@@ -54,7 +54,7 @@ def _blind(ran: set[str]) -> dict[str, str]:
             blind.setdefault(cell.pretender.rpartition(":")[2], []).append(name)
     facts = {
         "Blind probes": "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
-        + " more often than by chance, so a success there proves less."
+        + " more often than by chance, so success on these variations is weaker evidence."
         if blind
         else "No variation of this run is solved without images, instruction or aim more often than by chance."
     }
@@ -75,5 +75,5 @@ def _certified(trials: set[tuple[str, int]], looks: Sequence[str]) -> str:
     covered = Rate(sum(seed in seeds.get(name, ()) for name, seed in trials), len(trials))
     return (
         f"{rate_text(covered)} of the trials are covered by the packaged certificate: solved by the expert with "
-        "trained motions only, at rest, reachable, and showing what the instruction says."
+        "trained motions only, at rest, reachable, and consistent with the premise of the instruction."
     )

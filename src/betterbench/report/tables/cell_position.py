@@ -38,7 +38,7 @@ class CellPosition:
 def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
     """Return the cell of a condition, or None if the condition belongs to neither matrix.
 
-    Conditions with one object to be picked belong to the short horizon, those with two to the long one.
+    Conditions with one object to pick belong to the short horizon, conditions with two to the long horizon.
     """
     goals = [goal for goal in condition.instruction.subgoals if _is_pick(condition, goal)]
     if len(goals) == 1:

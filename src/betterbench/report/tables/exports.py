@@ -77,7 +77,7 @@ def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
 
 
 def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per policy and variation: success rates of trials and twins, and how the trials ended."""
+    """Return one row per policy and variation: success rates of trials and twins, and outcomes."""
     rows = []
     for diagnosis in diagnoses:
         for row in variation_rows(diagnosis):

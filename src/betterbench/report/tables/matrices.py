@@ -41,7 +41,7 @@ _HEADINGS = {
     ),
     Horizon.LONG: (
         "Long horizon: two targets",
-        "Two objects are requested. Rows: initial state of the first one; columns: initial state of the second one.",
+        "Two objects are requested. Rows: initial state of the first object; columns: that of the second object.",
         ("first target", "second target"),
     ),
 }
@@ -93,7 +93,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """One of the paper's diagnostic matrices, filled from a run.
+    """One of the paper's diagnostic matrices, filled with the results of a run.
 
     Attributes:
         caption: Meaning of rows and columns.
@@ -122,9 +122,9 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    Conditions are found by their objects and not by their names. The cell in which everything stands on the table
-    belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
-    so. Trials in other worlds are in no cell.
+    Conditions are assigned by the initial states of their objects, not by their names. The cell with all objects on the
+    table contains only training conditions; every other cell contains all conditions with these initial states. Trials
+    in other worlds are left out.
 
     Raises:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
@@ -213,7 +213,7 @@ def _cell(position: CellPosition, sources: Sequence[MatrixSource], paper: str) -
 
 
 def _why_empty(position: CellPosition) -> str:
-    """Return why a run has no trial in a cell."""
+    """Return the reason for an empty cell."""
     known = known_conditions().get(position, ())
     if not known:
         return "No condition of the registered tasks has these initial states."

@@ -83,7 +83,7 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
         rows.append(PaperRow(name, "paper", tuple(Figure.of_rate(Rate(k, n)) for k in counts)))
     return PaperTable(
         "coffee",
-        "Preparing morning coffee: which mug is grasped first",
+        "Preparing morning coffee: the mug that is grasped first",
         "Intention accuracy: share of trials whose first grasp attempt is at the instructed mug, with 95 % intervals. "
         "In training, place words occurred only in layout 2 and color words only in layout 1.",
         (PaperGroup("Spatial instruction (layout 1)", 2), PaperGroup("Semantic instruction (layout 2)", 2)),
@@ -112,7 +112,7 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
         "composition",
         "Packing a fast food order: can seen steps be recombined?",
         "Success rates with 95 % intervals. A is the burger, B the fries, C the drink; in training, a burger always "
-        "came first. ΔSR is the novel composition minus the mean of the seen ones, in percentage points.",
+        "came first. ΔSR is the novel composition minus the mean of the seen compositions, in percentage points.",
         (PaperGroup("Seen compositions", 2), PaperGroup("Novel composition", 1), PaperGroup("Difference", 1)),
         (
             PaperColumn("train1", "A→B"),
@@ -125,7 +125,7 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def plain_paper_table(table: PaperTable) -> Table:
-    """Return a paper table as a plain one: value, ends of the interval and counts in separate columns."""
+    """Return a paper table as a plain table: value, ends of the interval and counts in separate columns."""
     columns = ["model", "source"]
     for column in table.columns:
         columns += [f"{column.name}{suffix}" for suffix in ("", "_low", "_high", "_k", "_n")]
