@@ -53,7 +53,7 @@ def test_what_is_hard_and_what_is_unjust_is_counted_apart():
     assert (found.without_grasp.k, found.without_grasp.n) == (1, 3)
     assert (found.accused.k, found.accused.n) == (1, 3)
     text = calibration_markdown(found)
-    assert "Where no grasp was attempted, 33.3 % (1/3)" in text
+    assert "Of the failed trials without a grasp attempt, 33.3 % (1/3)" in text
     assert "labeled as reasoning failures in 1 of 3 trials" in text
     assert "2 trials do not show the habit" in text
 

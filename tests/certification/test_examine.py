@@ -54,7 +54,7 @@ def test_staying_still_is_right_where_nothing_is_to_be_done():
     found = examine(TrialId("morning_coffee", "T1", 0))
     assert found.passed
     assert found.primitives == ("finds red_mug on_ring coffee machine",)
-    assert found.clauses["d"].text == "no object has to be grasped"
+    assert found.clauses["d"].text == "no object needs to be grasped"
     assert found.joint_margin_rad is None
     assert found.support_slack_mm is None
 

@@ -179,7 +179,7 @@ def test_a_few_failed_training_trials_are_counted_and_no_more_is_said_of_trainin
     failed = [*varied(range(8), Label.EXECUTION_FAILURE, rule="dropped"), *trained(range(n), Label.TIMEOUT)]
     headline = headline_of(diagnosis(failed))
     assert headline.conclusion == f"It solved 0/{n} training trials. It goes for the right objects, but drops them."
-    assert "6 in all, if the share of solved trials stays the same" in headline.claim.deciding
+    assert "6 in total, if the share of solved trials stays the same" in headline.claim.deciding
     assert option(headline.claim.command, "--tasks") == "fast_food"
     assert int(option(headline.claim.command, "--trials")) >= 6
     assert int(option(headline.claim.command, "--seed")) > 7

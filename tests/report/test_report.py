@@ -182,7 +182,7 @@ def test_the_pretenders_of_several_policies_stand_once(tmp_path, monkeypatch):
     assert section.count('<th scope="row">zoo:lexical</th>') == 1
     assert section.count("Policy or pretender") == 1
     assert {"alike, first", "alike, second"} <= set(re.findall(r'class="num">(alike[^<]*)<', section))
-    assert section.count("What the score on each variation proves") == 2, "the margins are those of each policy"
+    assert section.count("Margin on each variation") == 2, "the margins are those of each policy"
 
 
 def test_formulas_do_not_run_in_a_spreadsheet(tmp_path):

@@ -206,7 +206,7 @@ def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[d
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
     """Return clause (d): fulfilled by a plan from the start, or by the expert's success."""
     if not reasons:
-        return Clause(passed=True, text="no object must be grasped")
+        return Clause(passed=True, text="no object needs to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}
     if not later:
         return Clause(passed=True)
