@@ -25,7 +25,7 @@ class Exposure:
 
     Attributes:
         task: The task.
-        base: Training condition that the variation is derived from.
+        base: Training condition from which the variation is derived.
         test: Test condition.
         trained: Regularities of the training regime.
     """

@@ -53,9 +53,9 @@ def scene_of(record: Record) -> str:
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
     """Return pairs of trials that differ only in the instruction and whose instructions name different first targets.
 
-    A trial is in at most one pair, so that pairs are independent. A variation is paired with its counterfactual twin if
+    A trial is in at most one pair, which keeps pairs independent. A variation is paired with its counterfactual twin if
     possible, otherwise with the first remaining trial of the same scene. Trials without a first grasp attempt, and
-    those in which nothing should be grasped first, are left out.
+    trials in which no object should be grasped first, are left out.
     """
     groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:

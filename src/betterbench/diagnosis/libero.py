@@ -61,7 +61,7 @@ NOTE = (
 
 
 PLUS_NOTE = (
-    "LIBERO-Plus runs each variant once, from the first initial state of its task, so that the variants of a task "
+    "LIBERO-Plus runs each variant once, from the first initial state of its task, so the variants of a task "
     "share one twin. The interval of a gap therefore resamples each twin together with all its variants, and its "
     "p-value exchanges a twin with its variants. Give both runs more initial states (--trials) for more twins."
 )

@@ -94,7 +94,7 @@ class OwnReader:
 
 
 class LiberoReader(libero.LiberoRun):
-    """Reader of runs in LIBERO and LIBERO-Plus; the files define the goals, the base suite the training."""
+    """Reader of runs in LIBERO and LIBERO-Plus, with goals from task files and training data from the base suite."""
 
     twins_elsewhere = finds_favorites = True
     twins_cure = libero.TWINS_CURE

@@ -13,7 +13,7 @@ from betterbench.tasks.thresholds import THRESHOLDS, threshold
 # fmt: off
 # Between a grasp and its target.
 DOUBT = threshold("doubt", 0.03, "m",
-    "When a gripper closes on nothing, the requested object counts as the missed one if it is at most this much "
+    "When a gripper closes on nothing, the requested object is the missed object if it is at most this much "
     "farther away than another object: poor aim does not prove a wrong choice.",
     "Larger: more misses are attributed to the requested object; more execution_failure, fewer wrong_object and "
     "behavioral_inertia.")
@@ -70,8 +70,7 @@ STRAIGHT = threshold("straight", 0.8, "1",
     "Larger: fewer paths at the end are passing; more wrong_object by a stay, fewer timeout.",
     listed=False)
 RETREAT = threshold("retreat", 0.15, "m",
-    "Distance that an open gripper must move away from its position over an object before coming back counts as a "
-    "return.",
+    "Distance that an open gripper must move away from its position over an object before coming back is a return.",
     "Larger: fewer returns count; fewer phase_conflict, more timeout.")
 RETURNS = threshold("returns", 3, "1",
     "Number of times that an open gripper must come over the right object, leaving it in between, to count as moving "
@@ -123,7 +122,7 @@ BEGINS_TO_MOVE = threshold("begins_to_move", 0.002, "m",
     "Larger: pushes begin later, so that other evidence more often comes first; fewer wrong_object by a push.",
     listed=False)
 CLOSED_IN_PART = threshold("closed_in_part", THRESHOLDS.finger_travel, "m",
-    "Minimum finger travel of a closing around an object without contact that counts as an intended grasp; fingers "
+    "Minimum finger travel of a closing around an object without contact for an intended grasp; fingers "
     "are preset to the width of an object before they descend to it.",
     "Larger: fewer partial closings are intended grasps; fewer execution_failure, more timeout.")
 RUNS_INTO = threshold("runs_into", 3, "1",
@@ -170,7 +169,7 @@ PAUSES_VARY = threshold("pauses_vary", 1.5, "1",
     "For a policy with long pauses: multiple of its longest earlier pause above which a stop is a halt.",
     "Larger: more stops at the end are pauses; fewer early_halt, more timeout.")
 TREMBLE_TIME = threshold("tremble_time", 8.0, "s",
-    "Time within halt_radius until the end after which an arm that never stands still counts as halted; honest "
+    "Time within halt_radius until the end after which an arm that never stands still has halted; honest "
     "policies of the independent family move on after at most 6.5 s.",
     "Larger: an arm must tremble in place for longer; fewer early_halt and phase_conflict, more timeout.")
 OVER_GOAL = threshold("over_goal", 0.06, "m",
@@ -244,7 +243,7 @@ USED = threshold("instruction_used", 0.5, "1",
     "Instruction effect of a policy that picks one of two objects at random; it must be excluded before the "
     "conclusion that a policy does not use the instruction.",
     "Larger: more policies are found not to use the instruction, and fewer to have a favorite kind of object; more "
-    "visual_layout_bias in our own scenes, fewer in other worlds.",
+    "visual_layout_bias in betterbench's own scenes, fewer in other worlds.",
     listed=False)
 LEVEL = threshold("instruction_level", 0.025, "1",
     "Level of the one-sided tests that the instruction is not used, as for one side of a 95 % interval.",

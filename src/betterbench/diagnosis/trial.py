@@ -38,13 +38,13 @@ class Choice:
     Slots of two layouts at the same position share the name of the first one.
 
     Attributes:
-        layout: Objects by slot at the start, so that trials of one layout can be compared.
-        right: Slots at which the first attempt would have been right; empty if nothing was to be grasped.
+        layout: Objects by slot at the start, for comparing trials of the same layout.
+        right: Slots at which the first attempt would have been right; empty if no object must be grasped.
         slot: Slot of the first attempt, or None if no attempt was made and none was right.
         correct: Whether the first attempt (or its absence) was right.
         word_slots: Slots to which the word led in training.
         habit_slots: Slots of the most frequent first step; empty if training has none.
-        later_slots: Slots of the objects of later steps; empty if the instruction asks for no order.
+        later_slots: Slots of the objects of later steps; empty if the order is free.
         step_slots: Slots of the objects of each later step separately, in order.
         places: Number of slots at which something could be grasped.
         thing: Kind of the object in the slot of the first attempt; empty if the slot was empty.
@@ -165,7 +165,7 @@ def offline_truth(record: Record) -> list[Truth]:
     """Judge every state of a record again with the goal tracker of the live judgment.
 
     Returns:
-        One goal state per row; its subgoal, goal and forbidden flags equal the recorded ones exactly.
+        One goal state per row; its subgoal, goal and forbidden flags equal the recorded flags exactly.
     """
     m = record.metadata
     resolved = resolved_of(m)
@@ -231,7 +231,7 @@ def _distance_at_start(trace: Trace, item: int) -> float:
 
 
 def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> Iterator[set[str]]:
-    """Yield the slots of the objects of each later step, if the instruction asks for an order."""
+    """Yield the slots of the objects of each later step, if the order is fixed."""
     for g in episode.open_goals(0)[1:] if episode.instruction.ordered else ():
         yield {slot for slot, i in standing.items() if i in episode.meant[g]}
 

@@ -14,7 +14,7 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Reason for a label, with its time span, so that a person can check it in the film.
+    """Reason for a label, with its time span, for comparison with the film.
 
     Attributes:
         start_s: Beginning of the time span [s].

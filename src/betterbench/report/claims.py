@@ -214,7 +214,7 @@ def _evaluation(
 
 
 def _settings(versions: Mapping[str, str]) -> Iterator[str]:
-    """Yield the options for settings of a run that differ from the defaults, so that a new run repeats them.
+    """Yield the options that repeat the non-default settings of a run in a new run.
 
     Settings that are mixed in the run, or missing in its records, are omitted.
     """

@@ -130,7 +130,8 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 def comes_down_to(trace: Trace, first: int) -> int | None:
     """Return the object that an open gripper comes down to from a row on, low enough to grasp it, or None.
 
-    The gripper must be at the object for a moment in total, and seldom where closing would grasp something else.
+    The gripper must be at the object for a moment in total, and seldom at a place where closing would grasp another
+    object.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -348,7 +349,7 @@ class _Gap(NamedTuple):
 
     @property
     def is_over(self) -> bool:
-        """Whether the gripper is over the object or just beside it; wide objects are grasped far from their center."""
+        """Whether the gripper is over the object or close to it; wide objects are grasped far from their center."""
         return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
 
 

@@ -38,15 +38,15 @@ class AttemptTarget(StrEnum):
     """Relation of an attempt's object to the instruction, at the moment of the attempt."""
 
     ASKED = "asked"
-    """The instruction asks for the object now."""
+    """The due step of the instruction refers to the object."""
     LATER = "later"
-    """The instruction asks for the object, but an earlier step of an ordered instruction is still open."""
+    """A later step refers to the object, and an earlier step of the ordered instruction is still open."""
     REPEATED = "repeated"
     """The object serves only a step that is already done."""
     OTHER = "other"
-    """Another instruction of the task asks for the object, or it is the target of a placement."""
+    """Another instruction of the task refers to the object, or the object is the target of a placement."""
     FOREIGN = "foreign"
-    """No instruction of the task asks for the object."""
+    """No instruction of the task refers to the object."""
     EMPTY = "empty"
     """No object: an air grasp at an empty slot."""
 
@@ -75,7 +75,7 @@ _INSTRUCTION_WORDS = ("instructed", "the instruction asks for", "the instruction
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One grasp attempt, or a push, stay or closing that counts as an attempt, compared with the instruction.
+    """One grasp attempt, or a push, stay or closing treated as an attempt, compared with the instruction.
 
     Attributes:
         attempt: The attempt as reported.
@@ -97,7 +97,7 @@ class Step:
 
     @property
     def missed(self) -> bool:
-        """Whether the gripper closed beside the object."""
+        """Whether the gripper closed next to the object."""
         return self.means is Means.GRASP and self.grasp.object is None and self.at is not None
 
 
@@ -110,8 +110,8 @@ class EpisodeAnalysis:
         steps: All grasp attempts, in time.
         harm: Harm to objects that were not requested, in time.
         others: Approaches without closing the gripper, in time.
-        on_nothing: Closings far from everything, or beside an empty slot, in time.
-        fists: Closings on nothing where something is to be pushed shut, in time.
+        on_nothing: Closings far from all objects, or next to an empty slot, in order of time.
+        fists: Closings on nothing before a drawer is pushed shut, in order of time.
         state: Function that returns the state at a row; None if only the recorded target regions are known.
         found_once: Results that :func:`once_per_episode` keeps.
     """
@@ -207,7 +207,7 @@ class EpisodeAnalysis:
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
-        """Return whether a subgoal is done at or after a row, so that an earlier failed attempt was made good."""
+        """Return whether a subgoal is done at or after a row, which corrects an earlier failed attempt."""
         return goal is not None and bool(self.trace.done[row:, goal].any())
 
     def attempted_after(self, goal: int, row: int) -> bool:
@@ -531,7 +531,7 @@ def analyze_episode(
     harm: tuple[DatedHarm, ...] = (),
     state: Callable[[int], WorldState] | None = None,
 ) -> EpisodeAnalysis:
-    """Return the analysis of an episode. Objects are identified by kind and slot, so that their names do not matter.
+    """Return the analysis of an episode. Objects are identified by kind and slot, not by name.
 
     Args:
         trace: The episode.
@@ -589,7 +589,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects of a right attempt: those requested now, and drawers that have to be moved for them."""
+    """Return the objects of a right attempt: the objects requested now, and drawers that must be moved for them."""
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
@@ -636,7 +636,7 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Return whether a grasp attempt at another object follows a push, so that the object was only in the way."""
+    """Return whether a grasp attempt at another object follows a push: the pushed object was only in the way."""
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
 
 
@@ -675,7 +675,7 @@ def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the objects of a right attempt for a subgoal: its own, and drawers that have to be moved first."""
+    """Return the objects of a right attempt for a subgoal: its own, and drawers that must be moved first."""
     busy = trace.serves[row].any(axis=0)
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}
@@ -697,7 +697,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object that was missed when the gripper closed on nothing; in doubt, the requested one."""
+    """Return the object that was missed when the gripper closed on nothing; in doubt, the requested object."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -763,7 +763,7 @@ def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, 
 
 
 def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:
-    """Return another object that was as near as the requested one when the gripper closed on nothing, or None."""
+    """Return another object as near as the requested object when the gripper closed on nothing, or None."""
     if grasp.object is not None or at is None:
         return None
     row = grasp.start

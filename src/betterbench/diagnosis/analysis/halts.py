@@ -37,7 +37,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. If the arm trembles in place, it lasts
     for ``tremble_time``; trembling over a requested object is not a halt.
 
-    A pause after which the arm goes on is not a halt but slowness. A stop that is shorter than an earlier pause may
+    A pause after which the arm continues is not a halt but slowness. A stop that is shorter than an earlier pause may
     also be a pause. An arm that holds the right object at its target region has halted only if the arm does not move at
     all: otherwise the gripper fails to open.
     """

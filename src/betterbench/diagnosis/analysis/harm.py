@@ -77,7 +77,7 @@ def _moved(trace: Trace, i: int) -> np.ndarray:
 
 
 def _tilted(trace: Trace, i: int) -> np.ndarray:
-    """Return whether an object is tilted so far that it counts as knocked over, shape (T,)."""
+    """Return whether an object is tilted beyond the limit for a knocked-over object, shape (T,)."""
     tilted: np.ndarray = 1.0 - 2.0 * (trace.quaternions[:, i, 1:3] ** 2).sum(axis=1) < np.cos(THRESHOLDS.knocked_tilt)
     return tilted
 

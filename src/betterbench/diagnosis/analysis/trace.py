@@ -46,8 +46,8 @@ class Trace(Motion):
         done: (T, g) whether the subgoal is done: its relation is true, the object is released and at rest.
         meant: Per subgoal the indices of the objects that satisfy it.
         targets: Per subgoal the index of its target.
-        drawers: Per drawer its index, that of its cabinet, and the position of the closed drawer in the cabinet's
-            frame.
+        drawers: For each drawer its index, the index of its cabinet, and the position of the closed drawer in the
+            cabinet's frame.
     """
 
     time: Floats

@@ -111,7 +111,7 @@ class Calibration:
     Attributes:
         policies: Per policy, its correctly labeled trials out of all its trials.
         crossed: Trials in which a reasoning failure was labeled as an execution failure, or the reverse.
-        without_grasp: Correctly labeled trials, out of the failed ones without a grasp attempt.
+        without_grasp: Correctly labeled trials, out of the failed trials without a grasp attempt.
         accused: Trials labeled as a reasoning failure, out of all trials of policies without a fault.
         left_out: Number of trials that are no evidence about the policy's fault and are not judged.
     """

@@ -44,8 +44,8 @@ _RATES: _Rates = (
     ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
     ("collision_rate", lambda t: bool(t.collisions)),
 )
-"""Rates over planned trials. A trial without a record counts as neither a success nor a correct intention, and stays in
-the denominator.
+"""Rates over planned trials. A trial without a record is neither a success nor a correct intention, and stays in the
+denominator.
 
 A success with a needless step contains a step of training that was not requested, such as a replayed grasp at an
 emptied slot. It is also a success. Collisions are collisions with fixtures; they do not rule out success.

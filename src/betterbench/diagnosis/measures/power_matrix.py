@@ -113,7 +113,7 @@ class BlindCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether only one instruction makes sense in the scene, so that the instruction is redundant."""
+        """Whether only one instruction makes sense in the scene, so the instruction is redundant."""
         return self.chance >= 1.0
 
 
@@ -258,7 +258,7 @@ class PowerMatrix:
         }
 
     def to_text(self) -> str:
-        """Return the JSON document with one cell per line, so that line diffs are readable."""
+        """Return the JSON document with one cell per line, for readable line diffs."""
         form = sealed_form({"version": 2, **self.to_json()})
         rows = [
             f"  {json.dumps(name)}: {{\n"

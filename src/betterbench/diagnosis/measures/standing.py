@@ -31,7 +31,7 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement between the outcomes of a pretender and those of a policy.
+    """Agreement between the outcomes of a pretender and the outcomes of a policy.
 
     Attributes:
         agreement: Share of the run's trials with the same outcome (success or failure).
@@ -75,7 +75,7 @@ class Standing:
         expert: Agreement with the expert, or None without a matrix.
         margins: One margin per variation that is in both the run and the matrix.
         covered: Trials of the run that the matrix covers, out of all its trials of variations.
-        notice: Missing data and how to get it, one sentence; empty if nothing is missing.
+        notice: One sentence on missing data and how to get them; empty if nothing is missing.
     """
 
     scores: dict[str, float]

@@ -25,8 +25,8 @@ from betterbench.tasks.words import agreeing
 def _exposed(x: Exposure) -> bool:
     """Return whether the first step, the target or the slot that is frequent in training is present but not requested.
 
-    A grasp at an emptied slot counts if it replaces a step, or if nothing may be grasped. It does not count if another
-    object is in a slot of the instruction's word: a first grasp there is another failure mode.
+    A grasp at an emptied slot is included if it replaces a step, or if nothing may be grasped. It is excluded if
+    another object is in a slot of the instruction's word, because a first grasp there is another failure mode.
     """
     due = {kind for goal in x.due for kind in x.kinds(goal)}
     waiting = {x.movable_in(slot) for slot in x.test.layout.values()}

@@ -300,7 +300,7 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _brought_later(trial: TrialView, step: Step) -> bool:
-    """Return whether a later attempt for the same subgoal worked, so that only the target region was wrong.
+    """Return whether a later attempt for the same subgoal worked, and only the target region was wrong.
 
     An object released high above the region may have landed there by accident, unless the target is a container.
     """

@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
     Label.POLICY_ERROR,
     short="error",
     definition="The policy crashed, answered too late or sent an invalid action, or the trial could not be run.",
-    conclusion="The policy itself failed to run; this says nothing about its reasoning.",
+    conclusion="The policy itself failed to run; this is not evidence about its reasoning.",
     sharper=sharper_by_rule(
         {"not_finished": "The run is not finished: most of its failures are trials without a record."}
     ),

@@ -93,7 +93,7 @@ def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
 
 
 def _absent(episode: EpisodeAnalysis) -> int | None:
-    """Return the first subgoal whose object is absent from the scene, so that another object replaces it, or None."""
+    """Return the first subgoal whose object is absent from the scene and replaced by another object, or None."""
     return next((g for g, names in enumerate(episode.meant) if not names), None)
 
 

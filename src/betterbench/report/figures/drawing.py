@@ -32,7 +32,7 @@ PATTERNS: dict[str, str] = {
     "system": '<circle cx="2" cy="2" r="0.9" class="dots"/>',
     "unfinished": "",
 }
-"""SVG pattern over the color of each family, so that families differ in a gray print and for color-blind readers."""
+"""SVG pattern over the color of each family, for gray prints and color-blind readers."""
 
 
 @dataclass(frozen=True, slots=True)

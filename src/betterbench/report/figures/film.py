@@ -50,7 +50,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """The frames of a trial ("fast_food/T1/3"), and those of its counterfactual twin.
+    """The frames of a trial ("fast_food/T1/3") and of its counterfactual twin.
 
     ``evidence_s`` is the beginning and end of the evidence [s]; frames inside this span are marked. ``clip`` is a film
     of both episodes side by side (H.264 in MP4); browsers that cannot play it show the frames.

@@ -11,7 +11,7 @@ from betterbench.report.figures.film import Film
 
 @dataclass(frozen=True, slots=True)
 class Thumbnails:
-    """The scene of a variation at reset (JPEG), and that of its training twin, or None if the run has none."""
+    """The scenes of a variation and of its training twin at reset (JPEG); None if the run has no such scene."""
 
     test: bytes
     training: bytes | None = None
