@@ -70,17 +70,17 @@ def test_an_honest_policy_changes_its_target_in_every_pair(stage):
 @pytest.mark.parametrize(
     ("choose", "decides"),
     [
-        (red, "what it is or its color"),
+        (red, "the kind of object or the color of the object"),
         (by_start_pose, "another cue that is constant within a seed"),
-        (lambda s: s.at("far"), "its place"),
-        (nearest, "nearest to the gripper"),
+        (lambda s: s.at("far"), "the place of the object"),
+        (nearest, "the smallest distance to the gripper"),
     ],
 )
 def test_a_policy_that_does_not_use_the_instruction_is_said_not_to(stage, choose, decides):
     found = diagnose_records(take(stage, choose))
     assert effect(found) == (0, 12)
     assert "does not use the instruction" in found.findings[0]
-    assert decides in found.findings[0].partition("What decides instead:")[2]
+    assert decides in found.findings[0].partition("The deciding cue is ")[2]
     wrong = [t for t in found.trials if not t.success]
     assert len(wrong) >= 6
     assert {t.label for t in wrong} == {Label.VISUAL_LAYOUT_BIAS}
@@ -102,7 +102,7 @@ def test_a_favorite_place_of_one_task_is_not_the_rule_of_all(stage):
     alone = headline_of(diagnose_records(take(stage, lambda s: s.at("far"))))
     assert alone.conclusion == "It goes to the same place regardless of the instruction."
     found = diagnose_records([*take(stage, lambda s: s.at("far")), *desks])
-    assert "What decides instead: not a slot" in found.findings[0]
+    assert "The deciding cue is not a slot" in found.findings[0]
     wrong = [t for t in found.trials if t.label is Label.VISUAL_LAYOUT_BIAS]
     assert {t.task for t in wrong} == {"morning_coffee", "desk_meeting"}
     assert {t.evidence.rule for t in wrong} == {SAME_TARGET}

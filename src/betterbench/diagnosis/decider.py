@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from betterbench.diagnosis.thresholds import NEARLY_ALL
 from betterbench.diagnosis.trial import Choice
 
-_BY_PLACE = "its place"
+_BY_PLACE = "the place of the object"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +46,10 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
     things = [choice for choice in every if choice.thing]
     found = {
         _BY_PLACE: all(_usual([c.slot for c in mine if c.slot is not None]) for mine in choices.values()),
-        "what it is": all(_usual([c.thing for c in mine if c.thing]) for mine in choices.values()),
-        "its color": _usual([c.color for c in things]) is not None,
-        "that it is nearest to the gripper at the start": _usual([str(c.slot == c.nearest) for c in every]) == "True",
+        "the kind of object": all(_usual([c.thing for c in mine if c.thing]) for mine in choices.values()),
+        "the color of the object": _usual([c.color for c in things]) is not None,
+        "the smallest distance to the gripper at the start": _usual([str(c.slot == c.nearest) for c in every])
+        == "True",
     }
     return Decider(tuple(name for name, holds in found.items() if holds and every))
 

@@ -169,7 +169,7 @@ def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]
         )
         yield (
             f"{where}It does not use the instruction: the first target is the same in {_counted(effect)} ({percent} to "
-            f"{100 * (effect.high or 0.0):.0f}). What decides instead: {decider}."
+            f"{100 * (effect.high or 0.0):.0f}). The deciding cue is {decider}."
         )
 
 

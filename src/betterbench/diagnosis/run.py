@@ -297,7 +297,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
         return trial
     if trial.label is Label.VISUAL_LAYOUT_BIAS and decider.may_be_place:
         return trial
-    return _not_by_instruction(trial, reading, SAME_TARGET, f"{effect_words(effect)} What decides instead: {decider}.")
+    return _not_by_instruction(trial, reading, SAME_TARGET, f"{effect_words(effect)} The deciding cue is {decider}.")
 
 
 def _favorites(
