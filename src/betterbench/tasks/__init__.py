@@ -13,6 +13,7 @@ from betterbench.tasks import suite
 from betterbench.tasks.authoring.operations import Changes, Operation, operation_names
 from betterbench.tasks.authoring.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
 from betterbench.tasks.authoring.task import Task
+from betterbench.tasks.authoring.task_form import task_from_json, task_to_json
 from betterbench.tasks.authoring.template import ObjectGroup, Template
 from betterbench.tasks.authoring.template_form import template_from_json, template_to_json
 from betterbench.tasks.authoring.templates import TEMPLATES
@@ -72,7 +73,9 @@ __all__ = [
     "stream",
     "suite",
     "suite_tasks",
+    "task_from_json",
     "task_names",
+    "task_to_json",
     "template_from_json",
     "template_to_json",
     "threshold",

@@ -120,6 +120,9 @@ class _Loader(importlib.abc.ExecutionLoader):
         return compile(with_present_names(data, path), path, "exec", dont_inherit=True)
 
 
+READERS: dict[str, Callable[[TaskFile], None]] = {}
+"""Functions that register the content of files of other formats than Python, by suffix (".json")."""
+
 _files: dict[str, TaskFile] = {}
 _origins: dict[tuple[str, str], _Origin] = {}
 _makers: dict[tuple[str, str], Callable[..., Any]] = {}
@@ -183,16 +186,21 @@ def load_sources(files: Iterable[TaskFile]) -> None:
         for file in files:
             if file.path in _files or file.sha256 in {f.sha256 for f in _files.values()}:
                 continue
-            stem = re.sub(r"\W", "_", Path(file.path).stem)
-            name = f"betterbench_task_file_{stem}_{file.sha256[:8]}"
-            spec = importlib.util.spec_from_loader(name, _Loader(file), origin=file.path)
-            if spec is None or spec.loader is None:
-                raise AssertionError("a loader gives its specification")
-            module = importlib.util.module_from_spec(spec)
-            sys.modules[name] = module  # dataclasses look up the module of their class there
             with _registering(_Origin(file.path, file.path)):
-                spec.loader.exec_module(module)
+                READERS.get(Path(file.path).suffix.lower(), _execute)(file)
             _files[file.path] = file
+
+
+def _execute(file: TaskFile) -> None:
+    """Execute the text of a Python file as a module."""
+    stem = re.sub(r"\W", "_", Path(file.path).stem)
+    name = f"betterbench_task_file_{stem}_{file.sha256[:8]}"
+    spec = importlib.util.spec_from_loader(name, _Loader(file), origin=file.path)
+    if spec is None or spec.loader is None:
+        raise AssertionError("a loader gives its specification")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look up the module of their class there
+    spec.loader.exec_module(module)
 
 
 def load_declared() -> None:
