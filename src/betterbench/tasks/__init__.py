@@ -28,6 +28,7 @@ from betterbench.tasks.labels import Kind, Label, all_labels, new_label, remove_
 from betterbench.tasks.looks import LOOKS, Looks, looks_named
 from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
+from betterbench.tasks.suite_folder import SuiteFolder, read_suite_folder, suite_files
 from betterbench.tasks.thresholds import THRESHOLDS, Threshold, Thresholds, threshold, threshold_table
 from betterbench.tasks.trial_id import TrialId
 
@@ -51,6 +52,7 @@ __all__ = [
     "Reference",
     "Slot",
     "Subgoal",
+    "SuiteFolder",
     "Support",
     "TargetRegion",
     "Task",
@@ -69,9 +71,11 @@ __all__ = [
     "looks_named",
     "new_label",
     "operation_names",
+    "read_suite_folder",
     "remove_label",
     "stream",
     "suite",
+    "suite_files",
     "suite_tasks",
     "task_from_json",
     "task_names",

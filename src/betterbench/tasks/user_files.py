@@ -28,6 +28,7 @@ from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.json_form import read_bounded
 from betterbench.quoting import shell_word
 from betterbench.tasks.renamed import with_present_names
+from betterbench.tasks.suite_folder import is_suite_folder, read_suite_folder
 
 VARIABLE = "BETTERBENCH_TASK_FILES"
 """Environment variable with the paths of task files, separated as in PATH."""
@@ -124,6 +125,8 @@ READERS: dict[str, Callable[[TaskFile], None]] = {}
 """Functions that register the content of files of other formats than Python, by suffix (".json")."""
 
 _files: dict[str, TaskFile] = {}
+_suites: dict[str, str] = {}
+"""Folder of the suite by the path of a loaded file of it."""
 _origins: dict[tuple[str, str], _Origin] = {}
 _makers: dict[tuple[str, str], Callable[..., Any]] = {}
 _loading: list[_Origin] = []
@@ -166,12 +169,23 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
 def load_task_files(paths: Iterable[Path | str]) -> None:
     """Load user files, each once, and pass their names on to child processes.
 
+    Args:
+        paths: Files, and folders with suites, whose tasks are loaded.
+
     Raises:
         InvalidInputError: If a file is missing, raises an error or takes a name that exists.
     """
     with _lock:
         load_declared()
-        load_sources([TaskFile.read(path) for path in paths])
+        files: list[Path | str] = []
+        for path in paths:
+            if is_suite_folder(path):
+                suite = read_suite_folder(path)
+                _suites.update(dict.fromkeys(map(os.path.realpath, map(str, suite.files)), str(Path(path).absolute())))
+                files += suite.files
+            else:
+                files.append(path)
+        load_sources([TaskFile.read(file) for file in files])
         if _files:
             os.environ[VARIABLE] = os.pathsep.join(_files)
 
@@ -303,7 +317,8 @@ def options_for(tasks: Iterable[str]) -> str:
 
 def loading_options() -> str:
     """Return the options that load all files loaded in this process, with a leading space."""
-    return "".join(f" --task-file {shell_word(path)}" for path in _files)
+    named = dict.fromkeys(_suites.get(path, path) for path in _files)
+    return "".join(f" --task-file {shell_word(path)}" for path in named)
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
