@@ -9,11 +9,12 @@ import numpy as np
 
 from betterbench.geometry import Pose, normalize
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interface.state import WorldState
+from betterbench.interface.state import Contact, WorldState
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import FAST
 from betterbench.tasks import get_task
-from betterbench.tasks.relations.loose import OVERLAP, reaches_into
+from betterbench.tasks.interventions import vary
+from betterbench.tasks.relations.loose import OVERLAP, reaches_into, rests_on
 
 FRACTIONS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
@@ -51,3 +52,19 @@ def test_whatever_the_postures_a_thing_reaches_into_a_box_by_one_of_its_points()
         assert reaches_into(posed, name, space, half_size) == wanted
         counts[wanted] += 1
     assert min(counts.values()) > 500
+
+
+def test_a_thin_plate_under_a_bowl_does_not_lie_on_it() -> None:
+    """However thin it is: here its floor is 3 mm above the table, less than what counts as leaning."""
+    task = get_task("dinner_plates")
+    condition = vary(task, task.variation("O1"))[0]
+    state = Scene(task, condition, seed=0, action_space=EE_DELTA, quality=FAST).reset()
+    plate, bowl = state.info.index("white_plate"), state.info.index("red_bowl")
+    x, y, z = state.positions[plate]
+    positions = list(state.positions)
+    positions[bowl] = (x, y, z + 0.003)
+    moved = dataclasses.replace(
+        state, positions=tuple(positions), contacts=(*state.contacts, Contact("red_bowl", "white_plate", 1.0))
+    )
+    assert rests_on(moved, "red_bowl", "white_plate")
+    assert not rests_on(moved, "white_plate", "red_bowl")

@@ -13,6 +13,7 @@ from betterbench.tasks import suite
 from betterbench.tasks.authoring.operations import Changes, Operation, operation_names
 from betterbench.tasks.authoring.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
 from betterbench.tasks.authoring.task import Task
+from betterbench.tasks.authoring.task_form import task_from_json, task_to_json
 from betterbench.tasks.authoring.template import ObjectGroup, Template
 from betterbench.tasks.authoring.template_form import template_from_json, template_to_json
 from betterbench.tasks.authoring.templates import TEMPLATES
@@ -27,6 +28,7 @@ from betterbench.tasks.labels import Kind, Label, all_labels, new_label, remove_
 from betterbench.tasks.looks import LOOKS, Looks, looks_named
 from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
+from betterbench.tasks.suite_folder import SuiteFolder, read_suite_folder, suite_files
 from betterbench.tasks.thresholds import THRESHOLDS, Threshold, Thresholds, threshold, threshold_table
 from betterbench.tasks.trial_id import TrialId
 
@@ -50,6 +52,7 @@ __all__ = [
     "Reference",
     "Slot",
     "Subgoal",
+    "SuiteFolder",
     "Support",
     "TargetRegion",
     "Task",
@@ -68,11 +71,15 @@ __all__ = [
     "looks_named",
     "new_label",
     "operation_names",
+    "read_suite_folder",
     "remove_label",
     "stream",
     "suite",
+    "suite_files",
     "suite_tasks",
+    "task_from_json",
     "task_names",
+    "task_to_json",
     "template_from_json",
     "template_to_json",
     "threshold",

@@ -28,6 +28,7 @@ from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.json_form import read_bounded
 from betterbench.quoting import shell_word
 from betterbench.tasks.renamed import with_present_names
+from betterbench.tasks.suite_folder import is_suite_folder, read_suite_folder
 
 VARIABLE = "BETTERBENCH_TASK_FILES"
 """Environment variable with the paths of task files, separated as in PATH."""
@@ -120,7 +121,12 @@ class _Loader(importlib.abc.ExecutionLoader):
         return compile(with_present_names(data, path), path, "exec", dont_inherit=True)
 
 
+READERS: dict[str, Callable[[TaskFile], None]] = {}
+"""Functions that register the content of files of other formats than Python, by suffix (".json")."""
+
 _files: dict[str, TaskFile] = {}
+_suites: dict[str, str] = {}
+"""Folder of the suite by the path of a loaded file of it."""
 _origins: dict[tuple[str, str], _Origin] = {}
 _makers: dict[tuple[str, str], Callable[..., Any]] = {}
 _loading: list[_Origin] = []
@@ -163,12 +169,23 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
 def load_task_files(paths: Iterable[Path | str]) -> None:
     """Load user files, each once, and pass their names on to child processes.
 
+    Args:
+        paths: Files, and folders with suites, whose tasks are loaded.
+
     Raises:
         InvalidInputError: If a file is missing, raises an error or takes a name that exists.
     """
     with _lock:
         load_declared()
-        load_sources([TaskFile.read(path) for path in paths])
+        files: list[Path | str] = []
+        for path in paths:
+            if is_suite_folder(path):
+                suite = read_suite_folder(path)
+                _suites.update(dict.fromkeys(map(os.path.realpath, map(str, suite.files)), str(Path(path).absolute())))
+                files += suite.files
+            else:
+                files.append(path)
+        load_sources([TaskFile.read(file) for file in files])
         if _files:
             os.environ[VARIABLE] = os.pathsep.join(_files)
 
@@ -183,16 +200,21 @@ def load_sources(files: Iterable[TaskFile]) -> None:
         for file in files:
             if file.path in _files or file.sha256 in {f.sha256 for f in _files.values()}:
                 continue
-            stem = re.sub(r"\W", "_", Path(file.path).stem)
-            name = f"betterbench_task_file_{stem}_{file.sha256[:8]}"
-            spec = importlib.util.spec_from_loader(name, _Loader(file), origin=file.path)
-            if spec is None or spec.loader is None:
-                raise AssertionError("a loader gives its specification")
-            module = importlib.util.module_from_spec(spec)
-            sys.modules[name] = module  # dataclasses look up the module of their class there
             with _registering(_Origin(file.path, file.path)):
-                spec.loader.exec_module(module)
+                READERS.get(Path(file.path).suffix.lower(), _execute)(file)
             _files[file.path] = file
+
+
+def _execute(file: TaskFile) -> None:
+    """Execute the text of a Python file as a module."""
+    stem = re.sub(r"\W", "_", Path(file.path).stem)
+    name = f"betterbench_task_file_{stem}_{file.sha256[:8]}"
+    spec = importlib.util.spec_from_loader(name, _Loader(file), origin=file.path)
+    if spec is None or spec.loader is None:
+        raise AssertionError("a loader gives its specification")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look up the module of their class there
+    spec.loader.exec_module(module)
 
 
 def load_declared() -> None:
@@ -295,7 +317,8 @@ def options_for(tasks: Iterable[str]) -> str:
 
 def loading_options() -> str:
     """Return the options that load all files loaded in this process, with a leading space."""
-    return "".join(f" --task-file {shell_word(path)}" for path in _files)
+    named = dict.fromkeys(_suites.get(path, path) for path in _files)
+    return "".join(f" --task-file {shell_word(path)}" for path in named)
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:

@@ -362,3 +362,15 @@ def test_an_empty_preset_is_no_preset(demonstrations, tmp_path, capsys):
     words = ["export", str(demonstrations.run.path), "--to", "lerobot", "--preset", "", "--out", str(tmp_path / "set")]
     assert main(words) == 2
     assert "preset" in capsys.readouterr().err
+
+
+def test_the_command_that_evaluates_names_the_files_of_ones_own_tasks(monkeypatch):
+    """By name alone, since whoever has the data set has them in another place."""
+    from betterbench.demonstrations.export import job
+    from betterbench.demonstrations.export.layout import layout_of
+
+    told = {"task_files": [{"name": "my tasks.py", "sha256": "0"}]}
+    monkeypatch.setattr(job, "origins_of", lambda tasks: told if "my_lunch" in tasks else {})
+    layout = layout_of("lerobot")
+    assert "--task-file 'my tasks.py'" in job.evaluation_command(layout, "standard", ["my_lunch"])
+    assert "--task-file" not in job.evaluation_command(layout, "standard", ["fruit_lunch"])

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Concatenate, ParamSpec
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
 from betterbench.tasks.subgoal import Instruction
 
@@ -54,19 +54,29 @@ class Operation:
         return f"do({' '.join((self.name, *shown))})"
 
 
-_NAMES: set[str] = set()
+_CONSTRUCTORS: dict[str, Callable[..., Operation]] = {}
 
 
 def operation_names() -> tuple[str, ...]:
     """Return the names of all operations, sorted."""
-    return tuple(sorted(_NAMES))
+    return tuple(sorted(_CONSTRUCTORS))
+
+
+def operation_named(name: str) -> Callable[..., Operation]:
+    """Return the constructor of an operation; its signature begins with the condition, which is not passed.
+
+    Raises:
+        UnknownNameError: If the operation does not exist.
+    """
+    if name not in _CONSTRUCTORS:
+        raise UnknownNameError("operation", name, _CONSTRUCTORS)
+    return _CONSTRUCTORS[name]
 
 
 def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable[P, Operation]:
     """Make a function on conditions a constructor of operations with the function's further arguments."""
     signature = inspect.signature(function)
     name = function.__name__
-    _NAMES.add(name)
 
     @functools.wraps(function)
     def make(*args: P.args, **kwargs: P.kwargs) -> Operation:
@@ -74,6 +84,7 @@ def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable
         arguments = {key: value for key, value in given.items() if key != "condition"}
         return Operation(name, arguments, lambda condition: function(condition, *args, **kwargs))
 
+    _CONSTRUCTORS[name] = make
     return make
 
 

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from betterbench.errors import UnknownNameError
 from betterbench.tasks.authoring.readable import require_readable
 from betterbench.tasks.authoring.task import Task
-from betterbench.tasks.user_files import load_declared, registered
+from betterbench.tasks.suite_folder import is_suite_folder, read_suite_folder
+from betterbench.tasks.user_files import load_declared, load_task_files, registered
 
 _BUILDERS: dict[str, Callable[[], Task]] = {}
 
@@ -89,9 +90,16 @@ SUITES: dict[str, tuple[str, ...]] = {
 def suite_tasks(name: str) -> tuple[str, ...]:
     """Return the ids of a suite's tasks.
 
+    Args:
+        name: Name of a packaged suite, or the path of a folder with a suite, whose tasks are loaded.
+
     Raises:
         UnknownNameError: If the suite does not exist.
+        InvalidInputError: If a file of the folder is damaged, or a task of it has a name that exists.
     """
+    if name not in SUITES and is_suite_folder(name):
+        load_task_files([name])
+        return read_suite_folder(name).tasks
     if name not in SUITES:
         raise UnknownNameError("suite", name, SUITES)
     return SUITES[name]

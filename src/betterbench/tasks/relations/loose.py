@@ -22,6 +22,8 @@ OVERLAP = threshold(
     "behavioral_inertia of what is put badly.",
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+_HIGHER_M = 0.001
+"""Difference of the lowest points from which an object is above another one [m]."""
 _ROUNDING_M = 1e-9
 """Margin above the rounding error of a distance [m]."""
 
@@ -71,9 +73,12 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
     """Tell whether an object lies on a target or on an object on it, whatever its posture.
 
     Its center is over the target's bounding box, seen from above, it is not lower than the target, and a chain of
-    contacts connects it to the target; fixed objects, the gripper and the table are not part of a chain.
+    contacts connects it to the target; fixed objects, the gripper and the table are not part of a chain. A thin plate
+    under a bowl does not lie on the bowl: of two objects over each other, the one that reaches lower carries the other.
     """
-    return target in _carriers(state, name) and _over(state, name, target)
+    if target not in _carriers(state, name) or not _over(state, name, target):
+        return False
+    return not (_over(state, target, name) and lowest(state, name) < lowest(state, target) - _HIGHER_M)
 
 
 def held_upon(state: WorldState, name: str, target: str) -> bool:

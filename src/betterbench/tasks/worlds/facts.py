@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.json_form import open_form, read_form
+from betterbench.tasks.suite_folder import is_suite_folder
 
 Reading = Literal["conditions", "goals", "outcomes", "chains"]
 """Reading of the records of a world by the diagnosis.
@@ -117,8 +118,11 @@ def known_facts() -> Mapping[str, WorldFacts]:
 
 
 def facts_of_suite(suite: str) -> WorldFacts | None:
-    """Return the facts about the world that has a suite, or None if no world that is known here has it."""
-    if suite in OURS.suites:
+    """Return the facts about the world that has a suite, or None if no world that is known here has it.
+
+    A path of a folder with a suite belongs to our own scenes.
+    """
+    if suite in OURS.suites or is_suite_folder(suite):
         return OURS  # without reading anything of other worlds
     return next((facts for facts in known_facts().values() if suite in facts.suites), None)
 

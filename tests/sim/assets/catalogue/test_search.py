@@ -256,7 +256,7 @@ def spoil_tables(folder):
 SPOILT = {
     "text": (lambda folder: (folder / FILE).write_bytes(b"no database" * 99), "not a catalogue of assets"),
     "foreign": (spoil_application, "is not a catalogue of assets"),
-    "version": (spoil_version, "is a catalogue of version 99, and version 1 is expected"),
+    "version": (spoil_version, "is a catalogue of version 99, and version 2 is expected"),
     "tables": (spoil_tables, "is damaged"),
     "cut": (lambda folder: (folder / "vectors.npy").write_bytes(b"\x93NUMPY\x01\x00"), "vectors.npy: "),
     "other": (lambda folder: np.save(folder / "faces.npy", np.zeros(3)), "faces.npy: does not hold"),

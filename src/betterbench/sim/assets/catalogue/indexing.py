@@ -95,6 +95,7 @@ def index_sources(
             store.note(sealed="")
             for source in sources:
                 _read_source(store, source, report, on_progress)
+            store.count_terms()
             report.total = store.count()
             if encoder is not None:
                 with known:

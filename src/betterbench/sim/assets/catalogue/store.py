@@ -16,7 +16,7 @@ from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.terms import terms
 
 FILE = "catalogue.sqlite"
-VERSION = 1
+VERSION = 2
 """Version of the tables; a catalogue of another version is made again."""
 _APPLICATION = 0x62657474
 """Number by which SQLite files of a catalogue are known: "bett"."""
@@ -33,6 +33,7 @@ CREATE TABLE assets (
 CREATE INDEX assets_by_source ON assets(source);
 CREATE VIRTUAL TABLE words USING fts5(name, tags, description, tokenize='unicode61');
 CREATE VIRTUAL TABLE vocabulary USING fts5vocab('words', 'row');
+CREATE TABLE frequencies (term TEXT PRIMARY KEY, total INTEGER NOT NULL) WITHOUT ROWID;
 """
 _COLUMNS = (
     "row, id, sources.name AS source_name, content_hash, path, assets.name AS name, tags, description, category, "
@@ -266,12 +267,22 @@ class Store:
 
     # -------------------------------------------------------------------------------------------------------- words
 
+    def count_terms(self) -> None:
+        """Store the number of rows of each term.
+
+        FTS5's vocabulary reads every match of a term to count them: 30 ms for a term of most of 800,000 rows.
+        """
+        with self.checked():
+            self._database.execute("DELETE FROM frequencies")
+            self._database.execute("INSERT INTO frequencies SELECT term, doc FROM vocabulary")
+            self._database.commit()
+
     def frequencies(self, words: Iterable[str]) -> dict[str, int]:
-        """Return in how many rows each of some terms stands; those that stand nowhere are left out."""
+        """Return the number of rows that have each of some terms, as last counted; terms of no row are left out."""
         found = {}
         with self.checked():
             for word in dict.fromkeys(words):
-                line = self._database.execute("SELECT doc FROM vocabulary WHERE term = ?", (word,)).fetchone()
+                line = self._database.execute("SELECT total FROM frequencies WHERE term = ?", (word,)).fetchone()
                 if line is not None:
                     found[word] = int(line[0])
         return found

@@ -14,6 +14,9 @@ _LEAST_DEPTH_M = 0.004
 _LEAST_DEPTH_SHARE = 0.12
 """A hollow that is shallower than this share of the object's height is a dent."""
 _LEAST_AREA_SHARE = 0.12
+_PITS = 0.05
+_STEP_M = 0.0005
+_ALMOST = 0.9
 _LEVEL_M = 0.002
 """Height within which a surface is level [m]."""
 
@@ -26,7 +29,7 @@ class Cavity:
         mask: (nx, ny) columns of the grid that are under water.
         tops: (nx, ny) highest surface of each column [m]; -inf where there is none.
         rim_m: Height at which it would overflow [m].
-        floor_m: Height of its deepest place [m].
+        floor_m: Height of its floor [m]: a twentieth of its columns are deeper, which scans have as pits.
         volume_m3: Water that it keeps.
     """
 
@@ -44,10 +47,8 @@ class Cavity:
 
 def tops_of(solid: Solid) -> np.ndarray:
     """Return the (nx, ny) height of the highest surface in each column of cells [m], -inf in empty columns."""
-    nx, ny, nz = solid.cells.shape
-    tops = np.full((nx, ny), -np.inf)
-    i, j, _ = solid.index(solid.points).T
-    np.maximum.at(tops, (i, j), solid.points[:, 2])
+    nz = solid.cells.shape[2]
+    tops = solid.highest.copy()
     # A column between two points of the surface has none of its own; its highest cell stands for it.
     filled = solid.cells.any(axis=2) & ~np.isfinite(tops)
     highest = nz - 1 - np.argmax(solid.cells[:, :, ::-1], axis=2)
@@ -71,7 +72,7 @@ def cavity_of(solid: Solid) -> Cavity | None:
     mask = labels == best
     if mask.sum() < _LEAST_AREA_SHARE * np.isfinite(tops).sum():
         return None
-    rim, floor = float(np.max(level[mask])), float(np.min(tops[mask]))
+    rim, floor = float(np.max(level[mask])), float(np.quantile(tops[mask], _PITS))
     return Cavity(mask, tops, rim, floor, float(volumes[best - 1]))
 
 
@@ -107,15 +108,41 @@ def columns_box(solid: Solid, mask: np.ndarray) -> tuple[float, float, float, fl
 
 
 def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, float, float] | None:
-    """Return the middle (x, y) and half the side [m] of the largest square that is level at a height [m]."""
+    """Return the middle (x, y) and half the side [m] of the largest square that is level at a height [m].
+
+    Of squares that are almost as large, the most central one is taken.
+    """
     flat = np.abs(np.where(np.isfinite(tops), tops, np.inf) - height) < _LEVEL_M
     if not flat.any():
         return None
     inside = ndimage.distance_transform_cdt(np.pad(flat, 1), metric="chessboard")[1:-1, 1:-1]
-    i, j = np.unravel_index(int(np.argmax(inside)), inside.shape)
+    large = np.argwhere(inside >= _ALMOST * inside.max())
+    central = np.linalg.norm(large - np.argwhere(np.isfinite(tops)).mean(axis=0), axis=1)
+    i, j = large[int(np.argmin(central))]
     half = (float(inside[i, j]) - 0.5) * solid.pitch_m
     x, y = solid.origin[:2] + (np.array([i, j]) + 0.5) * solid.pitch_m
     return float(x), float(y), half
+
+
+def floor_square(solid: Solid, cavity: Cavity) -> tuple[float, float, float, float] | None:
+    """Return height, middle (x, y) and half the side [m] of the largest level square on the floor of a hollow, or None.
+
+    The floor of a real plate is a little higher in the middle. The height is that on which things rest there.
+    """
+    tops = np.where(cavity.mask, cavity.tops, -np.inf)
+    heights = np.arange(cavity.floor_m, cavity.floor_m + 0.35 * cavity.depth_m + _STEP_M, _STEP_M)
+    squares = [(square, height) for height in heights if (square := level_square(solid, tops, float(height)))]
+    if not squares:
+        return None
+    (x, y, half), _ = max(squares, key=lambda found: (round(found[0][2], 6), -found[1]))
+    inside = np.abs(_middles(solid) - np.array([x, y])).max(axis=2) <= half
+    return float(np.quantile(tops[inside & cavity.mask], 0.9)), x, y, half
+
+
+def _middles(solid: Solid) -> np.ndarray:
+    """Return the middle of each column of cells, (nx, ny, 2) [m]."""
+    i, j = np.meshgrid(*map(np.arange, solid.cells.shape[:2]), indexing="ij")
+    return np.asarray(solid.origin[:2] + (np.stack([i, j], axis=2) + 0.5) * solid.pitch_m)
 
 
 def highest_level(solid: Solid, tops: np.ndarray) -> tuple[float, float, float, float] | None:

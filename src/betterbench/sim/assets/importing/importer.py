@@ -14,7 +14,8 @@ from betterbench.sim.assets.asset import CollisionPart
 from betterbench.sim.assets.authoring.draft import Draft, zone
 from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.importing.appearance import visual_parts
-from betterbench.sim.assets.importing.cavity import columns_box, highest_level, level_square, tops_of
+from betterbench.sim.assets.importing.cavity import columns_box, floor_square, highest_level, tops_of
+from betterbench.sim.assets.importing.foot import foot_under
 from betterbench.sim.assets.importing.grasping import proposals
 from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of
 from betterbench.sim.assets.importing.kinds import Kind, kind_of, words_of
@@ -92,16 +93,19 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
     hulls = convex_hulls(placed.solid, surface, placed.cavity)
     if not hulls:
         raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
+    foot = foot_under(hulls, center)
     grasps = tuple(p.grasp for p in proposals(placed.solid, center))
     notes = (*placed.notes, said)
     if kind is not None and kind.is_open and placed.cavity is None:
         notes = (*notes, f"no hollow was found, though a {kind.name} is open at the top")
+    if foot is not None:
+        notes = (*notes, "it would roll: it has a flat foot in its collision shape")
     draft = Draft(
         shape=_shape(placed, size),
         description=f"{named} imported from a mesh.".replace("_", " "),
         tags=tuple(dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])),
         mass_kg=mass,
-        parts=(*visual_parts(placed.mesh), *(_shape_of(corners) for corners in hulls)),
+        parts=(*visual_parts(placed.mesh), *map(_shape_of, [*hulls, *([] if foot is None else [foot])])),
         body=_properties(mass, center, inertia),
         grasps=grasps,
         regions=tuple(_regions(placed, size)),
@@ -163,15 +167,15 @@ def _regions(placed: Placed, size: np.ndarray) -> list[Region]:
             height, x, y, half = level
             found.append(zone("top", half, half, height, x=x, y=y))
         return found
-    x, y, half_x, half_y = columns_box(solid, cavity.mask)
-    found.append(zone("opening", half_x, half_y, cavity.rim_m, x=x, y=y))
+    middle_x, middle_y, half_x, half_y = columns_box(solid, cavity.mask)
+    found.append(zone("opening", half_x, half_y, cavity.rim_m, x=middle_x, y=middle_y))
     middle = 0.5 * (cavity.rim_m + cavity.floor_m)
-    found.append(zone("inside", half_x, half_y, middle, x=x, y=y, half_z=0.5 * cavity.depth_m))
-    tops = np.where(cavity.mask, cavity.tops, -np.inf)
-    bottom = level_square(solid, tops, cavity.floor_m)
-    if bottom is not None and bottom[2] > 0.005:
-        found.append(zone("floor", bottom[2], bottom[2], cavity.floor_m, x=bottom[0], y=bottom[1]))
+    found.append(zone("inside", half_x, half_y, middle, x=middle_x, y=middle_y, half_z=0.5 * cavity.depth_m))
+    bottom = floor_square(solid, cavity)
+    if bottom is not None and bottom[3] > 0.005:
+        height, x, y, half = bottom
+        found.append(zone("floor", half, half, height, x=x, y=y))
         if cavity.depth_m < 0.25 * float(min(size[0], size[1])):  # a plate: things are put onto it
-            found.append(zone("top", bottom[2], bottom[2], cavity.floor_m, x=bottom[0], y=bottom[1]))
-    found.append(zone("rim", half_x, half_y, cavity.rim_m, x=x, y=y))
+            found.append(zone("top", half, half, height, x=x, y=y))
+    found.append(zone("rim", half_x, half_y, cavity.rim_m, x=middle_x, y=middle_y))
     return found

@@ -28,6 +28,7 @@ class Solid:
         origin: Corner of the first cell [m].
         pitch_m: Side of a cell [m].
         points: (k, 3) points spread evenly on the surface [m].
+        highest: (nx, ny) highest point of the surface in each column of cells [m], -inf where there is none.
     """
 
     cells: np.ndarray
@@ -35,6 +36,7 @@ class Solid:
     origin: np.ndarray
     pitch_m: float
     points: np.ndarray
+    highest: np.ndarray
 
     def centers(self, cells: np.ndarray) -> np.ndarray:
         """Return the (k, 3) centers [m] of the cells that are True."""
@@ -84,6 +86,9 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray) -> Solid:
     surface = np.zeros(shape, dtype=bool)
     surface[tuple(at.T)] = True
     cells = ndimage.binary_fill_holes(surface)
+    # Of all points: where a wall is thinner than a cell, those that are kept below may be on its underside.
+    highest = np.full(tuple(shape[:2]), -np.inf)
+    np.maximum.at(highest, (at[:, 0], at[:, 1]), points[:, 2])
     # A few points in each cell are enough for hulls and for distances.
     fine = np.floor((points - origin) / pitch * 2.0).astype(np.int64)
     _, first = np.unique(fine @ np.array([1, 4096, 4096 * 4096]), return_index=True)
@@ -91,7 +96,7 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray) -> Solid:
     # What is inside (the layers of a burger, the end of a handle in its wall) is neither seen nor touched.
     outside = ndimage.binary_dilation(~cells, ndimage.generate_binary_structure(3, 3))
     points = points[outside[tuple(np.clip(np.floor((points - origin) / pitch).astype(int), 0, shape - 1).T)]]
-    return Solid(np.asarray(cells, dtype=bool), surface, origin, pitch, points)
+    return Solid(np.asarray(cells, dtype=bool), surface, origin, pitch, points, highest)
 
 
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:

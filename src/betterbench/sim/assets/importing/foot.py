@@ -1,0 +1,63 @@
+"""A small flat foot under objects that would roll, as the fruit of the library has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+_LEANS = tuple(math.radians(lean) for lean in (3.0, 6.0, 9.0, 12.0))
+"""Leans from which an object must return by itself. Scans of fruit stand on a face of a few millimeters, and roll to
+another one while a scene settles; a task that wants them upright (within 5 degrees) cannot begin then."""
+_LEAST_LEVER = 0.02
+"""Least horizontal distance from the center of mass to the point of contact at a lean, on the side to which the object
+leans, relative to the height of the center of mass. It is 0 for a sphere."""
+_WIDTH = math.tan(math.radians(16.0))
+"""Half a side of a foot, relative to the height of the center of mass: the lean from which the object returns."""
+_HEIGHT_M = 0.006
+_BELOW_M = 0.0003
+"""Depth of the foot below the lowest point, so that the object touches the ground with the foot alone."""
+
+
+def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | None:
+    """Return the corners (8, 3) of a foot in the frame of an object, or None if it stands well or has no room for one.
+
+    Args:
+        hulls: Corners of its collision hulls, each (n, 3) [m], z up.
+        center: Center of mass, (3,) [m].
+    """
+    corners = np.concatenate(list(hulls))
+    low = float(corners[:, 2].min())
+    height = float(center[2]) - low
+    if returns_upright(corners, center):
+        return None
+    half = _WIDTH * height
+    square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]]) + center[:2]
+    if not all(_is_over(corners[corners[:, 2] <= center[2], :2], corner) for corner in square):
+        return None
+    bottom, top = low - _BELOW_M, low + min(_HEIGHT_M, height)
+    return np.array([[x, y, z] for z in (bottom, top) for x, y in square])
+
+
+def returns_upright(corners: np.ndarray, center: np.ndarray) -> bool:
+    """Return whether an object with these corners (n, 3) returns when it leans by up to 12 degrees to any side."""
+    arms = corners - center
+    least = -_LEAST_LEVER * float(arms[:, 2].min())
+    for turn in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
+        along = arms[:, :2] @ np.array([math.cos(turn), math.sin(turn)])
+        for lean in _LEANS:
+            contact = int(np.argmin(arms[:, 2] * math.cos(lean) - along * math.sin(lean)))
+            if along[contact] * math.cos(lean) + arms[contact, 2] * math.sin(lean) < least:
+                return False
+    return True
+
+
+def _is_over(points: np.ndarray, point: np.ndarray) -> bool:
+    """Return whether a point (2,) is inside the convex hull of others (n, 2)."""
+    try:
+        equations = ConvexHull(points).equations
+    except (QhullError, ValueError):  # fewer than three points, or all on one line
+        return False
+    return bool((equations[:, :2] @ point + equations[:, 2]).max() <= 0.0)

@@ -1,0 +1,124 @@
+"""Suites as folders: tasks in their JSON form, listed with digests in ``suite.json``.
+
+The name of the folder ends with the first digits of a digest of all tasks, so two people with folders of the same name
+have the same benchmark.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.json_form import NO_TRUTH, dump_json, read_bounded, read_form, strict_form
+
+HEAD = "suite.json"
+"""File that lists the tasks of a suite."""
+
+TASKS = "tasks"
+"""Folder of the tasks in a suite."""
+
+_MOST_BYTES = 16 << 20
+_DIGITS = 12
+_CURE = "Get the folder again, or write the suite again"
+
+_Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+_Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Head:
+    schema_version: Annotated[Literal[1], NO_TRUTH]
+    name: _Name
+    tasks: Annotated[dict[_Name, _Digest], Field(min_length=1)]
+
+
+_HEAD = TypeAdapter(_Head)
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteFolder:
+    """A suite in a folder, whose files have the digests that it lists.
+
+    Attributes:
+        name: Name with the digits of the digest ("kitchen-3f2a91c0d4e5").
+        tasks: Names of its tasks, sorted.
+        files: Their files, in the same order.
+    """
+
+    name: str
+    tasks: tuple[str, ...]
+    files: tuple[Path, ...]
+
+
+def is_suite_folder(path: Path | str) -> bool:
+    """Return whether a path is a folder with the head of a suite."""
+    return (Path(path) / HEAD).is_file()
+
+
+def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str, dict[str, bytes]]:
+    """Return the name of a suite's folder, and its files by their path in the folder.
+
+    Args:
+        name: Name of the suite, without the digest.
+        forms: JSON forms of its tasks by name, as :func:`betterbench.tasks.task_to_json` writes them.
+
+    Raises:
+        InvalidInputError: If the name is not one, or there is no task.
+    """
+    contents = {task: dump_json(dict(form)) + b"\n" for task, form in sorted(forms.items())}
+    digests = {task: hashlib.sha256(content).hexdigest() for task, content in contents.items()}
+    head = {"schema_version": 1, "name": name, "tasks": digests}
+    read_form(
+        _HEAD, head, where="suite", cure="Use lower-case letters, digits and '_' in names, and give a task or more"
+    )
+    files = {HEAD: dump_json(head) + b"\n"}
+    files |= {f"{TASKS}/{task}.json": content for task, content in contents.items()}
+    return _full_name(name, digests), files
+
+
+def read_suite_folder(path: Path | str) -> SuiteFolder:
+    """Return the suite in a folder, after checking the digest of every file.
+
+    Raises:
+        InvalidInputError: If the folder has no suite, if a listed file is missing, differs from its digest or is not
+            listed, or if the name of the folder has another digest.
+    """
+    folder = Path(path).absolute()
+    where = str(folder / HEAD)
+    cure = f"Name a folder with a {HEAD}"
+    head = read_form(_HEAD, read_bounded(folder / HEAD, max_bytes=_MOST_BYTES, cure=cure), where=where, cure=_CURE)
+    files = []
+    for task, digest in sorted(head.tasks.items()):
+        file = folder / TASKS / f"{task}.json"
+        found = hashlib.sha256(read_bounded(file, max_bytes=_MOST_BYTES, cure=_CURE)).hexdigest()
+        if found != digest:
+            problem = f"has the digest {found[:_DIGITS]}…, and {HEAD} lists {digest[:_DIGITS]}…"
+            raise InvalidInputError(str(file), problem, _CURE)
+        files.append(file)
+    strange = sorted(f.name for f in (folder / TASKS).glob("*.json") if f not in files and not _is_companion(f))
+    if strange:
+        problem = f"the suite does not list {one_line(repr(strange[0]), most=120)}"
+        raise InvalidInputError(str(folder / TASKS), problem, "Move the file to another folder")
+    full = _full_name(head.name, head.tasks)
+    stated = re.fullmatch(r".*-([0-9a-f]{12})", folder.name)
+    if stated and not full.endswith(stated[1]):
+        problem = f"its tasks have the digest {full[-_DIGITS:]}"
+        raise InvalidInputError(str(folder), problem, f"{_CURE}; a changed suite needs another name")
+    return SuiteFolder(full, tuple(sorted(head.tasks)), tuple(files))
+
+
+def _is_companion(file: Path) -> bool:
+    """Return whether a file holds measurements of a task and not a task."""
+    return file.name.endswith(".demonstrations.json")
+
+
+def _full_name(name: str, digests: Mapping[str, str]) -> str:
+    return f"{name}-{hashlib.sha256(dump_json(dict(digests))).hexdigest()[:_DIGITS]}"

@@ -1,0 +1,102 @@
+"""Suites as folders: the same tasks give the same folder, and a folder that differs from its digests is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+
+import pytest
+from tests.looping import each
+
+from betterbench.errors import InvalidInputError
+from betterbench.tasks.authoring.task_form import task_forms
+from betterbench.tasks.suite_folder import HEAD, read_suite_folder, suite_files
+
+
+def forms():
+    found = task_forms(["fruit_lunch", "tidy_desk"])
+    for name, form in found.items():
+        form["id"] = f"shared_{name}"
+    return {form["id"]: form for form in found.values()}
+
+
+@pytest.fixture
+def suite(tmp_path):
+    name, files = suite_files("shared", forms())
+    for path, content in files.items():
+        (tmp_path / name / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name / path).write_bytes(content)
+    return tmp_path / name
+
+
+def test_the_same_tasks_give_the_same_files_in_any_order():
+    one, other = forms(), dict(reversed(forms().items()))
+    assert suite_files("shared", one) == suite_files("shared", other)
+    other["shared_tidy_desk"]["version"] += 1
+    assert suite_files("shared", one)[0] != suite_files("shared", other)[0]
+    assert suite_files("shared", one)[0].startswith("shared-")
+
+
+def test_a_folder_is_read_back(suite):
+    read = read_suite_folder(suite)
+    assert read.name == suite.name
+    assert read.tasks == ("shared_fruit_lunch", "shared_tidy_desk")
+    assert [json.loads(file.read_text())["id"] for file in read.files] == list(read.tasks)
+    (suite / "tasks" / "shared_tidy_desk.demonstrations.json").write_text("{}")
+    assert read_suite_folder(suite) == read
+
+
+def _edit(suite, **changes):
+    head = json.loads((suite / HEAD).read_text())
+    (suite / HEAD).write_text(json.dumps({**head, **changes}))
+
+
+SPOILED = {
+    "does not list 'x.json'": lambda s: (s / "tasks" / "x.json").write_text("{}"),
+    "shared_tidy_desk.json: has the digest": lambda s: (s / "tasks" / "shared_tidy_desk.json").write_text("{}"),
+    "shared_fruit_lunch.json": lambda s: (s / "tasks" / "shared_fruit_lunch.json").unlink(),
+    "suite.json: name": lambda s: _edit(s, name="../x"),
+    "suite.json: tasks": lambda s: _edit(s, tasks={}),
+    "suite.json: is not JSON": lambda s: (s / HEAD).write_text("{"),
+    "its tasks have the digest": lambda s: (
+        _edit(s, tasks={k: v for k, v in json.loads((s / HEAD).read_text())["tasks"].items() if "fruit" in k})
+        or (s / "tasks" / "shared_tidy_desk.json").unlink()
+    ),
+}
+
+
+@each("problem", SPOILED, str)
+def test_a_changed_folder_is_refused(problem, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("suites")
+    name, files = suite_files("shared", forms())
+    for path, content in files.items():
+        (folder / name / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name / path).write_bytes(content)
+    SPOILED[problem](folder / name)
+    with pytest.raises(InvalidInputError) as caught:
+        read_suite_folder(folder / name)
+    assert problem in str(caught.value)
+
+
+def test_a_suite_without_tasks_or_with_another_name_is_refused():
+    with pytest.raises(InvalidInputError, match="tasks"):
+        suite_files("shared", {})
+    with pytest.raises(InvalidInputError, match="name"):
+        suite_files("Shared tasks", forms())
+
+
+def test_commands_take_the_folder(suite, tmp_path):
+    """As ``--suite`` and as ``--task-file``; messages name the folder and not each of its files."""
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "betterbench.cli", "eval", "--policy", "noop", "--suite", str(suite)]
+    command += ["--variations", "shared_fruit_lunch/O1", "--trials", "1", "--uncertified", "--workers", "1"]
+    done = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"--task-file {suite}" in " ".join((done.stdout + done.stderr).split())
+    assert len(list((out / "task_files").iterdir())) == 2
+    said = [sys.executable, "-m", "betterbench.cli", "diagnose", str(out), "--task-file", str(suite), "--json"]
+    shown = json.loads(subprocess.run(said, capture_output=True, text=True, check=True).stdout)
+    assert {trial["task"] for trial in shown["trials"]} == {"shared_fruit_lunch"}
+    shutil.rmtree(suite)
