@@ -61,18 +61,18 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             (
                 "The front camera is at (1.45, 0, 0.95) m and sees the gripper, the table and everything on it. "
-                "The wrist camera is fixed to the gripper and sees both fingertips and what lies under them. In an "
-                "image of 256 x 256 pixels, at every start of a trial:"
+                "The wrist camera is fixed to the gripper and sees both fingertips and the area below them. In an "
+                "image of 256 x 256 pixels, at the start of every trial:"
             ),
             "",
-            f"- the gripper has at least {GRIPPER_PX:g} pixels, and likewise 12 cm over every slot;",
+            f"- the gripper covers at least {GRIPPER_PX:g} pixels, also at 12 cm above every slot;",
             (
-                "- slots and target regions, with all places that the jitter of their slots allows, stay "
+                "- slots and target regions, for all jitters of their slots, stay "
                 f"{1e3 * MARGIN_M:g} mm inside the image, at all jitters of the camera;"
             ),
             (
-                f"- what the instruction names is at least {SIDE_PX:g} pixels long, and at least "
-                f"{100 * VISIBLE:g} % of it is in the image and not hidden by anything else;"
+                f"- every named object is at least {SIDE_PX:g} pixels long, and at least "
+                f"{100 * VISIBLE:g} % of it is visible, within the image and unoccluded;"
             ),
             f"- at most {100 * BACKGROUND:g} % of the image shows neither table nor robot nor object.",
             "",
@@ -88,19 +88,19 @@ def page(tasks: Sequence[Task]) -> str:
             "## Before and after",
             "",
             (
-                "The first training condition of every task at seed 0, as the first edition of the suite showed it "
-                "(above) and as it is shown now (below)."
+                "The first training condition of every task at seed 0, in the first edition of the suite (above) and "
+                "in the current edition (below)."
             ),
             "",
-            "![the ten tasks of the first edition above those of today](pictures/editions.jpg)",
+            "![the ten tasks of the first edition above the ten current tasks](pictures/editions.jpg)",
             "",
             "## Rooms, looks and jitter",
             "",
             (
                 "The seed of a trial draws its room (table, wall, floor and light), the look of every kind of object, "
                 "the places of the cameras (± 1 cm and ± 1° per axis), the direction of the key light (± 4° per axis) "
-                "and the start of the arm (± 2 cm per axis, ± 5° about the tool). A trial and its twin share all of "
-                "it, and training and test draw from the same distribution."
+                "and the start of the arm (± 2 cm per axis, ± 5° about the tool). A trial and its twin share all these "
+                "values, and training and test draw from the same distribution."
             ),
             "",
             f"- rooms of training and test: {seen};",
@@ -110,8 +110,8 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             (
                 "`better eval --looks unseen` shows objects and rooms in held-out looks, which no demonstration shows. "
-                "The packaged certificate covers the seen looks; `better certify --looks unseen` makes one for the "
-                "others. Runs with different looks are not compared."
+                "The packaged certificate covers the seen looks; `better certify --looks unseen` makes a certificate "
+                "for the unseen looks. Runs with different looks are not compared."
             ),
             "",
         ]

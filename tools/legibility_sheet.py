@@ -280,15 +280,15 @@ def page(found: list[Crop], readings: list[dict[str, str]]) -> str:
     columns = [f"reader {i + 1}" for i in range(len(readings))]
     return "\n".join(
         [
-            "# Can a person tell what it is?",
+            "# Recognizable objects",
             "",
             (
-                f"{len(found)} crops of scenes as the front camera of a policy sees them at 256 x 256 pixels, in an "
-                "order drawn by seed and without names. Readers who did not know the list of categories wrote what "
-                f"each outlined object is. **Right are {' and '.join(shares)}; required: {100 * REQUIRED:.0f} %.** An "
-                "answer is right if it names the object by an everyday word, by no word of what it must not be taken "
-                "for, and by no color that it does not have (that of a part, as in 'jam jar, white lid', is not "
-                "judged). `tools/legibility_sheet.py` draws the sheets and judges the answers."
+                f"This page shows {len(found)} crops of images of the front camera (256 x 256 pixels), in random order and "
+                "without names. Readers without the list of categories named each outlined object. "
+                f"**Correct: {' and '.join(shares)}; required: {100 * REQUIRED:.0f} %.** An answer is correct if it "
+                "names the object by an everyday word, does not name an object that it must not be confused with, and "
+                "does not give a wrong color (colors of parts, as in 'jam jar, white lid', are not judged). "
+                "`tools/legibility_sheet.py` draws the sheets and judges the answers."
             ),
             "",
             *(
@@ -296,7 +296,7 @@ def page(found: list[Crop], readings: list[dict[str, str]]) -> str:
                 for i in range(pages)
             ),
             "",
-            f"| crop | what it is | {' | '.join(columns)} |",
+            f"| crop | object | {' | '.join(columns)} |",
             f"|---|---|{'---|' * len(columns)}",
             *rows,
             "",

@@ -23,7 +23,7 @@ SOLVED_SHARE = 0.95
 The few unsolved trials are attributed to the expert and are listed. Clauses (b) to (e) must hold on every single trial.
 """
 MOST_SEEDS = 1_000_000
-"""Largest seed of a range in a file, so that a malicious file cannot exhaust the memory."""
+"""Largest seed of a range in a file; a larger range in a malicious file could exhaust the memory."""
 MAX_BYTES = 256 << 20
 """Largest certificate that is read [byte]."""
 
@@ -177,7 +177,7 @@ def packaged_coverage() -> Coverage:
 
 
 def load_coverage(path: Path) -> Coverage:
-    """Read a ``certificate.json``, its folder or a coverage. Raises InvalidInputError if it cannot be read."""
+    """Read the coverage from a certificate, its folder or a coverage file; InvalidInputError if it is unreadable."""
     return _load(path / "certificate.json" if path.is_dir() else path, str(path))
 
 

@@ -266,7 +266,7 @@ def _expert(scene: Scene) -> _Episode:
 
 
 def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth: Truth, steps: int) -> str:
-    """Return what was missing when the expert's episode ended."""
+    """Return the reason for which the expert's episode was not solved."""
     if condition.expected is not Expected.SUCCEED:
         return f"scored wrong after {steps} steps: {'a forbidden interaction' if truth.forbidden else 'not at rest'}"
     missing = [name for name, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]

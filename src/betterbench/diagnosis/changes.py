@@ -147,7 +147,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Return how the judged record changed, or None if there is no sign of a change."""
+    """Return a clause on the change of the judged record, or None without a sign of a change."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):
@@ -171,7 +171,7 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
 
 
 def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
-    """Return how the deciding rule changed."""
+    """Return a clause on the change of the deciding rule."""
     same = before.rule == now.rule
     later = now.start_s - before.start_s
     if later < -_SAME_TIME:

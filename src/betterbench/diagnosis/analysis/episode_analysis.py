@@ -165,7 +165,7 @@ class EpisodeAnalysis:
 
     @property
     def first_attempt(self) -> Step | None:
-        """The first attempt that is reported: a drawer that had to be moved counts only if no other attempt follows."""
+        """The reported first attempt; an attempt at a drawer that had to be moved is used only if no other exists."""
         telling = (s for s in self.steps if not self.trace.is_drawer(s.at) or s.target is not AttemptTarget.ASKED)
         return next(telling, self.steps[0] if self.steps else None)
 
@@ -198,7 +198,7 @@ class EpisodeAnalysis:
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that place something into the object that a subgoal closes."""
+        """Return the earlier subgoals that place objects into the drawer that a subgoal closes."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
@@ -258,10 +258,10 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return a region where an object was put although no subgoal requires it, with two rows, or None.
+        """Return a region in which an object was put without being requested there, with two rows, or None.
 
-        The rows are those of the release and of the rest. An object that was deliberately released at a region counts
-        as placed there in any posture.
+        The rows are the row of the release and the row at which the object came to rest. An object that was
+        deliberately released at a region is placed there in any posture.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -331,7 +331,7 @@ class EpisodeAnalysis:
         return self.put_down(step)
 
     def taken_for(self, step: Step) -> int | None:
-        """Return another subgoal, for another object, whose target region an object was put in, or None."""
+        """Return the subgoal of another object in whose target region an object was put, or None."""
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None
@@ -641,7 +641,7 @@ def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
 
 
 def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the open subgoals at a row, and those that may be served now: the first one if the order is fixed."""
+    """Return the open subgoals at a row, and the subgoals that may be done next (the first if the order is fixed)."""
     due = _open_goals(trace, instruction.subgoals, row)
     return due, due[:1] if instruction.ordered else due
 
@@ -668,7 +668,7 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
-    """Return the earlier subgoals whose target is the object of this one, as in loading and closing a drawer."""
+    """Return the earlier subgoals whose target is the object of a subgoal, as in loading and closing a drawer."""
     if relation(goals[g].relation).carried:
         return []
     return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
@@ -689,7 +689,7 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
 
 
 def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
-    """Return the drawer that a subgoal loads, unless an attempt pushed it in; it may be opened in several pulls."""
+    """Return the target drawer of a subgoal if an attempt grasped it and did not push it in, else an empty set."""
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
     if i is None or i != trace.targets[g] or not trace.is_drawer(i):
         return set()
@@ -708,7 +708,7 @@ def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
 def _step(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
 ) -> Step:
-    """Return an attempt compared with the due steps; ``at`` gives its object if the gripper does not show it."""
+    """Return an attempt, compared with the due steps; ``at`` is the object of an attempt without a grasp."""
     row = grasp.start
     due, now = _due(trace, instruction, row)
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}

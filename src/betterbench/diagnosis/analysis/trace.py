@@ -197,7 +197,7 @@ def finger_forces(record: Record, rows: int) -> Floats:
 
 
 def touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:
-    """Return which object each part of the gripper touches, shape (parts, rows, n)."""
+    """Return the contacts of each part of the gripper with each object, shape (parts, rows, n)."""
     contacts = record.contacts
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
     part_of = np.array([parts.index(b) if b in parts else -1 for b in record.bodies], dtype=np.intp)

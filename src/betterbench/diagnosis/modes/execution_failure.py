@@ -55,7 +55,7 @@ _UNTOLD = {
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Return where the gripper first closed without a recognizable target, or an empty text."""
+    """Return the place of the first closing without a recognizable target, or an empty text."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
@@ -69,7 +69,7 @@ def _aims_right(trial: TrialDiagnosis) -> bool:
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return how the manipulation fails in nearly all trials, if one or two descriptions cover them.
+    """Return a sentence on the failed manipulation, if one or two descriptions cover nearly all trials.
 
     The text says that the policy goes for the right objects only if nearly all of these trials show their target.
     """
@@ -139,7 +139,7 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
 
 
 def _of_step(trial: TrialView, step: Step) -> Evidence | None:
-    """Return what went wrong after one right decision, or None."""
+    """Return evidence of a failed manipulation after one right decision, or None."""
     episode = trial.episode
     if step.target is not AttemptTarget.ASKED or step.goal is None:
         return None

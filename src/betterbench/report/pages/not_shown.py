@@ -13,7 +13,7 @@ _ABILITIES = {
     BLIND[2]: _LOOKS,
     FLOOR[0]: "aims at anything",
     FLOOR[1]: "moves to the right place",
-    "zoo:lexical": "finds the object of a word at another place than in training",
+    "zoo:lexical": "finds the named object at another place than in training",
     "zoo:layout": "chooses its first target by more than its position",
     "zoo:color": "distinguishes the requested object from objects of the same color",
     "zoo:shape": "distinguishes the requested object from objects of the same shape",
