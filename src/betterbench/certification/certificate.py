@@ -44,7 +44,7 @@ class TrialCertificate:
         clauses: Finding per clause, "a" to "e".
         steps: Control steps that the expert used.
         penetration_mm: Deepest overlap of an object with anything in the initial state [mm], 0 if nothing overlaps.
-        drift_mm: Largest motion of an object by itself in the first 0.2 s [mm].
+        drift_mm: Largest motion of an untouched object in the first 0.2 s [mm].
         joint_margin_rad: Smallest distance of an arm joint to its limit in the grasps planned for clause (d) [rad];
             None if none was planned.
         support_slack_mm: Smallest distance of a pick or a target to the border of its jitter region [mm]; None if the

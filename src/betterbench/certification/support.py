@@ -1,4 +1,4 @@
-"""Support: the picks, placements and drawer moves of a training distribution, and the check of an episode."""
+"""Support: the picks, placements and drawer moves of a training distribution, and whether an episode stays inside."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode and its closings far from all objects, in time."""
+    """Return the grasp attempts of an episode and its closings far from all objects, in order of time."""
     time = episode.trace.time
     far = (
         Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing

@@ -63,7 +63,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the stays that begin at a given row or later, in time; except for objects at a target or on the floor."""
+    """Return the stays from a given row on, in order of time, except over objects at a target or on the floor."""
     near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
@@ -81,7 +81,7 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay, from a row on, over the object that a policy chooses by staying there, or None.
+    """Return the first stay, after a given row, over the object that a policy chooses by staying there, or None.
 
     Args:
         trace: The episode.
@@ -106,8 +106,8 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
     """Return whether a gripper is over a requested object about as long, or as often, as over another object.
 
-    Times over both objects are counted up to the same height above the table. Otherwise a taller object would be
-    counted earlier.
+    The times over both objects are measured up to the same height above the table. Otherwise, the gripper would be over
+    the taller object earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
@@ -128,7 +128,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the object that an open gripper comes down to from a row on, low enough to grasp it, or None.
+    """Return the object to which an open gripper comes down after a given row, low enough to grasp it, or None.
 
     The gripper must be at the object for a moment in total, and seldom at a place where closing would grasp another
     object.
@@ -167,7 +167,7 @@ def is_down(trace: Trace, i: int) -> Bools:
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Return whether an open gripper stays over an object from a row on without coming lower over time."""
+    """Return whether an open gripper stays over an object after a given row without coming lower over time."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
@@ -224,7 +224,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first rows, from a row on, in which a gripper that closed on nothing is within reach of an object."""
+    """Return the first span, after a given row, in which a gripper closed on nothing is within reach of an object."""
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
@@ -272,7 +272,7 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper pushes an object, and the object, in time.
+    """Return the rows in which an empty gripper pushes an object, and the object, in order of time.
 
     An object that moves while the gripper is still closed on it is carried or dragged, not pushed. An object that is
     hit while another object is between the fingers is not pushed either.
@@ -283,7 +283,7 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper moves an object, including by less than a push, in time."""
+    """Return the rows in which an empty gripper moves an object, including by less than a push, in order of time."""
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
 
@@ -302,7 +302,7 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
-    """Return the first row, from a row on, at which an object is out of the gripper's reach."""
+    """Return the first row, after a given row, at which an object is out of the gripper's reach."""
     while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
         row += 1
     return min(row, trace.rows)

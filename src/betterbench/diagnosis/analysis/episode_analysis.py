@@ -107,9 +107,9 @@ class EpisodeAnalysis:
 
     Attributes:
         meant: Indices of the objects that satisfy each subgoal.
-        steps: All grasp attempts, in time.
-        harm: Harm to objects that were not requested, in time.
-        others: Approaches without closing the gripper, in time.
+        steps: All grasp attempts, in order of time.
+        harm: Harm to objects that were not requested, in order of time.
+        others: Approaches without closing the gripper, in order of time.
         on_nothing: Closings far from all objects, or next to an empty slot, in order of time.
         fists: Closings on nothing before a drawer is pushed shut, in order of time.
         state: Function that returns the state at a row; None if only the recorded target regions are known.
@@ -130,7 +130,7 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All steps that show a target of the policy, in time: grasp attempts, pushes, and a stay at the end."""
+        """All steps that show a target, in order of time: grasp attempts, pushes, and a stay at the end."""
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     @property
@@ -178,11 +178,11 @@ class EpisodeAnalysis:
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Rows in which the empty gripper moves an object, even by less than a push, in time."""
+        """Rows in which the empty gripper moves an object, even by less than a push, in order of time."""
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Return clauses for the harm to objects that were not requested, in time."""
+        """Return clauses for the harm to objects that were not requested, in order of time."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:

@@ -92,7 +92,7 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
-    """Return the rows, from a row on, at which an object is at or over its target region in a subgoal."""
+    """Return the rows, after a given row, at which an object is at or over its target region in a subgoal."""
     trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
     target = trace.info.objects[t]
     middle = place_middle(target, goal.relation, goal.region)

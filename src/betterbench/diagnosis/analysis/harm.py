@@ -25,7 +25,7 @@ class DatedHarm(NamedTuple):
 
 
 def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
-    """Return all harm that a record shows, in time.
+    """Return all harm that a record shows, in order of time.
 
     The goal tracker judges the rows that can change its verdict. Objects are identified by kind and slot as in the
     trace, so their names do not matter.

@@ -50,13 +50,13 @@ class PowerCell:
     """Results of one pretender on one variation.
 
     Attributes:
-        k: Trials that succeeded.
-        n: Trials.
-        right: Trials whose first grasp attempt was at a requested object (suite, section 4).
+        k: Number of trials that succeeded.
+        n: Number of trials.
+        right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
         shared: Trials that were not simulated again, because the rule decided like the expert throughout. They copy the
             expert's outcome.
         wrong: Trials per label of the first wrong decision, for a policy that reports its decisions.
-        failed: Number of those trials that did not succeed.
+        failed: Number of trials with a wrong decision that did not succeed.
     """
 
     k: int

@@ -23,10 +23,11 @@ from betterbench.tasks.words import agreeing
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the first step, the target or the slot that is frequent in training is present but not requested.
+    """Return whether the scene has the usual first step, target or slot of training without a request for it.
 
-    A grasp at an emptied slot is included if it replaces a step, or if nothing may be grasped. It is excluded if
-    another object is in a slot of the instruction's word, because a first grasp there is another failure mode.
+    Grasps at an emptied slot are included if they replace a step, or if nothing may be grasped. They are excluded if
+    another object is in a slot to which the instruction's word led in training, because a first grasp there is another
+    failure mode.
     """
     due = {kind for goal in x.due for kind in x.kinds(goal)}
     waiting = {x.movable_in(slot) for slot in x.test.layout.values()}

@@ -178,7 +178,7 @@ def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, floa
 
 
 def _first_grasps(attempts: Iterable[Attempt]) -> dict[str, Attempt]:
-    """Return the first attempt at each object, in time."""
+    """Return the first attempt at each object, in order of time."""
     firsts: dict[str, Attempt] = {}
     for attempt in attempts:
         if attempt.object is not None:

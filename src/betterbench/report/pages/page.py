@@ -331,7 +331,7 @@ def _along(figure: Figure, value: float) -> str:
 
 
 def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:
-    """Return the frame nearest to a time, with the frames before and after it, in time."""
+    """Return the frame nearest to a time, with the frames before and after it, in order of time."""
     times = [abs(frame.time_s - time_s) for frame in frames]
     at = times.index(min(times)) if times else 0
     first = max(0, min(at - STRIP_FRAMES // 2, len(frames) - STRIP_FRAMES))
