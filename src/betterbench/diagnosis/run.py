@@ -303,7 +303,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the favorite kind of object of a policy for each suite whose attempts no rule explains."""
+    """Return the favorite kind of object of a policy per suite, for suites in which no rule explains the attempts."""
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)

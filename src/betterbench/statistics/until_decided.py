@@ -171,7 +171,14 @@ def _answer(question: Question, seeds: Sequence[int], outcome: Outcomes, rule: S
 
 @lru_cache(maxsize=4096)
 def _evidence(lost: int, kept: int, won: int, margin: float) -> tuple[float, float]:
-    """Return the evidence of a drop and of no drop, from the numbers of lost, unchanged and won pairs."""
+    """Return the evidence of a drop and of no drop.
+
+    Args:
+        lost: Pairs in which only the twin succeeded.
+        kept: Pairs with the same outcome.
+        won: Pairs in which only the condition succeeded.
+        margin: Drop that "no drop" excludes, as a fraction.
+    """
     values = [1.0] * lost + [0.0] * kept + [-1.0] * won
     return evidence_above(values, 0.0, span=SIGNED), evidence_below(values, margin, span=SIGNED)
 

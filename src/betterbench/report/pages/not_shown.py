@@ -14,7 +14,7 @@ _ABILITIES = {
     FLOOR[0]: "aims at anything",
     FLOOR[1]: "moves to the right place",
     "zoo:lexical": "finds the named object at another place than in training",
-    "zoo:layout": "chooses its first target by more than its position",
+    "zoo:layout": "chooses its first target by other cues than position",
     "zoo:color": "distinguishes the requested object from objects of the same color",
     "zoo:shape": "distinguishes the requested object from objects of the same shape",
 }
