@@ -67,8 +67,8 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             f"- the gripper covers at least {GRIPPER_PX:g} pixels, also at 12 cm above every slot;",
             (
-                "- slots and target regions, for all jitters of their slots, stay "
-                f"{1e3 * MARGIN_M:g} mm inside the image, at all jitters of the camera;"
+                f"- slots and target regions stay {1e3 * MARGIN_M:g} mm inside the image, for all jitters of slots and "
+                "camera;"
             ),
             (
                 f"- every named object is at least {SIDE_PX:g} pixels long, and at least "

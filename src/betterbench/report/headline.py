@@ -489,7 +489,7 @@ def _unfinished(diagnosis: RunDiagnosis) -> str:
 
 
 def _breakdown(varied: list[TrialDiagnosis]) -> str:
-    """Return the breakdown of most trials if the policy itself failed to run."""
+    """Return a sentence on the error that ended most trials if the policy itself failed to run, else an empty text."""
     if main_failure(varied) is not Label.POLICY_ERROR:
         return ""
     texts = Counter(trial.evidence.text for trial in varied if trial.label is Label.POLICY_ERROR)

@@ -29,7 +29,7 @@ Above this number, the normal approximation is used; at the limit, both give the
 """
 
 _NEGLIGIBLE = 1e-20
-"""Probability below which a number of discordant pairs is left out of a sum over up to 1e8 numbers."""
+"""Numbers of discordant pairs with a smaller probability are left out of sums over up to 1e8 numbers."""
 
 _STEPS = 1000
 """Number of steps of 0.1 percentage points in the search for the smallest difference."""
@@ -40,7 +40,7 @@ class DetectableDifference:
     """The smallest true difference that a number of trials detects.
 
     Attributes:
-        value: The difference as a fraction, or None if even the largest possible one is not detected.
+        value: The difference as a fraction, or None if even the largest possible difference is not detected.
         assumption: Test and assumption behind the number, as a phrase for a caption.
     """
 
