@@ -38,13 +38,14 @@ SCENES = _scenes("judged_blind.txt")
 HELD_OUT = _scenes("judged_held_out.txt")
 BY_CHANCE = _scenes("judged_by_chance.txt")
 HARM = _scenes("judged_harm.txt")
+AGAIN = _scenes("judged_again.txt")
 SAID = [scene for scene in SCENES if "without" not in scene.kind]
 """Scenes with an instruction as the suite gives it."""
 
 
 def accepts(scene: Scene) -> bool:
     start, state = arranged(scene.setting, scene.arrangement)
-    if scene.kind == "harm":
+    if scene.kind.split(",")[0] == "harm":
         condition = condition_of(scene.setting)
         tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
         tracker.update(start)
@@ -117,3 +118,11 @@ def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
     assert len(HARM) == 63
     assert len(pushed) <= 8, pushed
     assert len(disagreed) - len(pushed) <= 5, disagreed
+
+
+def test_scenes_posed_again_agree_wherever_the_judges_are_sure():
+    """Five of 84 differ, all but one of which no judge is sure of: docs/sides.md lists them."""
+    disagreed = [scene for scene in AGAIN if accepts(scene) is not scene.accepted]
+    assert len(AGAIN) == 84
+    assert [scene for scene in disagreed if scene.kind.endswith(", sure")] == []
+    assert len(disagreed) <= 5, disagreed

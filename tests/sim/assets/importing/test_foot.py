@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+import mujoco
 import numpy as np
 
 from betterbench.sim.assets.importing.foot import foot_under, returns_upright
+from betterbench.sim.assets.importing.importer import with_thickness
 
 
 def ball(radius: float = 0.035) -> np.ndarray:
@@ -55,3 +57,18 @@ def test_the_foot_is_under_the_center_of_mass():
     assert foot is not None
     assert np.allclose(foot[:, :2].mean(axis=0), center[:2])
     assert math.isclose(float(np.ptp(foot[:, 0])), float(np.ptp(foot[:, 1])))
+
+
+def test_a_flat_hull_is_given_a_thickness_that_mujoco_takes():
+    """The tines of a fork are thinner than the cells that its hulls are made of."""
+    flat = np.array([[0.0, 0.0, 0.01], [0.03, 0.0, 0.01], [0.03, 0.004, 0.01], [0.0, 0.004, 0.01], [0.01, 0.002, 0.01]])
+    tilted = flat @ np.linalg.qr(np.arange(9.0).reshape(3, 3) + np.eye(3))[0]
+    for corners in (flat, tilted):
+        thick = with_thickness(corners)
+        spec = mujoco.MjSpec()
+        spec.add_mesh(name="hull", uservert=thick.ravel())
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="hull")
+        spec.compile()
+        assert np.allclose(thick.mean(axis=0), corners.mean(axis=0))
+    assert with_thickness(box(0.02, 0.02, 0.02)) is not None
+    assert np.array_equal(with_thickness(box(0.02, 0.02, 0.0006)), box(0.02, 0.02, 0.0006))

@@ -26,6 +26,7 @@ from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, pl
 DENSITY = 500.0
 """Mass of an object of unknown kind per volume of its solid [kg/m^3]: between foam and water."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
+_THINNEST_M = 0.0005
 _FRICTION = (0.6, 0.006, 0.0008)
 """Of glazed ceramic, painted metal and hard plastic alike; see the materials of the library."""
 
@@ -151,8 +152,21 @@ def _shape(placed: Placed, size: np.ndarray) -> Literal["round", "cylinder", "bo
 
 
 def _shape_of(corners: np.ndarray) -> CollisionPart:
-    vertices = np.ascontiguousarray((np.round(corners, 6) + 0.0).astype(np.float32))
+    vertices = np.ascontiguousarray((np.round(with_thickness(corners), 6) + 0.0).astype(np.float32))
     return CollisionPart("hull", (0.0, 0.0, 0.0), vertices=vertices, friction=_FRICTION)
+
+
+def with_thickness(corners: np.ndarray) -> np.ndarray:
+    """Return the corners (n, 3) of a hull that is at least half a millimeter thick [m].
+
+    MuJoCo refuses a mesh whose vertices lie in a plane, and passes through one that is almost flat.
+    """
+    _, _, axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
+    normal = axes[2]
+    lacking = _THINNEST_M - float(np.ptp(corners @ normal))
+    if lacking <= 0.0:
+        return corners
+    return np.concatenate([corners - 0.5 * lacking * normal, corners + 0.5 * lacking * normal])
 
 
 def _regions(placed: Placed, size: np.ndarray) -> list[Region]:
