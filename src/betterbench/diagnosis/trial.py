@@ -13,7 +13,7 @@ from betterbench.diagnosis.analysis.trace import Trace, trace_of
 from betterbench.diagnosis.instruction_effect import scene_of
 from betterbench.diagnosis.labels import LabelEvidence, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
-from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
+from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another, words_of
 from betterbench.diagnosis.verdict import Attempt, Evidence, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.geometry import horizontal_distance
@@ -190,11 +190,11 @@ def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
 
 def choice_of(episode: EpisodeAnalysis) -> Choice | None:
     """Return the first attempt as a choice; None if there is none, or for look-alikes, which have their own label."""
-    trace, trained, goals = episode.trace, episode.trained, episode.goals
+    trace, trained = episode.trace, episode.trained
     standing = dict(_standing_at_start(episode))
     first = episode.first_choice
     right: frozenset[str] = frozenset()
-    slot, correct, goal = None, True, 0
+    slot, correct = None, True
     if first is None:
         if episode.condition.expected is not Expected.STAY_STILL:
             return None
@@ -204,11 +204,10 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
         another = taken_for_another(episode, first)
         right = frozenset(first.asked_slots) - ({first.grasp.slot} if another is not None else set())
         slot, correct = first.grasp.slot, first.target is AttemptTarget.ASKED and another is None
-        goal = another if another is not None else first.goal or 0
     kind = trained.habit
     waiting = frozenset(s for s, i in standing.items() if episode.kind(i) == kind)
     place = {s.name: trace.place_of(s.name) for s in trace.info.slots}
-    word_slots = trained.word_slots.get(goals[goal].word, ()) if goals else ()
+    word_slots = [slot for word in words_of(episode, first) for slot in trained.word_slots.get(word, ())]
     habit_slots = () if kind is None else waiting or trained.kind_slots.get(kind, ())
     free = {place[s] for s in right}
     steps = [frozenset({place[s] for s in slots} - free) for slots in _slots_of_later_steps(episode, standing)]

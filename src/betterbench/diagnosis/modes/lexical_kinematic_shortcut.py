@@ -38,18 +38,17 @@ def _find(trial: TrialView) -> Evidence | None:
     step = episode.first_choice
     if step is None:
         return None
-    led_here = _led_to(episode, word_of(episode, step), step.grasp.slot)
+    word = _leading_word(episode, step)
     another = taken_for_another(episode, step)
-    if another is not None and led_here:
+    if another is not None and word is not None:
         text = (
             f"The first attempt takes {episode.describe(step)} and brings it to the target of "
-            f"{word_of(episode, step)!r}, which was picked in that slot in training."
+            f"{word!r}, which was picked in that slot in training."
         )
         return episode.at_step("word_leads_to_trained_slot", text, step, shared=_shared(episode, step, another))
     if step.target not in (AttemptTarget.LATER, AttemptTarget.REPEATED, AttemptTarget.OTHER):
         return None
-    word = word_of(episode, step)
-    if word is None or not led_here:
+    if word is None:
         return None
     text = (
         f"The first attempt goes to slot {step.grasp.slot!r}, where {word!r} was picked in training: it is at "
@@ -61,6 +60,26 @@ def _find(trial: TrialView) -> Evidence | None:
 def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str, ...]:
     """Return the visual properties that an attempt's object shares with the word's object; the slot is excluded."""
     return () if step.at is None or goal is None else episode.shared_looks(step.at, episode.meant[goal])
+
+
+def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
+    """Return the first of the words in question that led to the slot of an attempt in training, or None."""
+    return next((word for word in words_of(episode, step) if _led_to(episode, word, step.grasp.slot)), None)
+
+
+def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
+    """Return the words that may lead a policy at an attempt: that of the due subgoal, then those of earlier ones.
+
+    An earlier subgoal of an ordered instruction is done by then, but its word is still in the text: a policy may follow
+    the first word that it reads. Without an attempt, the first subgoal is due.
+    """
+    goals = episode.goals
+    if not goals:
+        return ()
+    another = None if step is None else taken_for_another(episode, step)
+    due = another if another is not None else 0 if step is None or step.goal is None else step.goal
+    earlier = goals[:due] if another is None and episode.condition.instruction.ordered else ()
+    return tuple(dict.fromkeys([goals[due].word, *(goal.word for goal in earlier)]))
 
 
 def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:
@@ -86,10 +105,4 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
     """Return the word of the subgoal that was due at an attempt, or of the first subgoal if none was open."""
-    goals = episode.goals
-    if not goals:
-        return None
-    another = taken_for_another(episode, step)
-    if another is not None:
-        return goals[another].word
-    return goals[step.goal if step.goal is not None else 0].word
+    return next(iter(words_of(episode, step)), None)
