@@ -140,6 +140,7 @@ class Stage:
         self.yaws = {o.name: self.task.slot(o.slot).yaw if o.slot else 0.0 for o in self.info.objects}
         self.tool, self.width, self.command = np.array(HOME), 0.08, -1.0
         self.grip: str | None = None
+        self.jams = False  # what is between the fingers stays there when they open
         self.slipped = ""
         self.rails: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         for o in self.condition.objects:
@@ -264,7 +265,7 @@ class Stage:
                     self.grip, self.grip_offset = between, self.positions[between] - self.tool
         else:
             self.slipped = ""
-        if self.command < 0 and self.grip is not None and width > self.grip_width(self.grip):
+        if self.command < 0 and self.grip is not None and width > self.grip_width(self.grip) and not self.jams:
             if self.grip not in self.rails:
                 self.fall[self.grip] = 0.0
             self.grip = None

@@ -175,3 +175,15 @@ def test_staying_over_a_look_alike_is_still_a_choice_although_it_came_over_the_r
     found = diagnose_record(tremble(s.go(x, y, s.size(s.at_look)[2] + 0.1), 14, by=0.015).end())
     assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
     assert found.evidence.objects == (s.at_look,)
+
+
+@pytest.mark.parametrize("task", ["morning_coffee", "fast_food", "fruit_lunch", "tidy_desk"])
+def test_a_thing_that_jams_on_the_open_fingers_is_a_failed_release_and_no_halt(stage, task):
+    """The policy opened its gripper and went home: it has done its part, and its manipulation failed."""
+    s = stage(task, "train1")
+    s.jams = True
+    s.grasp(asked(s)).lift().over(s.goal(0) - s.grip_offset, 0.3)
+    found = diagnose_record(s.open().lift(0.05).wait(15).end())
+    assert (found.label, found.kind) == (Label.EXECUTION_FAILURE, Kind.EXECUTION)
+    assert found.evidence.rule == "stuck_on_fingers"
+    assert "stays on its open fingers" in found.evidence.text

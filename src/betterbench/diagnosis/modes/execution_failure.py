@@ -17,7 +17,7 @@ from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, Episo
 from betterbench.diagnosis.analysis.halts import find_halt
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.behavioral_inertia import memorized_spot
-from betterbench.diagnosis.thresholds import CLOSED_IN_PART, SHARE_OF_ALL, SHOVED_AGAIN, TRIES_IN_VAIN
+from betterbench.diagnosis.thresholds import CLOSED_IN_PART, SHARE_OF_ALL, SHOVED_AGAIN, STAY_TIME, TRIES_IN_VAIN
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
 from betterbench.statistics.wording import listed, plural
@@ -38,6 +38,7 @@ _HOW = {
     "closed_in_part": "does not close its fingers far enough",
     "pushed": "pushes them away",
     "dropped": "drops them",
+    "stuck_on_fingers": "does not get them off its open fingers",
     "placed_outside_the_goal": "puts them down outside the goal",
     "drawer_left_halfway": "leaves drawers halfway",
     "collided": _KNOCKS,
@@ -116,7 +117,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
     found = [e for step in episode.steps if (e := _of_step(trial, step)) is not None]
-    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _around_it, _not_shut, _far_off)
+    others = (_stuck, _knocked, _undone, _forbidden_touch, _harm, _pushed, _around_it, _not_shut, _far_off)
     found += [e for find in others if (e := find(episode)) is not None]
     return min(found, key=lambda e: e.start_s, default=None)
 
@@ -360,6 +361,30 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
         return episode.evidence("dropped", f"{text} outside the goal.", rows=(gone, rest), objects=(i,))
     text = f"The {kind}, the right target, {agreeing(kind, 'is', 'are')} let go outside the goal."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
+
+
+def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if the gripper opened and the right target stayed on its open fingers until the end.
+
+    A mug can jam on the fingers. The policy has released it, so that an arm that rests afterwards has not halted.
+    """
+    trace, last = episode.trace, episode.trace.rows - 1
+    opened = int(np.flatnonzero(trace.closing)[-1]) + 1 if trace.closing.any() else 0
+    if not 0 < opened <= last - trace.steps(STAY_TIME):
+        return None
+    lately = slice(last - trace.steps(STAY_TIME), last + 1)
+    for step in episode.steps:
+        i = step.grasp.object
+        if i is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured or trace.is_drawer(i):
+            continue
+        touched = bool(trace.touched[lately, i].mean() > 0.5)
+        raised = trace.positions[last, i, 2] - trace.positions[0, i, 2] > THRESHOLDS.begun_lift
+        if touched and raised and not trace.there[last, i]:
+            kind = episode.kind(i)
+            stays = agreeing(kind, "stays", "stay")
+            text = f"The gripper opens, but the {kind}, the right target, {stays} on its open fingers to the end."
+            return episode.evidence("stuck_on_fingers", text, rows=(opened, last), objects=(i,))
+    return None
 
 
 def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
