@@ -420,6 +420,12 @@ def _failed(label, *, attempts=True, **evidence):
     return changed if attempts else [replace(t, attempts=()) for t in changed]
 
 
+def _always_at(kind):
+    made = _failed(Label.WRONG_OBJECT, rule="object_of_another_instruction")
+    asked = ("red plate", "blue plate")
+    return [replace(t, first_attempt_kind=kind, intended_kind=asked[k % 2]) for k, t in enumerate(made)]
+
+
 @pytest.mark.parametrize(
     ("trials", "said"),
     [
@@ -437,11 +443,14 @@ def _failed(label, *, attempts=True, **evidence):
             "objects of the target's color and shape, in its trained slot.",
         ),
         (_failed(Label.SEMANTIC_FEATURE_COLLAPSE, shared=()), "It takes look-alikes for the real thing."),
+        (_always_at("white plate"), "It goes for the white plate where the instruction asks for another object."),
     ],
 )
 def test_the_headline_says_what_a_person_who_watched_would_say(trials, said):
     assert said in headline_of(diagnosis(trials)).conclusion
     mixed = [*trials[:5], *(replace(t, evidence=replace(t.evidence, rule="other", shared=())) for t in trials[5:])]
+    if trials[0].label is Label.WRONG_OBJECT:
+        mixed = [replace(t, first_attempt_kind=t.intended_kind if k % 2 else "mug") for k, t in enumerate(trials)]
     if trials[0].label is not Label.EARLY_HALT and said != "It takes look-alikes for the real thing.":
         assert said not in headline_of(diagnosis(mixed)).conclusion
 

@@ -14,7 +14,7 @@ from betterbench.diagnosis.analysis.approaches import (
     runs_into,
 )
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
-from betterbench.diagnosis.analysis.halts import find_halt
+from betterbench.diagnosis.analysis.halts import find_halt, in_fingers
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.behavioral_inertia import memorized_spot
 from betterbench.diagnosis.thresholds import CLOSED_IN_PART, SHARE_OF_ALL, SHOVED_AGAIN, STAY_TIME, TRIES_IN_VAIN
@@ -372,14 +372,12 @@ def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
     opened = int(np.flatnonzero(trace.closing)[-1]) + 1 if trace.closing.any() else 0
     if not 0 < opened <= last - trace.steps(STAY_TIME):
         return None
-    lately = slice(last - trace.steps(STAY_TIME), last + 1)
     for step in episode.steps:
         i = step.grasp.object
         if i is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured or trace.is_drawer(i):
             continue
-        touched = bool(trace.touched[lately, i].mean() > 0.5)
         raised = trace.positions[last, i, 2] - trace.positions[0, i, 2] > THRESHOLDS.begun_lift
-        if touched and raised and not trace.there[last, i]:
+        if in_fingers(trace, last) == i and raised and not trace.there[last, i]:
             kind = episode.kind(i)
             stays = agreeing(kind, "stays", "stay")
             text = f"The gripper opens, but the {kind}, the right target, {stays} on its open fingers to the end."

@@ -53,8 +53,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
     short="look-alike",
-    definition="The attempt is at an object that no instruction of the task asks to move; an object that is only a "
-    "placement target counts.",
+    definition="The attempt is at an object that no instruction of the task names, neither as an object to move nor as "
+    "a placement target.",
     conclusion="It takes look-alikes for the real thing.",
     sharper=_sharper,
     finding="Goes for an object that no instruction asks to move",

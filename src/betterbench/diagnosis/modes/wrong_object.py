@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
-from betterbench.diagnosis.verdict import Evidence
+from betterbench.diagnosis.thresholds import SHARE_OF_ALL
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.tasks.labels import Label
 from betterbench.tasks.words import agreeing
+
+
+def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return a sentence on the kind of object that nearly all trials begin with, if the requested kinds differ."""
+    (kind, times), *_ = Counter(trial.first_attempt_kind for trial in trials).most_common(1)
+    requested = {trial.intended_kind for trial in trials if trial.first_attempt_kind == kind}
+    if kind is None or times < SHARE_OF_ALL * len(trials) or len(requested) < 2:
+        return ""
+    return f"It goes for the {kind} where the instruction asks for another object."
 
 
 @FailureMode(
@@ -14,6 +27,7 @@ from betterbench.tasks.words import agreeing
     short="wrong object",
     definition="An attempt at an object or target of another instruction, without proof of a rule in this run.",
     conclusion="It goes for the wrong object; this run does not show why.",
+    sharper=_sharper,
     finding="Goes for a wrong object, by no proven rule",
 )
 def _find(trial: TrialView) -> Evidence | None:
