@@ -111,3 +111,14 @@ def test_what_slips_out_just_above_the_table_was_not_let_go(stage):
     assert (
         "The fries, the right target, slip out of the closed gripper and stay outside the goal" in verdict.evidence.text
     )
+
+
+def test_an_arm_that_had_nothing_to_do_was_on_the_way_to_no_attempt(stage):
+    s = stage("morning_coffee", "T1")
+    x, y, z = s.tool
+    for k in range(200):
+        s.tool = np.array([x + 0.03 * np.sin(0.2 * k), y, z])
+        s.tick()
+    verdict = diagnose_record(s.end())
+    assert verdict.label is Label.TIMEOUT
+    assert "had nothing to do and did not keep still" in verdict.evidence.text

@@ -218,10 +218,9 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
             continue
         start, end = step.grasp.start, step.grasp.end
         way = episode.trace.positions[end, step.at] - episode.trace.positions[max(0, start - 1), step.at]
-        text = (
-            f"The gripper pushes the {episode.kind(step.at)}, the right target, over "
-            f"{100 * float(np.linalg.norm(way[:2])):.0f} cm and does not grasp it."
-        )
+        cm = 100 * float(np.linalg.norm(way[:2]))
+        far = f" over {cm:.0f} cm" if cm >= 1.0 else ""  # it may have come back, or have turned in its place
+        text = f"The gripper pushes the {episode.kind(step.at)}, the right target,{far} and does not grasp it."
         return episode.at_step("pushed", text, step)
     return _shoved_aside(episode)
 

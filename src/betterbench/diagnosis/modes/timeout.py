@@ -88,4 +88,6 @@ def _course(episode: EpisodeAnalysis, last: int) -> str:
     stay = _stay(episode)
     if stay is not None:
         return _over(episode, stay)
+    if not episode.steps and not episode.open_words(last):
+        return "by an arm that had nothing to do and did not keep still"
     return "although every attempt was right" if episode.steps else "on the way to a first attempt"
