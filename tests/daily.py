@@ -1,0 +1,17 @@
+"""Part of a large enumeration that the default tests check today; a slow test checks the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import TypeVar
+
+ItemT = TypeVar("ItemT")
+
+TODAY = datetime.now(UTC).toordinal()
+"""Number of the day (UTC), the same in all processes of a run that does not last over midnight."""
+
+
+def part_of_today(cases: Sequence[ItemT], parts: int, *, day: int = TODAY) -> list[ItemT]:
+    """Return every ``parts``-th case, beginning with another one each day; ``parts`` days cover all cases."""
+    return [*cases[day % parts :: parts]]
