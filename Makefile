@@ -8,7 +8,8 @@ PYTHON ?= python3
 # Where nobody named a Python, .venv may take a faster build of the same version.
 SETUP = $(PYTHON) tools/setup_environment.py $(if $(filter file,$(origin PYTHON)),,--this-python) --extras '$(EXTRAS)'
 PY := .venv/bin/python
-JOBS ?= 2
+# One process more than two cores have: some tests wait for servers, time limits and other processes.
+JOBS ?= 3
 ARGS ?=
 # Extras for .venv by name, as in `make setup EXTRAS="train lerobot"`. The environment keeps them.
 EXTRAS ?=
@@ -31,7 +32,7 @@ env:
 demo: setup ## evaluate the expert and three policies with known faults, diagnose them, write runs/demo/report
 	@$(RUN) $(PY) -m betterbench.cli demo --out runs/demo $(ARGS)
 
-test: setup ## the default tests, on JOBS=2 processes; ARGS="-k name" goes to pytest
+test: setup ## the default tests, on JOBS=3 processes; ARGS="-k name" goes to pytest
 	@$(RUN) $(PY) -m pytest -q -n $(JOBS) --dist loadscope $(ARGS)
 
 test-slow: setup ## the long tests

@@ -56,7 +56,7 @@ def test_a_run_in_which_every_trial_broke_is_no_success(capsys, tmp_path):
 def small_run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cli") / "run"
     arguments = ["--policy", "zoo:lexical", "--tasks", "morning_coffee", "--variations", "L1", "T1", "--trials", "1"]
-    assert main(["eval", *arguments, "--workers", "1", "--out", str(folder)]) == 0
+    assert main(["eval", *arguments, "--quality", "fast", "--workers", "1", "--out", str(folder)]) == 0
     return folder
 
 
@@ -336,7 +336,8 @@ def test_wandb_follows_no_link_out_of_its_folder(capsys, small_run, tmp_path, fa
 def test_the_same_command_again_runs_nothing(capsys, small_run):
     journal = (small_run / "journal.jsonl").read_bytes()
     arguments = ["--policy", "zoo:lexical", "--tasks", "morning_coffee", "--variations", "L1", "T1", "--trials", "1"]
-    status, out, _ = run(capsys, "eval", *arguments, "--workers", "1", "--out", str(small_run), "--json")
+    again = (*arguments, "--quality", "fast", "--workers", "1", "--out", str(small_run), "--json")
+    status, out, _ = run(capsys, "eval", *again)
     assert status == 0
     assert json.loads(out)["variations"] == {"k": 1, "n": 2}
     assert (small_run / "journal.jsonl").read_bytes() == journal

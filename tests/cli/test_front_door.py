@@ -74,7 +74,7 @@ def modules_after(*statements):
 
 
 HELP = [["--help"], *([verb, "--help"] for verb in VERBS)]
-LISTS = ["tasks", "variations", "policies", "assets", "templates"]
+LISTS = ["suites", "tasks", "variations", "policies", "assets", "templates"]
 
 
 def test_help_imports_nothing_heavy():

@@ -284,8 +284,8 @@ def test_an_installed_package_adds_its_tasks(better, tmp_path):
 
 def test_gymnasium_makes_the_users_task(mine):
     code = (
-        "import gymnasium; env = gymnasium.make('betterbench:BeTTER/MyCoffee-v0'); env.reset(seed=0); env.close();"
-        "print(env.spec.id)"
+        "import gymnasium; env = gymnasium.make('betterbench:BeTTER/MyCoffee-v0', observation='state_only');"
+        "env.reset(seed=0); env.close(); print(env.spec.id)"
     )
     environment = {**os.environ, "BETTERBENCH_TASK_FILES": str(mine)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)

@@ -102,7 +102,7 @@ def test_each_step_of_preparing_the_arm_is_named_with_its_own_count(monkeypatch)
             progress("decimating the arm's meshes", done, 1)
 
     monkeypatch.setattr(progress, "WorkProgress", Shown)
-    monkeypatch.setattr("betterbench.sim.worlds.betterbench.world.build_robot_spec", build)
+    monkeypatch.setattr("betterbench.sim.robots.build_robot_spec", build)
     prepare_robot("panda")
     assert ["0/10" in seen[0], "9/10" in seen[1]] == [True, True]
     assert [line.startswith("decimating the arm's meshes") for line in seen] == [False, False, True, True]

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.daily import others_slow
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -26,17 +27,20 @@ def live_as_offline(record):
     return any(t.success for t in truths) == record.outcome.success
 
 
-@pytest.mark.parametrize("off", [0.04, 0.058, 0.085])
-@pytest.mark.parametrize(
-    ("task", "name", "slot", "angle"),
-    [
+DRIFTS = [
+    (*where, off)
+    for where in (
         ("morning_coffee", "T1", "near", 85),
         ("fruit_lunch", "T1", "second", 295),
         ("cheeseburger", "T1", "third", 160),
         ("dinner_plates", "T2", "left_front", 25),
         ("seasoning_rack", "L2", "first", 107),
-    ],
-)
+    )
+    for off in (0.04, 0.058, 0.085)
+]
+
+
+@pytest.mark.parametrize(("task", "name", "slot", "angle", "off"), others_slow(DRIFTS, 4))
 def test_a_grasp_that_drifts_at_an_emptied_slot_is_inertia(task, name, slot, angle, off):
     at, a = resolve_condition(task, name).task.slot(slot), math.radians(angle)
     record = play(task, name, closing_at(at.x + off * math.cos(a), at.y + off * math.sin(a), 0.05))

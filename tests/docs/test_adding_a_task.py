@@ -22,7 +22,7 @@ def checkout(tmp_path_factory):
     """A copy of code and tests into which the page's file has been put where the page says."""
     root = tmp_path_factory.mktemp("checkout")
     for folder in ("src", "tests"):
-        shutil.copytree(ROOT / folder, root / folder, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / folder, root / folder)  # with times and bytecode, so that little is compiled again
     shutil.copy(ROOT / "pyproject.toml", root)
     assert FILE in PAGE.read_text()
     (code,) = blocks(PAGE, "python")

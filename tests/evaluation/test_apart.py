@@ -462,7 +462,8 @@ def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp
 
 
 @pytest.mark.physics
-def test_what_a_policy_did_before_its_action_was_refused_harms_no_other_trial(plugin, tiny_plan, tmp_path):
+def test_what_a_policy_did_before_its_action_was_refused_harms_no_other_trial(plugin, tiny_plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(policy_process, "CLOSE_S", 0.5)
     run = evaluate(tiny_plan(f"{plugin}:Swallows", trials=3), tmp_path / "run", policy_timeout_s=20.0)
     messages = {e.seed: e.message.partition(":")[0] for e in run.entries()}
     assert messages == {0: "RuntimeError", 1: "InvalidActionError", 2: "RuntimeError"}

@@ -323,7 +323,7 @@ def test_an_exchanged_scene_with_its_seal_made_anew_is_refused_everywhere(copy, 
     place = str(copy.record_path("morning_coffee", "T1", 0))
     for words in (
         ["view", place, "--out", str(tmp_path / "x.html")],
-        ["materialize", str(copy.path), "--out", str(out)],
+        ["materialize", str(copy.path), "--out", str(out), "--camera", "front:64", "--trial", "morning_coffee/T1/0"],
     ):
         assert main(words) == 2
         assert "is not the scene of the trial" in capsys.readouterr().err.replace("\n", " ")

@@ -35,7 +35,7 @@ from betterbench.evaluation.workers import pool
 from betterbench.evaluation.workers.worker import Worker
 from betterbench.jobs import retries
 from betterbench.records import RunFolder
-from betterbench.sim.worlds.betterbench import world as own_world
+from betterbench.sim import scenes
 from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics
@@ -397,14 +397,14 @@ def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan
 def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(
     tiny_plan, tmp_path, monkeypatch, short_run, run_content
 ):
-    ordinary = own_world.Scene
+    ordinary = scenes.Scene
 
     def broken(task, condition, **arguments):
         if arguments["seed"] == 2:
             raise MemoryError("no memory for the model")
         return ordinary(task, condition, **arguments)
 
-    monkeypatch.setattr(own_world, "Scene", broken)
+    monkeypatch.setattr(scenes, "Scene", broken)
     run = evaluate(tiny_plan(), tmp_path / "run")
     failed = [e for e in run.entries() if e.status == "error"]
     assert [(e.seed, e.message) for e in failed] == [(2, "MemoryError: no memory for the model")]

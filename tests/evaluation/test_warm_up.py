@@ -15,7 +15,7 @@ from betterbench.records import RunFolder
 
 LATENCY_S = 0.15
 CHUNK = 2
-STEPS = 16
+STEPS = 10
 """Steps after which a trial ends, because the policy answers with what is no number."""
 
 

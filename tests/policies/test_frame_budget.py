@@ -158,7 +158,7 @@ def test_a_server_stops_while_clients_are_stuck():
             link.sendall(frame(100_000, sent=5000))
         time.sleep(0.3)
         began = time.monotonic()
-    assert time.monotonic() - began < 12.0
+    assert time.monotonic() - began < 7.0, "each of the four is waited for, but all at once"
     for link in links:
         link.close()
 

@@ -452,7 +452,7 @@ def test_no_member_of_a_scene_leaves_its_folder(tmp_path, name) -> None:
 def test_a_scene_that_is_too_large_or_damaged_is_refused(tmp_path, monkeypatch) -> None:
     folder = RunFolder.start(tmp_path / "run", PLAN)
     path = folder.store_scene(HASH, {"a": bytes(600_000), "b": bytes(600_000)})
-    assert path.stat().st_size < 5_000
+    assert path.stat().st_size < 10_000
     monkeypatch.setattr(scene_archive, "MAX_SCENE_BYTES", 1_000_000)
     with pytest.raises(RecordError, match="unpacks to more than 1000000 bytes"):
         folder.load_scene(HASH)

@@ -84,7 +84,7 @@ def test_false_alarms_stay_below_the_level(rate: float) -> None:
         assert mass @ (p_values <= alpha) @ mass <= alpha + 1e-4
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.integers(1, 12), st.integers(1, 12), st.data())
 def test_tests_do_not_care_about_order_or_about_naming_success(n: int, m: int, data: st.DataObject) -> None:
     a, b = Rate(data.draw(st.integers(0, n)), n), Rate(data.draw(st.integers(0, m)), m)

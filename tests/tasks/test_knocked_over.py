@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import pytest
+from tests.daily import others_slow
 from tests.tasks.arranging import arranged, condition_of
 
 from betterbench.interface.state import ObjectInfo, WorldState
@@ -35,7 +36,7 @@ def info_of(category: str, look: int) -> ObjectInfo:
     )
 
 
-@pytest.mark.parametrize("category", sorted(set(categories()) - CONTAINERS_AND_FURNITURE))
+@pytest.mark.parametrize("category", others_slow(sorted(set(categories()) - CONTAINERS_AND_FURNITURE), 3))
 def test_all_looks_of_a_category_stand_or_none_does_and_none_is_near_the_border(category):
     for look in (*looks(category), *unseen_looks(category)):
         info = info_of(category, look)

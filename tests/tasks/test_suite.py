@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import pytest
+from tests.daily import part_of_today
 from tests.looping import each
 
 from betterbench.errors import UnknownNameError
@@ -162,14 +163,39 @@ def test_every_target_offers_the_place_that_is_asked_for(at_reset, task, conditi
         assert goal.region in RELATIONS[goal.relation].regions(info.object(goal.target)), goal.name
 
 
+def specs_of(task):
+    return {o.category: o for _, c in CONDITIONS if c.task == task.id for o in c.objects}
+
+
+def looks_drawn(task, spec):
+    """The looks that the default of twenty trials draws."""
+    return sorted({look_of(task.id, seed, spec) for seed in range(20)})
+
+
+def looks_differ(task, specs):
+    for spec in specs:
+        drawn = looks_drawn(task, spec)
+        built = {build(spec.category, look=look, color=spec.color).content_hash() for look in drawn}
+        assert len(built) == len(drawn), spec.category
+
+
 @each_task
 def test_every_thing_is_seen_in_at_least_five_looks(task):
-    """The default of twenty trials shows each of them in five or more of its eight looks, all of which differ."""
-    specs = {o.category: o for _, c in CONDITIONS if c.task == task.id for o in c.objects}
-    for category, spec in specs.items():
-        drawn = sorted({look_of(task.id, seed, spec) for seed in range(20)})
-        assert len(drawn) >= 5, category
-        assert len({build(category, look=look, color=spec.color).content_hash() for look in drawn}) == len(drawn)
+    """The default of twenty trials shows each of them in five or more of its eight looks."""
+    for category, spec in specs_of(task).items():
+        assert len(looks_drawn(task, spec)) >= 5, category
+
+
+@each_task
+def test_looks_of_a_thing_differ(task):
+    """Those of every third object, of others each day."""
+    looks_differ(task, part_of_today([*specs_of(task).values()], 3))
+
+
+@pytest.mark.slow
+@each_task
+def test_looks_of_everything_differ(task):
+    looks_differ(task, specs_of(task).values())
 
 
 @each_condition

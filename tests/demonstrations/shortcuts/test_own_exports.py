@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from tests.daily import part_of_today
 
 from betterbench.cli.main import main
 from betterbench.demonstrations.export import ExportPlan, export_dataset, layout_of, select_demonstrations
@@ -30,11 +31,25 @@ def exported(run, out, name, form, most=None):
     return out
 
 
+LAYOUTS = {str([layout_of(n).states, layout_of(n).action, layout_of(n).adapter.answer]): n for n in OWN_PRESETS}
+"""One preset for each layout that differs in what the audit reads."""
+
+
+@pytest.mark.parametrize("form", ["lerobot", "lerobot-v2.1"])
+def test_an_export_in_a_preset_is_read_alike(collected, tmp_path, form):
+    """In every third preset, others each day."""
+    read_alike(collected, tmp_path, form, part_of_today([*LAYOUTS.values()], 3))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["lerobot", "lerobot-v2.1"])
 def test_an_export_in_every_preset_is_read_alike(collected, tmp_path, form):
+    read_alike(collected, tmp_path, form, LAYOUTS.values())
+
+
+def read_alike(collected, tmp_path, form, presets):
     counted = {}
-    layouts = {str([layout_of(n).states, layout_of(n).action, layout_of(n).adapter.answer]): n for n in OWN_PRESETS}
-    for name in ("native", *layouts.values()):
+    for name in ("native", *presets):
         read = read_lerobot(exported(collected, tmp_path / f"{form} {name} {len(counted)}", name, form, 2))
         assert (read.reading.episodes, read.reading.of) == (2, 2), name
         ((gripper,), (place,)) = read.reading.grippers, read.reading.places

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.daily import TODAY, part_of_today
 from tests.demonstrations.shortcuts.strangers import LAYOUTS, PLANTED, POINTER, STEPS, make
 from tests.looping import each
 
@@ -40,8 +41,19 @@ def shortcuts(form):
 
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_planted_shortcuts_are_found_and_no_others(tmp_path, capsys, name):
+    """Each layout with one kind of rule, which differs between layouts and days."""
+    find_planted(tmp_path, capsys, name, part_of_today(PLANTED, 3, day=TODAY + [*LAYOUTS].index(name)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_planted_shortcuts_of_all_kinds_are_found_in_every_layout(tmp_path, capsys, name):
+    find_planted(tmp_path, capsys, name, PLANTED)
+
+
+def find_planted(tmp_path, capsys, name, kinds):
     layout = LAYOUTS[name]
-    for planted in PLANTED:
+    for planted in kinds:
         path = make(tmp_path / planted / "set", name, planted, count=96)
         if layout.refused:
             with pytest.raises(BetterError, match=layout.refused):

@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.daily import part_of_today
 from tests.demonstrations.shortcuts.strangers import TOGETHER, make
 from tests.demonstrations.shortcuts.test_audit import facts_of
 from tests.looping import each
@@ -28,13 +29,27 @@ def audited(path):
     return group
 
 
-@each(
+SEEDS = range(3)
+SEVERAL_WORDS = each(
     "planted, count, noise",
     [(p, n, noise) for p in TOGETHER for n, noise in ((60, 0.0), (90, 0.1), (120, 0.2)) if (p, n) != ("three", 60)],
 )
+
+
+@SEVERAL_WORDS
 def test_rules_of_several_words_are_found_in_strangers_sets(tmp_path_factory, planted, count, noise):
-    """Where chance decides a share of the episodes, half of these still go by the rule."""
-    for seed in range(3):
+    """Where chance decides a share of the episodes, half of these still go by the rule; another seed each day."""
+    find_rules(tmp_path_factory, planted, count, noise, part_of_today(SEEDS, 3))
+
+
+@pytest.mark.slow
+@SEVERAL_WORDS
+def test_rules_of_several_words_are_found_with_every_seed(tmp_path_factory, planted, count, noise):
+    find_rules(tmp_path_factory, planted, count, noise, SEEDS)
+
+
+def find_rules(tmp_path_factory, planted, count, noise, seeds):
+    for seed in seeds:
         path = make(tmp_path_factory.mktemp("set") / "set", "plain", planted, seed=seed, count=count, noise=noise)
         asked = {finding.question for finding in audited(path).shortcuts}
         assert {name for name in asked if name.startswith("words_first_place")}, (seed, asked)

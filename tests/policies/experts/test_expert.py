@@ -8,6 +8,7 @@ import weakref
 import mujoco
 import numpy as np
 import pytest
+from tests.daily import TODAY, part_of_today
 
 from betterbench.certification.handling import Handling, Pick
 from betterbench.certification.support import TrainedSupport
@@ -31,12 +32,17 @@ IDS = [f"{t}/{n}" for t, n in CONDITIONS]
 SAMPLE = {
     (t.id, name)
     for i, t in enumerate(all_tasks())
-    for name in (
-        t.training[i % len(t.training)].name,
-        *(of[i % len(of)].name for of in ([v for v in t.variations if v.axis is axis] for axis in Axis) if of),
+    for name in part_of_today(
+        [
+            t.training[i % len(t.training)].name,
+            *(of[i % len(of)].name for of in ([v for v in t.variations if v.axis is axis] for axis in Axis) if of),
+        ],
+        2,
+        day=TODAY + i,
     )
 }
-"""One training condition and one variation of each axis of every task, another number in each task."""
+"""Half of the following, the other half tomorrow: one training condition and one variation of each axis of every task,
+another number in each task."""
 QUICKLY = [pytest.param(t, n, id=f"{t}/{n}", marks=() if (t, n) in SAMPLE else pytest.mark.slow) for t, n in CONDITIONS]
 """All conditions, of which the default tests take the sample."""
 SETTLING_M = 0.002

@@ -62,15 +62,16 @@ def test_a_machine_without_opengl_is_told_what_to_install(clean):
 
 @pytest.mark.skipif(gl_backend() != "egl", reason="EGL is not installed")
 @pytest.mark.parametrize(
-    ("name", "value"),
+    ("verb", "name", "value"),
     [
-        ("MUJOCO_EGL_DEVICE_ID", "77"),
-        ("MUJOCO_EGL_DEVICE_ID", "first"),
-        ("MUJOCO_GL", "foo"),
-        ("PYOPENGL_PLATFORM", "osmesa"),
+        ("doctor", "MUJOCO_EGL_DEVICE_ID", "77"),
+        ("doctor", "PYOPENGL_PLATFORM", "osmesa"),
+        ("doctor --json", "MUJOCO_EGL_DEVICE_ID", "first"),
+        ("doctor --json", "MUJOCO_GL", "foo"),
+        ("show fast_food --out {out}", "MUJOCO_EGL_DEVICE_ID", "77"),
+        ("show fast_food --out {out}", "MUJOCO_GL", "foo"),
     ],
 )
-@pytest.mark.parametrize("verb", ["doctor", "doctor --json", "show fast_food --out {out}"])
 def test_every_verb_that_draws_names_the_variable_and_no_package(tmp_path, name, value, verb):
     environment = {k: v for k, v in os.environ.items() if k not in NAMES} | {"MUJOCO_GL": "egl", name: value}
     words = verb.format(out=tmp_path / "x.png").split()

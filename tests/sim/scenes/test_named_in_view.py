@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Renderer, Scene
@@ -47,7 +48,7 @@ def shown_pixels(scene: Scene) -> dict[str, int]:
 
 
 @pytest.mark.render
-@pytest.mark.parametrize("task_id", [task.id for task in all_tasks()])
+@pytest.mark.parametrize("task_id", others_slow((task.id for task in all_tasks()), 2))
 def test_every_object_that_an_instruction_names_can_be_seen(task_id):
     for condition in conditions_of(task_id):
         shown = shown_pixels(scene_of(condition))

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 import mujoco
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Scene
@@ -38,7 +39,7 @@ def pairs_of(task_id: str, seeds: Iterable[int]) -> Iterator[tuple[Scene, Scene,
         yield scene(task_id, variation.name, seed), twin, vary(task, variation)[1]
 
 
-@pytest.fixture(scope="module", params=TASKS)
+@pytest.fixture(scope="module", params=others_slow(TASKS, 2))
 def pairs(request: pytest.FixtureRequest) -> list[tuple[Scene, Scene, Changes]]:
     """Tests that ask for pairs run task by task, so that each scene is built once."""
     return list(pairs_of(request.param, SEEDS))

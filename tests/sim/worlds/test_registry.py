@@ -16,6 +16,7 @@ from betterbench.evaluation.planning.plan import make_plan
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import PLAYED_IN, action_space
+from betterbench.sim.scenes import CONTROL_RATE_HZ
 from betterbench.sim.worlds import (
     OWN_WORLD,
     ProcessScene,
@@ -48,6 +49,11 @@ def test_all_worlds_are_found_and_ours_comes_first():
     assert world_named("betterbench") is OWN_WORLD
     with pytest.raises(UnknownNameError, match="libero_plus"):
         world_named("libero_pluss")
+
+
+def test_our_world_has_the_control_rate_of_our_scenes():
+    """The world names no module of the simulator, which a list of suites would import."""
+    assert OWN_WORLD.control_rate_hz == CONTROL_RATE_HZ
 
 
 def test_what_a_world_says_about_itself_exists():

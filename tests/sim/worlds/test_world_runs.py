@@ -78,9 +78,14 @@ def short(plan):
 
 
 @pytest.fixture(scope="module")
-def undisturbed(fake_command, tmp_path_factory):
-    plan = short(make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=3))
-    return _bytes(evaluate(plan, tmp_path_factory.mktemp("undisturbed") / "run"))
+def three_trials(fake_command):
+    """Plan of three short trials, which needs no simulator any more."""
+    return short(make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=3))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(three_trials, tmp_path_factory):
+    return _bytes(evaluate(three_trials, tmp_path_factory.mktemp("undisturbed") / "run"))
 
 
 FAULTS = ["dies", "hangs", "raises", "nan", "garbage"]
@@ -112,25 +117,23 @@ FAULTS += [
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
-    plan_of, tmp_path, monkeypatch, undisturbed, fault
+    three_trials, tmp_path, monkeypatch, undisturbed, fault
 ):
-    plan = short(plan_of(policy="noop", trials=3))
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
     began = time.monotonic()
-    run = evaluate(plan, tmp_path / "run")
+    run = evaluate(three_trials, tmp_path / "run")
     assert time.monotonic() - began < 60.0
     broken = [e for e in run.entries() if e.status == "error"]
     assert [e.seed for e in broken] == [1]
     assert "simulator" in broken[0].message
     assert one_line(broken[0].message, most=600) == broken[0].message
-    assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
+    assert _bytes(evaluate(three_trials, tmp_path / "run", envs=1)) == undisturbed
 
 
-def test_an_answer_that_is_sent_twice_is_read_once(plan_of, tmp_path, monkeypatch, undisturbed):
-    plan = short(plan_of(policy="noop", trials=3))
+def test_an_answer_that_is_sent_twice_is_read_once(three_trials, tmp_path, monkeypatch, undisturbed):
     monkeypatch.setenv("FAKE_FAULT", f"twice:1:{tmp_path / 'it happened'}")
-    run = evaluate(plan, tmp_path / "run")
+    run = evaluate(three_trials, tmp_path / "run")
     assert (tmp_path / "it happened").exists()
     assert not [e for e in run.entries() if e.status == "error"]
     assert _bytes(run) == undisturbed
@@ -162,15 +165,14 @@ def test_an_answer_that_is_sent_twice_is_read_once(plan_of, tmp_path, monkeypatc
         'engine={"mujoco": 3}',
     ],
 )
-def test_a_start_that_cannot_be_read_costs_one_trial(plan_of, tmp_path, monkeypatch, undisturbed, fault):
-    plan = short(plan_of(policy="noop", trials=3))
+def test_a_start_that_cannot_be_read_costs_one_trial(three_trials, tmp_path, monkeypatch, undisturbed, fault):
     monkeypatch.setenv("FAKE_START", "1")
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
-    run = evaluate(plan, tmp_path / "run")
+    run = evaluate(three_trials, tmp_path / "run", envs=1)
     broken = [e for e in run.entries() if e.status == "error"]
     assert [e.seed for e in broken] == [1]
     assert "simulator" in broken[0].message
-    assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
+    assert _bytes(evaluate(three_trials, tmp_path / "run", envs=1)) == undisturbed
 
 
 def test_an_image_of_another_type_is_no_image(plan_of, tmp_path, monkeypatch):

@@ -44,7 +44,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
         "started_utc": _now(),
         "machine": machine,
         "renderer": describe_renderer() if images else unseen,
-        "packages": package_lock(),
+        "packages": list(package_lock()),
         "source_revision": source_revision(Path.cwd()),
         "task_files": [{"path": file.path, "sha256": file.sha256} for file in loaded_files()],
         "engine": dict(engine),

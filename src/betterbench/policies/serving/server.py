@@ -147,11 +147,12 @@ class PolicyServer:
         # Older releases of websockets leave the open connections to their handlers.
         with self._lock:
             left = list(self._open.items())
-        for connection, _ in left:
-            with contextlib.suppress(Exception):
-                connection.close(_AWAY_CODE)
-        for _, worker in left:
-            worker.join(_CLOSE_TIMEOUT_S)
+        # At once, because each close waits for the answer of a client that may not respond.
+        closing = [threading.Thread(target=_close, args=(connection,), daemon=True) for connection, _ in left]
+        for closer in closing:
+            closer.start()
+        for waited_for in (*closing, *(worker for _, worker in left)):
+            waited_for.join(_CLOSE_TIMEOUT_S)
         if self._on_stop is not None:
             self._on_stop()
 
@@ -280,6 +281,12 @@ class PolicyServer:
                 "the request", f"it is a {type(request).__name__}", "Send a map, as openpi's client"
             )
         return dict(session.answer(request))
+
+
+def _close(connection: ServerConnection) -> None:
+    """Close a connection of a server that stops."""
+    with contextlib.suppress(Exception):
+        connection.close(_AWAY_CODE)
 
 
 def _name_of(address: Any) -> str:  # noqa: ANN401 - a tuple whose form depends on the family of the socket

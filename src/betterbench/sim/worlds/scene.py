@@ -19,7 +19,6 @@ from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import LIBERO_ABSOLUTE, ActionSpace
 from betterbench.interface.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.json_form import open_form, read_form
-from betterbench.sim.scenes.described import SceneDescription
 from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
 from betterbench.sim.worlds.rows import RowForm
 from betterbench.sim.worlds.world import USUAL_SCENE, Instructed, SceneOptions, World
@@ -28,6 +27,7 @@ from betterbench.tasks.worlds.libero import IMAGE_SIDE, OURS, PROTOCOLS, FieldPr
 from betterbench.tasks.worlds.libero_training import TrainedTask
 
 if TYPE_CHECKING:
+    from betterbench.sim.scenes.described import SceneDescription
     from betterbench.sim.scenes.rendering import Images, Renderers
 
 PROCESSES = 2
@@ -432,6 +432,8 @@ class ProcessScene:
 
     def described(self, *, images: bool) -> SceneDescription:
         """Return what a record says about the scene, after its reset."""
+        from betterbench.sim.scenes.described import SceneDescription  # noqa: PLC0415 - a list of suites needs none
+
         engine = {**self.engine, "machine": platform.machine()}
         if self.broken_premises:
             engine["scene_broken_premises"] = ", ".join(self.broken_premises)

@@ -13,14 +13,14 @@ from betterbench.errors import MissingDependencyError, UnknownNameError
 from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import EE_DELTA, ActionSpace
 from betterbench.interface.state import SceneInfo, WorldState
-from betterbench.records import Record
-from betterbench.sim.scenes.described import SceneDescription
 from betterbench.sim.worlds.process import WorldProcesses
 from betterbench.tasks import Expected, Looks, TrialId, Truth
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.worlds.facts import WorldFacts
 
 if TYPE_CHECKING:
+    from betterbench.records import Record
+    from betterbench.sim.scenes.described import SceneDescription
     from betterbench.sim.scenes.rendering import Images, Renderers
     from betterbench.sim.worlds.installation import Installation
 

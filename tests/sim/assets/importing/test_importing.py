@@ -30,7 +30,7 @@ from betterbench.sim.scenes import add_asset, rest_pose
 MESHES = Path(__file__).resolve().parents[5] / "shared" / "meshes"
 
 
-def cup(radius=0.04, height=0.09, wall=0.004, sections=32):
+def cup(radius=0.04, height=0.09, wall=0.004, sections=12):
     """Return a cup as a closed surface of revolution [m], standing on z = 0."""
     r, w = radius, wall
     profile = [(0, 0), (r, 0), (r, height), (r - w, height), (r - w, w), (0, w)]
@@ -229,7 +229,7 @@ def test_an_open_surface_is_a_thin_shell_and_a_closed_one_is_full():
 
 
 def test_a_cup_holds_what_it_can_and_a_cup_with_a_hole_in_its_floor_holds_nothing():
-    whole = cup()
+    whole = cup(sections=32)
     found = cavity_of(solid_of(*surface(whole)))
     assert found is not None
     assert found.volume_m3 == pytest.approx(np.pi * 0.036**2 * 0.086, rel=0.08)
@@ -241,7 +241,7 @@ def test_a_cup_holds_what_it_can_and_a_cup_with_a_hole_in_its_floor_holds_nothin
 
 
 def test_the_hollow_of_a_cup_stays_free():
-    mesh = cup()
+    mesh = cup(sections=32)
     solid = solid_of(*surface(mesh))
     cavity = cavity_of(solid)
     hulls = convex_hulls(solid, surface(mesh), cavity)
@@ -270,6 +270,12 @@ def own_cache(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Imports without the limited process, which other tests start."""
+    monkeypatch.setattr(child, "_in_child", lambda path, wishes, _: to_bytes(import_mesh(path, wishes)))
+
+
 def made(category, path, **wishes):
     imported(category, path, color="gray", **wishes)
     try:
@@ -280,7 +286,7 @@ def made(category, path, **wishes):
 
 @pytest.mark.usefixtures("own_cache")
 def test_an_imported_cup_stands_and_a_ball_that_is_dropped_into_it_stays(tmp_path):
-    asset = made("imported_cup", saved(cup(), tmp_path / "mug.glb", y_up=True), name="mug")
+    asset = made("imported_cup", saved(cup(sections=32), tmp_path / "mug.glb", y_up=True), name="mug")
     assert asset.license == "unknown"
     assert asset.face_count <= 600
     assert {region.name for region in asset.regions} >= {"base", "opening", "inside", "floor", "rim"}
@@ -302,7 +308,7 @@ def test_an_imported_cup_stands_and_a_ball_that_is_dropped_into_it_stays(tmp_pat
     assert np.linalg.norm(data.body("cup").xpos[:2]) < 0.01
 
 
-@pytest.mark.usefixtures("own_cache")
+@pytest.mark.usefixtures("own_cache", "in_this_process")
 def test_a_block_is_taken_across_its_narrow_side(tmp_path):
     box = trimesh.creation.box((0.09, 0.03, 0.05))
     asset = made("imported_block", saved(box, tmp_path / "block.stl"), name="block", size_m=0.09, up="z")
@@ -324,6 +330,7 @@ def test_the_same_file_gives_the_same_bytes_and_bytes_give_the_same_object(tmp_p
             from_bytes(damaged, "here")
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_an_import_is_kept_and_made_again_if_the_file_or_a_wish_changes(tmp_path, own_cache):
     path = saved(trimesh.creation.box((0.05, 0.05, 0.05)), tmp_path / "block.stl")
     wishes = Wishes("block", size_m=0.05)

@@ -1,18 +1,17 @@
-"""Our own scenes as a world: its plans, and the order in which its trials are run."""
+"""Our own scenes as a world: its plans, and the order in which its trials are run.
+
+MuJoCo, which ``sim.robots`` and ``sim.scenes`` import, is imported at first use: a list of suites needs no simulator.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from betterbench.errors import InvalidInputError
 from betterbench.interface.actions import PLAYED_IN, ActionSpace
-from betterbench.sim.robots import build_robot_spec
-from betterbench.sim.robots import robot as robot_named
-from betterbench.sim.scenes import CONTROL_RATE_HZ, TIMESTEP_S, Scene, engine_version
-from betterbench.sim.scenes.stage import quality_preset
 from betterbench.sim.worlds.process import WorldProcesses
 from betterbench.sim.worlds.world import USUAL_SCENE, PlanRequest, SceneOptions, World
 from betterbench.tasks import (
@@ -27,6 +26,9 @@ from betterbench.tasks import (
 )
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.worlds.facts import OURS, WorldFacts
+
+if TYPE_CHECKING:
+    from betterbench.sim.scenes import Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,6 @@ class OwnWorld(World):
     """Our own scenes. Nothing of them depends on the run, so every plan has the same value."""
 
     facts: ClassVar[WorldFacts] = OURS
-    control_rate_hz: ClassVar[float] = CONTROL_RATE_HZ
     action_spaces: ClassVar[tuple[str, ...]] = PLAYED_IN[""]
     observations: ClassVar[Mapping[str, str]] = {name: name for name in ("default", "official", "droid", "state_only")}
     drawn_by: ClassVar[str] = ""
@@ -94,6 +95,8 @@ class OwnWorld(World):
         options: SceneOptions = USUAL_SCENE,
     ) -> Scene:
         """Return the scene of a trial; images are rendered by the worker."""
+        from betterbench.sim.scenes import Scene, quality_preset  # noqa: PLC0415 - see above
+
         del processes, images, depth
         found = Trial(task, condition, None, None, None, seed, "").resolve()
         return Scene(
@@ -108,6 +111,8 @@ class OwnWorld(World):
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
         """Return the versions of the suite, of the engine and of the tasks."""
+        from betterbench.sim.scenes import engine_version  # noqa: PLC0415 - see above
+
         return {
             "suite_version": SUITE_VERSION,
             "engine": {"mujoco": engine_version()},
@@ -116,6 +121,8 @@ class OwnWorld(World):
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
         """Return the render preset, the robot and the looks of a plan."""
+        from betterbench.sim.scenes import quality_preset  # noqa: PLC0415 - see above
+
         return {
             "quality": quality_preset(options.quality).to_json(),
             "robot": options.robot,
@@ -124,9 +131,12 @@ class OwnWorld(World):
 
     def conventions(self, robot: str) -> dict[str, Any]:
         """Return the robot and the fixed conventions of our scenes."""
+        from betterbench.sim.robots import robot as robot_named  # noqa: PLC0415 - see above
+        from betterbench.sim.scenes import TIMESTEP_S  # noqa: PLC0415 - see above
+
         return {
             "robot": robot_named(robot).to_json(),
-            "control_rate_hz": CONTROL_RATE_HZ,
+            "control_rate_hz": self.control_rate_hz,
             "physics_timestep_s": TIMESTEP_S,
             "thresholds": THRESHOLDS.to_json(),
             "images": "upright, RGB, uint8, (height, width, 3)",
@@ -137,6 +147,8 @@ class OwnWorld(World):
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:
         """Decimate the meshes of a robot into the cache; later runs find them there and report nothing."""
+        from betterbench.sim.robots import build_robot_spec  # noqa: PLC0415 - see above
+
         build_robot_spec(robot, progress=on_progress)
 
     def step_limits(self, trials: Sequence[Trial]) -> dict[TrialId, int]:

@@ -1,0 +1,25 @@
+"""Part of a large enumeration that the default tests check today; a slow test checks the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import Any, TypeVar
+
+import pytest
+
+ItemT = TypeVar("ItemT")
+
+TODAY = datetime.now(UTC).toordinal()
+"""Number of the day (UTC), the same in all processes of a run that does not last over midnight."""
+
+
+def part_of_today(cases: Sequence[ItemT], parts: int, *, day: int = TODAY) -> list[ItemT]:
+    """Return every ``parts``-th case, beginning with another one each day; ``parts`` days cover all cases."""
+    return [*cases[day % parts :: parts]]
+
+
+def others_slow(cases: Iterable[Any], parts: int, *, day: int = TODAY) -> list[Any]:
+    """Return the cases as parameters of a test; those that are not the part of today are slow tests."""
+    listed = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return [pytest.param(*c, marks=() if i % parts == day % parts else pytest.mark.slow) for i, c in enumerate(listed)]
