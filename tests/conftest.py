@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
+import tests.daily  # noqa: F401 - notes the day before worker processes start
 from hypothesis import settings
 
 settings.register_profile("betterbench", deadline=None, derandomize=True, print_blob=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import Any, TypeVar
@@ -10,8 +11,11 @@ import pytest
 
 ItemT = TypeVar("ItemT")
 
-TODAY = datetime.now(UTC).toordinal()
-"""Number of the day (UTC), the same in all processes of a run that does not last over midnight."""
+VARIABLE = "BETTERBENCH_TEST_DAY"
+"""Environment variable with the number of the day; the first process of a run sets it for all others."""
+
+TODAY = int(os.environ.setdefault(VARIABLE, str(datetime.now(UTC).toordinal())))
+"""Number of the day (UTC) on which this run of the tests began."""
 
 
 def part_of_today(cases: Sequence[ItemT], parts: int, *, day: int = TODAY) -> list[ItemT]:
