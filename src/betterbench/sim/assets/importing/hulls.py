@@ -189,10 +189,10 @@ def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
     """Return the fraction of points inside a convex hull."""
     if len(points) == 0:
         return 0.0
-    return float(_is_inside(ConvexHull(corners), points, 0.0).mean())
+    return float(inside_hull(ConvexHull(corners), points, 0.0).mean())
 
 
-def _is_inside(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
+def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
     """Tell which of some points (k, 3) lie in a hull, deeper than a depth [m]."""
     corners = hull.points[hull.vertices]
     inside = ((points > corners.min(axis=0)) & (points < corners.max(axis=0))).all(axis=1)
@@ -270,7 +270,7 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
         outside = np.ones(len(points), dtype=bool)
         for other, hull in enumerate(bodies):
             if other != own:
-                outside &= ~_is_inside(hull, points, 1e-6)
+                outside &= ~inside_hull(hull, points, 1e-6)
         kept.append(points[outside])
     return np.concatenate(kept)
 
@@ -285,7 +285,7 @@ def fit_of(hulls: Sequence[np.ndarray], points: np.ndarray) -> Fit:
     seen = points[:: max(1, len(points) // 20_000)]
     to_shapes, _ = cKDTree(theirs).query(seen)
     for corners in hulls:  # what is inside a shape cannot be passed through
-        to_shapes[_is_inside(ConvexHull(corners), seen, 0.0)] = 0.0
+        to_shapes[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
     # Points are apart: a distance below their spacing is none.
     free = size / 120.0
     return Fit(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (to_visible, to_shapes)))

@@ -124,13 +124,16 @@ def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) ->
     return water, round(footing(solid), 1), order
 
 
-def footing(solid: Solid) -> float:
+def footing(solid: Solid, *, upside_down: bool = False) -> float:
     """Return how broadly an object stands: the tilt at which it would fall over, as tan(angle)."""
-    low = solid.points[:, 2] < solid.pitch_m
-    base = solid.points[low][:, :2]
+    height = solid.points[:, 2]
+    top = float(height.max())
+    base = solid.points[height > top - solid.pitch_m if upside_down else height < solid.pitch_m][:, :2]
     if len(base) < 3:
         return 0.0
     middle = solid.centers(solid.cells).mean(axis=0)
+    if upside_down:
+        middle[2] = top - middle[2]
     turns = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     directions = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     reach = ((base - middle[:2]) @ directions.T).max(axis=0).min()
