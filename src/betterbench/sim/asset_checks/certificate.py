@@ -16,9 +16,10 @@ def certify_asset(asset: Asset, *, name: str | None = None, kind: Kind | None = 
     Args:
         asset: The asset, from a generator or a mesh file.
         name: Name for the certificate; the identity of the asset if not given.
-        kind: Kind that size, mass and use are judged by; told from the category if not given.
+        kind: Kind that size, mass and use are judged by; the one that the asset declares if not given. Checks that
+            need a kind do not apply without one.
     """
-    judged = kind or kind_of(asset.category)
+    judged = kind or kind_of(str(asset.parameters.get("kind", "")))
     subject = Subject(asset, judged)
     return AssetCertificate(
         asset=name or asset.identity,

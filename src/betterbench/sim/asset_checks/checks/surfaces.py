@@ -10,6 +10,8 @@ from betterbench.sim.asset_checks.subject import Subject
 from betterbench.sim.assets import Texture, VisualPart
 from betterbench.sim.assets.importing.measures import degenerate_share, largest_gap, share_from_behind
 
+_SAME_UV = 1e-6
+
 
 @check
 def triangles(subject: Subject) -> Finding:
@@ -62,8 +64,8 @@ def _problem(part: VisualPart) -> str:
     magenta = float(((colors[:, 0] > 240) & (colors[:, 1] < 15) & (colors[:, 2] > 240)).mean())
     if magenta > limits.PLACEHOLDER_SHARE:
         return f"shows the magenta of a missing texture on {100 * magenta:.0f} % of its surface"
-    if np.ptp(colors, axis=0).max() == 0 and np.ptp(part.texture.pixels.reshape(-1, 3), axis=0).max() > 0:
-        return "shows one pixel of its texture everywhere: its texture coordinates are all the same"
+    if np.ptp(part.texture.uv, axis=0).max() < _SAME_UV and len(part.faces) > 1:
+        return "shows one point of its texture everywhere: its texture coordinates are all the same"
     return ""
 
 

@@ -24,6 +24,7 @@ _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
 """One hull is enough if it is this close to the surface: a length, and a share of the longest side."""
 _RECTANGULAR = 0.9
+_MANY = 1_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,32 +40,40 @@ class Fit:
     inside_m: float
 
 
-def convex_hulls(solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None) -> list[np.ndarray]:
-    """Return the corners (n, 3) [m] of convex shapes that together are the object.
+def convex_hulls(
+    solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None
+) -> tuple[list[np.ndarray], Fit]:
+    """Return the corners (n, 3) [m] of convex shapes that together are the object, and how well they fit.
 
     Args:
         solid: Its cells and points on its surface.
         surface: (n, 3) vertices [m] and (m, 3) faces.
         cavity: Its hollow, which stays open.
     """
-    whole = hull_corners(solid.points)
     size = float(np.ptp(solid.points, axis=0).max())
     if cavity is None:
+        whole = hull_corners(solid.points)
         if whole is None:
-            return []
-        if fit_of([whole], solid.points).outside_m <= max(_CLOSE_M, _CLOSE_SHARE * size):
-            return [whole]
-        options = [[whole], _decomposed(*surface), _halved(solid.points, solid, most=_VHACD_HULLS)]
-        return min((o for o in options if o), key=lambda hulls: _misfit(fit_of(hulls, solid.points)))
+            return [], fit_of([], solid.points)
+        best = [whole], fit_of([whole], solid.points)
+        if best[1].outside_m <= max(_CLOSE_M, _CLOSE_SHARE * size):
+            return best
+        options = [_decomposed(*surface), _halved(solid.points, solid, most=_VHACD_HULLS)]
+        fitted = [best, *((hulls, fit_of(hulls, solid.points)) for hulls in options if hulls)]
+        return min(fitted, key=lambda option: _misfit(option[1]))
     walls, rest = _walls(solid, cavity)
     if rest.any():
         walls += _attached(solid, rest)
-    decomposed = None
-    if len(walls) > MOST_HULLS or fit_of(walls, solid.points).outside_m > max(0.004, 0.05 * size):
+    fit = fit_of(walls, solid.points)
+    if len(walls) > MOST_HULLS or fit.outside_m > max(0.004, 0.05 * size):
         decomposed = _decomposed(*surface)
-    if decomposed and fit_of(decomposed, solid.points).outside_m < fit_of(walls, solid.points).outside_m:
-        return decomposed
-    return walls[:MOST_HULLS]
+        other = fit_of(decomposed, solid.points)
+        if other.outside_m < fit.outside_m:
+            return decomposed, other
+    if len(walls) > MOST_HULLS:
+        walls = walls[:MOST_HULLS]
+        fit = fit_of(walls, solid.points)
+    return walls, fit
 
 
 def _misfit(fit: Fit) -> float:
@@ -76,8 +85,10 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
     """Return the extreme points of some points, at most 40 [m]; None if they do not span a volume."""
     if len(points) < 4:
         return None
-    chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
     try:
+        if len(points) > _MANY:  # only extreme points are farthest in any direction; Qhull finds them sooner
+            points = points[ConvexHull(points).vertices]
+        chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
         corners = chosen[ConvexHull(chosen).vertices]
     except (QhullError, ValueError):
         return None

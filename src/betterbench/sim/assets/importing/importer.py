@@ -16,7 +16,7 @@ from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.importing.appearance import visual_parts
 from betterbench.sim.assets.importing.cavity import columns_box, highest_level, level_square, tops_of
 from betterbench.sim.assets.importing.grasping import proposals
-from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of
+from betterbench.sim.assets.importing.hulls import Fit, convex_hulls
 from betterbench.sim.assets.importing.kinds import Kind, kind_of, words_of
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
 from betterbench.sim.assets.importing.solid import mass_of_cells
@@ -89,7 +89,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
     mass, said = _mass(placed, kind, longest, wishes)
     center, inertia = mass_of_cells(placed.solid, mass)
     surface = placed.mesh.surface()
-    hulls = convex_hulls(placed.solid, surface, placed.cavity)
+    hulls, fit = convex_hulls(placed.solid, surface, placed.cavity)
     if not hulls:
         raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
     grasps = tuple(p.grasp for p in proposals(placed.solid, center))
@@ -105,11 +105,17 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
         body=_properties(mass, center, inertia),
         grasps=grasps,
         regions=tuple(_regions(placed, size)),
-        parameters={"file": where, "up": placed.up, "unit_m": placed.scale, "hulls": len(hulls)},
+        parameters={
+            "file": where,
+            "kind": "" if kind is None else kind.name,
+            "up": placed.up,
+            "unit_m": placed.scale,
+            "hulls": len(hulls),
+        },
         source=wishes.source or where,
         license=wishes.license,
     )
-    return Imported(draft, fit_of(hulls, placed.solid.points), kind, notes)
+    return Imported(draft, fit, kind, notes)
 
 
 def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[float, str]:

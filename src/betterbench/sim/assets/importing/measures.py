@@ -94,11 +94,12 @@ def collision_distances(
     seen = solid.points
     size = float(np.ptp(seen, axis=0).max())
     touched = surface_points(hulls, size / 60.0)
+    outside = cKDTree(seen).query(touched)[0]
+    i, j, k = solid.index(touched).T
+    outside[solid.cells[i, j, k]] = 0.0  # what is inside what is seen cannot be touched beside it
     if filled is not None:
-        i, j, _ = solid.index(touched).T
-        touched = touched[~(filled.mask[i, j] & (touched[:, 2] < filled.rim_m + 2.0 * solid.pitch_m))]
-    outside = cKDTree(seen).query(touched)[0] if len(touched) else np.zeros(1)
-    inside = cKDTree(surface_points(hulls, size / 60.0)).query(seen)[0]
+        outside[filled.mask[i, j] & (touched[:, 2] < filled.rim_m + 2.0 * solid.pitch_m)] = 0.0
+    inside = cKDTree(touched).query(seen)[0]
     for corners in hulls:  # what is inside a part cannot be passed through
         inside[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
     free = size / 120.0  # points are apart: a distance below their spacing is none
