@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
+import hashlib
 import json
 import math
 import sys
@@ -31,14 +32,15 @@ from PIL import Image
 
 from betterbench.errors import BetterError
 from betterbench.geometry import Pose, from_axis_angle, multiply
-from betterbench.jobs import LineJournal, in_processes, run_items
+from betterbench.jobs import LineJournal, in_processes, run_items, write_durably
 from betterbench.sim.asset_checks import certify_asset
 from betterbench.sim.assets import Asset, CollisionPart, Texture, build
 from betterbench.sim.assets.authoring.registry import asset_of
-from betterbench.sim.assets.importing.child import import_safely
-from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.sim.assets.importing.child import VERSION
+from betterbench.sim.assets.importing.importer import Imported, Wishes, import_mesh
 from betterbench.sim.assets.importing.kinds import Kind, kind_of
 from betterbench.sim.assets.importing.measures import corners_of
+from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes import add_asset
 
@@ -64,8 +66,9 @@ def _mug(rng: Rng) -> trimesh.Trimesh:
     ring = trimesh.creation.torus(0.3 * height, 0.006, major_sections=24, minor_sections=12)
     ring.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
     ring.apply_translation([radius, 0, 0.5 * height])
-    handle = ring.slice_plane([radius - 0.5 * wall, 0, 0], [1, 0, 0])
-    return trimesh.util.concatenate([_cup(radius, height, wall, rng), handle])
+    ring.update_faces(ring.triangles_center[:, 0] > radius - 0.7 * wall)  # the other half would stand in the mug
+    ring.remove_unreferenced_vertices()
+    return trimesh.util.concatenate([_cup(radius, height, wall, rng), ring])
 
 
 def _bowl(rng: Rng) -> trimesh.Trimesh:
@@ -479,7 +482,7 @@ ASSET_FAULTS: dict[str, Callable[[Asset, Rng], Asset]] = {
 }
 """Faults that are planted in an asset after its import."""
 
-FILE_FAULTS = ("upside down", "on its side", "inverted faces", "leaking", "far parts", "wrong size given", "lying up axis")
+FILE_FAULTS = ("upside down", "on its side", "inverted faces", "leaking", "far parts", "wrong size given", "wrong axis given")
 """Faults that are planted in the file or in the options of the import of a mesh that this script makes."""
 
 _OPEN = frozenset({"mug", "bowl", "glass", "lunchbox"})
@@ -491,6 +494,7 @@ _VICTIMS: dict[str, frozenset[str]] = {
     "too wide": frozenset({"marker", "sausage", "spoon", "fork", "candle", "banana"}),
     "slippery": frozenset({"mug", "glass", "bottle", "jar", "can", "block", "marker", "candle", "soap", "orange", "box"}),
     "wrong grasps": frozenset({"mug", "glass", "bottle", "jar", "can", "block", "marker", "candle", "soap", "orange", "box"}),
+    "wrong axis given": _OPEN | {"bottle", "can", "jar", "plate", "notebook"},
     "scale x10": frozenset(SHAPES),
     "scale x2.54": frozenset({"mug", "glass", "can", "jar", "block", "marker", "soap", "orange", "spoon", "candle"}),
     "scale x1000": frozenset(SHAPES),
@@ -531,54 +535,86 @@ class Item:
 
 
 def make_plan(seed: int, out: Path, meshes: Path | None, *, each: int = 4) -> list[Item]:
-    """Write the mesh files and return the items: ``each`` bad ones per fault and stage, and as many good ones."""
+    """Write the mesh files and return the items.
+
+    There are ``each`` bad ones per fault of an asset, half as many per fault of a file, and as many good ones. The victims
+    of the faults of assets are good items.
+    """
     rng = np.random.default_rng([seed, 45])
-    bad = [(fault, "asset") for fault in ASSET_FAULTS for _ in range(each)]
-    bad += [(fault, "file") for fault in FILE_FAULTS for _ in range(max(1, each // 2))]
-    items: list[Item] = []
-    for fault, stage in bad:
-        items.append(_item(len(items), fault, stage, rng, out, meshes))
-    for _ in range(len(bad)):
-        items.append(_item(len(items), None, "file", rng, out, meshes))
+    faults = [fault for fault in ASSET_FAULTS for _ in range(each)]
+    of_files = [fault for fault in FILE_FAULTS for _ in range(max(1, each // 2))]
+    good = _good_items(len(faults) + len(of_files), rng, out, meshes)
+    items = list(good)
+    for fault in faults:
+        able = [item for item in good if _is_victim(item, fault)]
+        victim = able[int(rng.integers(len(able)))]
+        items.append(replace(victim, id=_id(len(items), fault, victim.name), fault=fault, stage="asset", seed=_seed(rng)))
+    for fault in of_files:
+        items.append(_bad_file(len(items), fault, rng, out))
     return items
 
 
-def _item(number: int, fault: str | None, stage: str, rng: Rng, out: Path, meshes: Path | None) -> Item:
-    victims = None if fault is None else _VICTIMS.get(fault)
-    folder = [] if meshes is None else _mesh_files(meshes)
-    origin = "made"
-    if fault is None or (stage == "asset" and victims is None):
-        shares = {"made": 0.4, "library": 0.2, "mesh": 0.4} if folder else {"made": 0.6, "library": 0.4}
-        origin = str(rng.choice(list(shares), p=list(shares.values())))
-    seed = int(rng.integers(2**31))
-    label = "good" if fault is None else fault.replace(" ", "_")
-    if origin == "library":
-        category = str(rng.choice(sorted(LIBRARY)))
-        return Item(f"{number:03d}-{label}-{category}", origin, LIBRARY[category], f"{category} {int(rng.integers(8))}", fault, stage, None, None, (), seed)
-    if origin == "mesh":
-        file = folder[int(rng.integers(len(folder)))]
+def _id(number: int, fault: str | None, name: str) -> str:
+    return f"{number:03d} {'good' if fault is None else fault} {name or 'asset'}"
+
+
+def _seed(rng: Rng) -> int:
+    return int(rng.integers(2**31))
+
+
+def _is_victim(item: Item, fault: str) -> bool:
+    if fault in _VICTIMS:
+        return item.origin == "made" and item.name in _VICTIMS[fault]
+    return fault != "too heavy" or kind_of(item.name) is not None
+
+
+def _good_items(count: int, rng: Rng, out: Path, meshes: Path | None) -> list[Item]:
+    """Return good items: two of each made kind at least, a fifth from the library, and meshes of the folder."""
+    folder = [] if meshes is None else sorted([*meshes.glob("**/*.glb"), *meshes.glob("**/*.obj")])
+    from_library = count // 5
+    from_folder = min(len(folder), max(0, count - from_library - 2 * len(SHAPES)))
+    items: list[Item] = []
+    for k in rng.permutation(len(folder))[:from_folder]:
+        file = folder[int(k)]
         name = file.parent.name if file.suffix == ".obj" else file.stem
-        wishes: dict[str, object] = {"name": name, "license": "as stated by its folder"}
-        return Item(f"{number:03d}-{label}-{name}", origin, name, str(file), fault, stage, None, None, tuple(wishes.items()), seed)
-    kind = str(rng.choice(sorted(victims & set(SHAPES) if victims else SHAPES)))
+        wishes = (("name", name), ("license", "as its folder states"))
+        items.append(Item(_id(len(items), None, name), "mesh", name, str(file), None, "file", None, None, wishes, _seed(rng)))
+    categories = sorted(LIBRARY)
+    for k in range(from_library):
+        category = categories[k % len(categories)]
+        file_and_look = f"{category} {int(rng.integers(8))}"
+        items.append(
+            Item(_id(len(items), None, category), "library", LIBRARY[category], file_and_look, None, "file", None, None, (), _seed(rng))
+        )
+    kinds = sorted(SHAPES)
+    while len(items) < count:
+        items.append(_made(len(items), kinds[len(items) % len(kinds)], None, rng, out))
+    return items
+
+
+def _bad_file(number: int, fault: str, rng: Rng, out: Path) -> Item:
+    victims = sorted((_VICTIMS.get(fault) or frozenset(SHAPES)) & set(SHAPES))
+    return _made(number, str(rng.choice(victims)), fault, rng, out)
+
+
+def _made(number: int, kind: str, fault: str | None, rng: Rng, out: Path) -> Item:
+    """Write a mesh of this script, perhaps with a fault in the file or in the options of its import."""
     mesh = SHAPES[kind](rng)
     size = float(np.ptp(mesh.bounds, axis=0).max())
-    wishes = {"name": kind, "license": "CC0-1.0"}
     suffix = str(rng.choice([".glb", ".stl", ".ply"]))
-    if fault is not None and stage == "file":
+    wishes: dict[str, object] = {"name": kind, "license": "CC0-1.0"}
+    if fault is not None:
         mesh, more = _file_fault(mesh, fault, size, rng)
         wishes |= more
     path = out / "meshes" / f"{number:03d}-{kind}{suffix}"
     up = write_mesh(mesh, path, rng)
-    if fault == "lying up axis":
-        wishes["up"] = "-" + up if kind in _OPEN else ("x" if kind in ("bottle", "can", "jar", "plate", "notebook") else "-" + up)
-    if suffix != ".glb" and "up" not in wishes and fault not in ("upside down", "on its side"):
-        wishes["up"] = up  # these formats do not say it
-    return Item(f"{number:03d}-{label}-{kind}", origin, kind, str(path.relative_to(out)), fault, stage, size, up, tuple(wishes.items()), seed)
-
-
-def _mesh_files(meshes: Path) -> list[Path]:
-    return sorted([*meshes.glob("**/*.glb"), *meshes.glob("**/*.obj")])
+    if fault == "wrong axis given":
+        wishes["up"] = "-" + up if kind in _OPEN else "x"
+    elif suffix != ".glb" and fault not in ("upside down", "on its side"):
+        wishes["up"] = up  # these formats do not tell it
+    return Item(
+        _id(number, fault, kind), "made", kind, str(path.relative_to(out)), fault, "file", size, up, tuple(wishes.items()), _seed(rng)
+    )
 
 
 def _file_fault(mesh: trimesh.Trimesh, fault: str, size: float, rng: Rng) -> tuple[trimesh.Trimesh, dict[str, object]]:
@@ -639,7 +675,7 @@ def judge(item: Item, *, out: Path) -> Judged:
             asset = build(category, look=int(look))
         else:
             wishes = Wishes(**dict(item.wishes))  # type: ignore[arg-type]
-            asset = asset_of(import_safely(out / item.file, wishes).draft, "planted", color="gray")
+            asset = asset_of(_imported(out / item.file, wishes, out / "imports").draft, "planted", color="gray")
             mended = item.stage == "file" and _is_mended(item, asset)
     except BetterError as error:
         return Judged(item.id, item.fault, item.stage, item.origin, "refused", [str(error)], False, None)
@@ -650,6 +686,16 @@ def judge(item: Item, *, out: Path) -> Judged:
     outcome = "rejected" if failed else "accepted"
     still = lies_still(asset, rng) if outcome == "accepted" else None
     return Judged(item.id, item.fault, item.stage, item.origin, outcome, failed, mended, still)
+
+
+def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
+    """Import a file in this process, or take what an earlier item made of it."""
+    key = hashlib.sha256(f"{VERSION} {file} {wishes}".encode() + file.read_bytes()).hexdigest()[:24]
+    stored = kept / f"{key}.npz"
+    if not stored.is_file():
+        kept.mkdir(parents=True, exist_ok=True)
+        write_durably(stored, to_bytes(import_mesh(file, wishes)))
+    return from_bytes(stored.read_bytes(), file.name)
 
 
 def _is_mended(item: Item, asset: Asset) -> bool:

@@ -7,7 +7,6 @@ import numpy as np
 from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.check import Finding, at_least, at_most, check, not_applicable
 from betterbench.sim.asset_checks.subject import Subject
-from betterbench.sim.assets.importing.solid import mass_of_cells
 from betterbench.sim.assets.importing.upright import footing
 
 _CURE = "Give the axis of the file that points up with --up"
@@ -59,16 +58,26 @@ def _flat(subject: Subject) -> Finding:
 
 
 def _round(subject: Subject) -> Finding:
-    """An object that is round about an axis has two equal moments, and the third is about this axis."""
-    _, inertia = mass_of_cells(subject.solid, 1.0)
-    moments, axes = np.linalg.eigh(inertia)
-    lower, upper = moments[1] / moments[0] - 1.0, moments[2] / moments[1] - 1.0
-    if min(lower, upper) > limits.AXIS_TOLERANCE or max(lower, upper) < 2.0 * limits.AXIS_TOLERANCE:
-        return at_most(0.0, 45.0, "degrees", "it is round about no axis, or about all", _CURE)
-    axis = axes[:, 2] if lower < upper else axes[:, 0]
-    lean = float(np.degrees(np.arccos(min(1.0, abs(axis[2])))))
-    said = f"it is round about an axis {lean:.2g} degrees from the vertical"
-    return at_most(lean, 45.0, "degrees", said, f"A {_name(subject)} stands on its base. {_CURE}")
+    """Compare the widths across the vertical and across horizontal axes: a cylinder has one width across its axis."""
+    points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
+    vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
+    turns = np.pi * np.arange(12) / 12.0
+    lying = min(_uneven(points, np.array([np.cos(t), np.sin(t), 0.0])) for t in turns)
+    # Round across both is a ball; only what is round about a horizontal axis alone lies on its side.
+    ratio = vertical / lying if lying < limits.ROUND_RATIO else 1.0
+    said = f"its widths across the vertical differ by {100 * (vertical - 1):.2g} %, across a horizontal axis by {100 * (lying - 1):.2g} %"
+    return at_most(ratio, limits.LYING_RATIO, "ratio", said, f"A {_name(subject)} stands on its base. {_CURE}")
+
+
+def _uneven(points: np.ndarray, axis: np.ndarray) -> float:
+    """Return the ratio of the largest to the smallest width across an axis, over twelve directions."""
+    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    first = first / np.linalg.norm(first)
+    second = np.cross(axis, first)
+    turns = np.pi * np.arange(12) / 12.0
+    directions = np.outer(np.cos(turns), first) + np.outer(np.sin(turns), second)
+    widths = np.ptp(points @ directions.T, axis=0)
+    return float(widths.max() / widths.min())
 
 
 def _footed(subject: Subject) -> Finding:
