@@ -335,11 +335,6 @@ def _too_wide(asset: Asset, rng: Rng) -> Asset:
     return replace(_scaled(asset, factors), grasps=())
 
 
-def _slippery(asset: Asset, rng: Rng) -> Asset:  # noqa: ARG001
-    parts = tuple(replace(part, friction=(0.01, 1e-4, 1e-5)) for part in asset.collision)
-    return replace(asset, collision=parts)
-
-
 def _wrong_grasps(asset: Asset, rng: Rng) -> Asset:
     reach = max(asset.size_m) + 0.05
     turn = rng.uniform(0, 2 * np.pi)
@@ -469,7 +464,6 @@ ASSET_FAULTS: dict[str, Callable[[Asset, Rng], Asset]] = {
     "center of mass outside": _center_outside,
     "too heavy": _too_heavy,
     "too wide": _too_wide,
-    "slippery": _slippery,
     "wrong grasps": _wrong_grasps,
     "jittering": _jittering,
     "far parts": _far_parts,
@@ -492,7 +486,6 @@ _VICTIMS: dict[str, frozenset[str]] = {
     "leaking": _OPEN,
     "lid closed": _OPEN,
     "too wide": frozenset({"marker", "sausage", "spoon", "fork", "candle", "banana"}),
-    "slippery": frozenset({"mug", "glass", "bottle", "jar", "can", "block", "marker", "candle", "soap", "orange", "box"}),
     "wrong grasps": frozenset({"mug", "glass", "bottle", "jar", "can", "block", "marker", "candle", "soap", "orange", "box"}),
     "wrong axis given": _OPEN | {"bottle", "can", "jar", "plate", "notebook"},
     "scale x10": frozenset(SHAPES),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, one_line
 from betterbench.sim.asset_checks.result import CheckResult
 from betterbench.sim.asset_checks.subject import Subject
 
@@ -57,8 +57,12 @@ def check_names() -> tuple[str, ...]:
 
 
 def run_check(name: str, subject: Subject) -> CheckResult:
-    """Run a check by name."""
-    found = _CHECKS[name](subject)
+    """Run a check by name; a check that cannot measure the asset fails."""
+    try:
+        found = _CHECKS[name](subject)
+    except Exception as error:  # noqa: BLE001 - geometry and MuJoCo raise many kinds for a broken asset
+        said = f"it cannot be measured ({type(error).__name__}: {one_line(error, most=120)})"
+        found = Finding(None, None, "", True, said, "Repair its mesh, or import it again")
     outcome = "not_applicable" if found.fails is None else "failed" if found.fails else "passed"
     said = f"{found.said}. {found.cure}." if found.fails else f"{found.said}."
     numbers = (None if v is None else float(f"{v:.{MEASURED_DIGITS}g}") for v in (found.measured, found.limit))

@@ -55,28 +55,34 @@ def _judged(height: float, aside: float, radius: float, depth: float) -> Finding
 
 
 def _dropped(subject: Subject, *, ball: tuple[float, float, float], radius: float) -> Pose:
-    """Return the pose ``T_object_ball`` after a ball was dropped into the asset at rest."""
-    spec = table_model()
-    add_asset(spec, "asset", subject.asset)
+    """Return the pose ``T_object_ball`` after a ball was dropped into the asset, which is held without a table below."""
+    spec = mujoco.MjSpec()
+    PHYSICS.set_scene(spec)
+    add_asset(spec, "asset", subject.asset, pose=subject.rest.pose)
     body = spec.worldbody.add_body(name="ball")
     body.add_freejoint()
     mass = limits.BALL_DENSITY * 4.0 / 3.0 * math.pi * radius**3
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], mass=mass, friction=[0.6, 0.01, 0.002])
-    return _after(spec, subject.rest.pose, Pose(ball), "ball")
+    return _after(spec, [(subject.rest.pose @ Pose(ball))], subject.rest.pose)
 
 
-def _after(spec: mujoco.MjSpec, rest: Pose, start: Pose, name: str) -> Pose:
-    """Return the pose of a free body relative to the asset after two seconds, from a pose relative to the asset."""
+def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
+    """Return the pose of the last free body relative to the asset after two seconds.
+
+    Args:
+        spec: The model.
+        free: Poses in the world at which the free bodies start, in the order of the model.
+        held: Pose of the asset if it is fixed, None if it is the first free body.
+    """
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qpos[:7] = (*rest.position, *rest.quaternion)
-    first = rest @ start
-    data.qpos[7:14] = (*first.position, *first.quaternion)
+    for k, pose in enumerate(free):
+        data.qpos[7 * k : 7 * k + 7] = (*pose.position, *pose.quaternion)
     mujoco.mj_step(model, data, nstep=round(_SECONDS / PHYSICS.timestep_s))
-    asset, other = (Pose(tuple(map(float, q[:3])), normalize(q[3:7])) for q in (data.qpos[:7], data.qpos[7:14]))
     if not np.isfinite(data.qpos).all():
-        raise AssertionError(f"the simulation of the {name} diverged")
-    return asset.inverse() @ other
+        raise ValueError("the simulation diverged")
+    first, last = (Pose(tuple(map(float, q[:3])), normalize(q[3:7])) for q in (data.qpos[:7], data.qpos[-7:]))
+    return (held or first).inverse() @ last
 
 
 @check
@@ -106,4 +112,4 @@ def _put(subject: Subject, top: Region, half: float) -> Pose:
         type=mujoco.mjtGeom.mjGEOM_BOX, size=[half] * 3, mass=limits.BLOCK_KG * (half / limits.BLOCK_M) ** 3, condim=4
     )
     start = Pose((top.position[0], top.position[1], top.position[2] + half + 0.002))
-    return _after(spec, subject.rest.pose, start, "block")
+    return _after(spec, [subject.rest.pose, subject.rest.pose @ start], None)

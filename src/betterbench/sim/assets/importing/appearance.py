@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import fast_simplification
 import numpy as np
 from scipy.spatial import cKDTree
@@ -41,7 +43,7 @@ def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
             return tuple(_plain(f"part{k}", parts) for k, parts in enumerate(looks.values()))
     if plain and len({part.rgba for part in mesh.parts}) == 1:
         vertices, faces = _reduced_enough(*mesh.surface())
-        return (_plain("part0", [RawPart("all", vertices, faces, mesh.parts[0].rgba)]),)
+        return (replace(_plain("part0", [RawPart("all", vertices, faces, mesh.parts[0].rgba)]), smooth=True),)
     return (_painted(mesh),)
 
 

@@ -75,6 +75,16 @@ def _ball() -> np.ndarray:
     return np.stack([np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)], axis=1)
 
 
+def convex_surface(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the convex hull of points as (n, 3) vertices and (m, 3) indices, counter-clockwise seen from outside."""
+    hull = ConvexHull(corners)
+    faces = hull.simplices.copy()
+    a, b, c = (hull.points[faces[:, k]] for k in range(3))
+    inward = np.einsum("kd,kd->k", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    return hull.points, faces
+
+
 def surface_solid(hulls: Sequence[np.ndarray]) -> Solid:
     """Return the solid of convex parts, given by their corners (n, 3) [m]."""
     bodies = [ConvexHull(corners) for corners in hulls]
