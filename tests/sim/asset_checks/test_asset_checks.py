@@ -1,4 +1,4 @@
-"""The asset certificate: each check passes a good asset and fails the same asset with a fault that was planted in it."""
+"""The asset certificate: each check passes a good asset and fails the same asset with a planted fault."""
 
 from __future__ import annotations
 

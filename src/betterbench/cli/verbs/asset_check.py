@@ -81,7 +81,7 @@ def _failures(certificate: AssetCertificate) -> str:
 
 
 def _write_pictures(judged: Sequence[tuple[Target, AssetCertificate]], out: Path, *, overwrite: bool) -> None:
-    """Write a sheet with the visible parts, the collision parts and the pose at rest of each asset that was imported."""
+    """Write a sheet with visible parts, collision parts and pose at rest of each imported asset."""
     from PIL import Image
 
     from betterbench.evaluation.figures.show import image_file

@@ -60,7 +60,7 @@ def assets_command(
         given: Sources to index, the description to search, the id to show, or the files, folders and assets to check.
         catalogue: Folder of the catalogue; in the user's cache if not given.
         name: With index: name of the source in the catalogue. With check: name that tells the kind ("coffee mug").
-        license: With index: license of files that name none. With search: free (the default) or any. With check: license.
+        license: With index and check: license of files that name none. With search: free (the default) or any.
         author: With index: author of files that name none.
         encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words alone.
         limit: Most assets to list.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.sim.asset_checks.result import CheckResult
+from betterbench.sim.asset_checks.result import CheckResult, Outcome
 from betterbench.sim.asset_checks.subject import Subject
 
 MEASURED_DIGITS = 4
@@ -63,7 +63,7 @@ def run_check(name: str, subject: Subject) -> CheckResult:
     except Exception as error:  # noqa: BLE001 - geometry and MuJoCo raise many kinds for a broken asset
         said = f"it cannot be measured ({type(error).__name__}: {one_line(error, most=120)})"
         found = Finding(None, None, "", True, said, "Repair its mesh, or import it again")
-    outcome = "not_applicable" if found.fails is None else "failed" if found.fails else "passed"
+    outcome: Outcome = "not_applicable" if found.fails is None else "failed" if found.fails else "passed"
     said = f"{found.said}. {found.cure}." if found.fails else f"{found.said}."
     numbers = (None if v is None else float(f"{v:.{MEASURED_DIGITS}g}") for v in (found.measured, found.limit))
     measured, limit = numbers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from betterbench.errors import InvalidInputError
@@ -37,7 +37,7 @@ class Target:
 
     name: str
     file: Path | None
-    wishes: Wishes = Wishes()
+    wishes: Wishes = field(default_factory=Wishes)
     color: str | None = None
     look: int = 0
 
@@ -114,7 +114,9 @@ def certify_target(target: Target) -> AssetCertificate:
         asset = target.asset()
     except InvalidInputError as error:
         license_name = target.wishes.license
-        return AssetCertificate(target.name, "", kind and kind.name, target.name, license_name, (), str(error))
+        return AssetCertificate(
+            target.name, "", None if kind is None else kind.name, target.name, license_name, (), str(error)
+        )
     return certify_asset(asset, name=target.name, kind=kind)
 
 
@@ -137,7 +139,7 @@ class CertificateJournal(LineJournal):
 def certify_targets(
     targets: Sequence[Target], folder: Path | None = None, *, on_progress: OnCertificate | None = None
 ) -> list[AssetCertificate]:
-    """Certify targets, in order; with a folder, the same call after an interruption goes on with those that are left."""
+    """Certify targets, in order; with a folder, the same call goes on after an interruption."""
     keys = {target: target.key() for target in targets}
 
     def work(waiting: list[Target]) -> Iterator[tuple[str, AssetCertificate]]:
@@ -151,6 +153,10 @@ def certify_targets(
     folder.mkdir(parents=True, exist_ok=True)
     with CertificateJournal(folder / "certificates.jsonl") as journal:
         run_items(
-            keys, is_done=lambda target: keys[target] in journal.found, work=work, keep=journal.keep, on_progress=on_progress
+            keys,
+            is_done=lambda target: keys[target] in journal.found,
+            work=work,
+            keep=journal.keep,
+            on_progress=on_progress,
         )
         return [journal.found[keys[target]] for target in targets]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from betterbench.geometry import Pose, angle_between, normalize
+from betterbench.geometry import Pose, angle_between
 from betterbench.sim.asset_checks import limits
-from betterbench.sim.asset_checks.rest import table_model
+from betterbench.sim.asset_checks.rest import pose_of, table_model
 from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.robots.gripper import CARRIER_JOINTS, PREFIX, TOOL_BODY, add_floating_gripper
 from betterbench.sim.robots.physics import PHYSICS
@@ -99,12 +99,12 @@ class _Bench:
     def asset_pose(self) -> Pose:
         """Return ``T_world_object``."""
         q = self.data.qpos[self._asset : self._asset + 7]
-        return Pose(tuple(map(float, q[:3])), normalize(q[3:7]))
+        return pose_of(q)
 
     def asset_in_tool(self) -> Pose:
         """Return ``T_tool_object``."""
         tool = self.data.body(TOOL_BODY)
-        return Pose(tuple(map(float, tool.xpos)), normalize(tool.xquat)).inverse() @ self.asset_pose()
+        return pose_of((*tool.xpos, *tool.xquat)).inverse() @ self.asset_pose()
 
 
 def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
@@ -124,15 +124,15 @@ def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
         return LiftTrial(False, 1000.0 * pushed, 0.0, "the open jaw pushes it away")
     bench.close()
     held, low = bench.asset_in_tool(), bench.asset_pose().position[2]
-    bench.move(bench.at + (0.0, 0.0, limits.LIFT_M), limits.LIFT_SPEED)
+    bench.move(np.add(bench.at, (0.0, 0.0, limits.LIFT_M)), limits.LIFT_SPEED)
     bench.wait(limits.HOLD_S)
     risen = bench.asset_pose().position[2] - low
     if not risen > 0.5 * limits.LIFT_M:
         return LiftTrial(False, 1000.0 * (limits.LIFT_M - risen), 0.0, "the jaw closes without lifting it")
-    bench.move(bench.at + (limits.CARRY_M, 0.0, 0.0), limits.CARRY_SPEED)
+    bench.move(np.add(bench.at, (limits.CARRY_M, 0.0, 0.0)), limits.CARRY_SPEED)
     bench.wait(0.3)
     now = bench.asset_in_tool()
-    slip = 1000.0 * _slip(held, now, asset)
+    slip = 1000.0 * _slip(held, now)
     swing = math.degrees(angle_between(held.quaternion, now.quaternion))
     if not slip <= limits.SLIP_MM:
         return LiftTrial(False, slip, swing, f"it slips by {slip:.2g} mm")
@@ -141,7 +141,7 @@ def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
     return LiftTrial(True, slip, swing)
 
 
-def _slip(before: Pose, after: Pose, asset: Asset) -> float:
+def _slip(before: Pose, after: Pose) -> float:
     """Return the way [m] of the point of the asset that was between the pads, so that swinging does not count."""
     between = before.inverse().position
     return math.dist(before.apply(between), after.apply(between))

@@ -1,7 +1,7 @@
 """Limits of the asset certificate, each with its unit and its reason.
 
-"Measured" means: over the meshes of ``tools/planted_assets.py --seed 0``, good and bad, and the procedural library. Changing a
-number changes what is accepted: measure again (docs/asset-certificate.md).
+"Measured" means: over the meshes of ``tools/planted_assets.py --seed 0``, good and bad, and the procedural library.
+Changing a number changes what is accepted: measure again (docs/asset-certificate.md).
 """
 
 # ---------------------------------------------------------------------------------------------------------------- size
@@ -36,8 +36,8 @@ DROP_M = 0.001
 DRIFT_MM = 1.0
 """Most way of the center of mass while it is watched; a stack of good ones moves 0.03 mm in 5 s (measured)."""
 TILT_DEGREES = 20.0
-"""Most turn of the vertical axis from the described pose to rest, as far as the importer sets an object down itself: fruit
-rolls onto another spot by 5 to 13 degrees (measured), what topples turns by 60 or more."""
+"""Most turn of the vertical axis from the described pose to rest, as far as the importer sets an object down itself:
+fruit rolls onto another spot by 5 to 13 degrees (measured), what topples turns by 60 or more."""
 JITTER_MM_S = 2.0
 """Most root mean square speed of the surface while it is watched; verdicts call 20 mm/s at rest."""
 SINK_MM = 3.0
@@ -71,8 +71,8 @@ LIFT_SPEED, CARRY_SPEED = 0.15, 0.20
 SLIP_MM = 15.0
 """Most way of the object against the gripper from the closed jaw to the end of the trial."""
 SWING_DEGREES = 45.0
-"""Most turn of the object against the gripper: plates and bowls taken at the rim tilt by 22 to 39 degrees and are carried;
-heavier ones turn by 75 (measured)."""
+"""Most turn of the object against the gripper: plates and bowls taken at the rim tilt by 22 to 39 degrees and are
+carried; heavier ones turn by 75 (measured)."""
 GRASPS_TRIED = 4
 """The first grasps by preference; one that works is enough, since experts go on to the next."""
 
@@ -106,7 +106,19 @@ LEAST_ALPHA = 0.05
 # --------------------------------------------------------------------------------------------------- uses of the kinds
 TALL_KINDS = frozenset({"bottle", "wine glass", "glass", "vase", "pitcher", "candle", "pepper mill", "bucket"})
 """Stand with their longest side up."""
-ROUND_KINDS = TALL_KINDS | {"mug", "cup", "bowl", "pot", "can", "jar", "shaker", "egg cup", "plate", "steamer", "mortar"}
+ROUND_KINDS = TALL_KINDS | {
+    "mug",
+    "cup",
+    "bowl",
+    "pot",
+    "can",
+    "jar",
+    "shaker",
+    "egg cup",
+    "plate",
+    "steamer",
+    "mortar",
+}
 """Are often round about the vertical, never about a horizontal axis."""
 FLAT_KINDS = frozenset(
     {"plate", "tray", "pizza", "pizza box", "cutting board", "keyboard", "notebook", "fork", "spoon", "knife",
@@ -116,9 +128,12 @@ FLAT_KINDS = frozenset(
 FOOTED_KINDS = frozenset({"bottle", "jar", "vase", "pepper mill", "shaker"})
 """Stand on their broader end."""
 ALWAYS_LIFTED_KINDS = frozenset(
-    {"fork", "spoon", "knife", "chopstick", "cooking fork", "cooking spoon", "cooking knife", "whisk", "banana", "carrot",
-     "marker", "candy bar", "toothbrush", "toothpaste", "screwdriver", "sausage", "candle", "egg", "strawberry", "cherry",
-     "mushroom", "radish", "sushi", "dice", "hot dog", "popsicle", "stapler", "shaker", "lemon", "cookie"}
+    {
+        "fork", "spoon", "knife", "chopstick", "cooking fork", "cooking spoon", "cooking knife", "whisk",
+        "banana", "carrot", "marker", "candy bar", "toothbrush", "toothpaste", "screwdriver", "sausage", "candle",
+        "egg", "strawberry", "cherry", "mushroom", "radish", "sushi", "dice", "hot dog", "popsicle", "stapler",
+        "shaker", "lemon", "cookie",
+    }
 )  # fmt: skip
 """Are narrow enough for the jaw in every usual size."""
 CLOSED_WORDS = frozenset({"lid", "lidded", "cereal", "egg", "soft drink", "soup", "broth", "stew", "filled"})

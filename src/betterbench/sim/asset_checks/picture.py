@@ -39,4 +39,6 @@ def asset_pictures(asset: Asset, *, pixels: int) -> tuple[np.ndarray, np.ndarray
 
 def _colored(number: int, vertices: np.ndarray, faces: np.ndarray) -> VisualPart:
     r, g, b = colorsys.hsv_to_rgb((number * _GOLDEN) % 1.0, 0.55, 0.9)
-    return VisualPart(f"touched{number}", vertices.astype(np.float32), faces.astype(np.int32), (r, g, b, 1.0), smooth=False)
+    return VisualPart(
+        f"touched{number}", vertices.astype(np.float32), faces.astype(np.int32), (r, g, b, 1.0), smooth=False
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import mujoco
@@ -35,6 +36,12 @@ class Rest:
     lowest_mm: float
 
 
+def pose_of(numbers: Iterable[float]) -> Pose:
+    """Return the pose of seven numbers, as a free joint has them: position [m] and quaternion."""
+    x, y, z, *quaternion = (float(v) for v in numbers)
+    return Pose((x, y, z), normalize(quaternion))
+
+
 def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
     """Return a model with a table top at z = 0 in the physics of the scenes; nothing in it falls asleep."""
     spec = mujoco.MjSpec()
@@ -42,7 +49,11 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
     # Sleeping would hide that an object never comes to rest.
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     spec.worldbody.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[2, 2, 0.05], pos=[0, 0, -0.05], friction=[friction, 0.005, 1e-4]
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[2, 2, 0.05],
+        pos=[0, 0, -0.05],
+        friction=[friction, 0.005, 1e-4],
     )
     return spec
 
@@ -63,7 +74,7 @@ def settled(asset: Asset) -> Rest:
     for _ in range(round(limits.WATCH_S * steps / every)):
         mujoco.mj_step(model, data, nstep=every)
         speeds.append(float(np.linalg.norm(data.qvel[:3])) + reach * float(np.linalg.norm(data.qvel[3:6])))
-    pose = Pose(tuple(map(float, data.qpos[:3])), normalize(data.qpos[3:7]))
+    pose = pose_of(data.qpos[:7])
     vertices, faces = visual_surface(asset)
     turned = np.array([pose.apply(v) for v in vertices[np.unique(faces)].tolist()])
     return Rest(

@@ -11,7 +11,13 @@ from betterbench.sim.asset_checks.rest import Rest, settled
 from betterbench.sim.assets import Asset
 from betterbench.sim.assets.importing.cavity import Cavity, cavity_of
 from betterbench.sim.assets.importing.kinds import Kind
-from betterbench.sim.assets.importing.measures import Distances, collision_distances, corners_of, surface_solid, visual_surface
+from betterbench.sim.assets.importing.measures import (
+    Distances,
+    collision_distances,
+    corners_of,
+    surface_solid,
+    visual_surface,
+)
 from betterbench.sim.assets.importing.solid import Solid, solid_of
 
 

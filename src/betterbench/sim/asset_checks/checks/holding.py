@@ -7,11 +7,11 @@ import math
 import mujoco
 import numpy as np
 
-from betterbench.geometry import Pose, normalize, tilt_of
+from betterbench.geometry import Pose, tilt_of
 from betterbench.interface.state import Region
 from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.check import Finding, at_most, check, not_applicable
-from betterbench.sim.asset_checks.rest import table_model
+from betterbench.sim.asset_checks.rest import pose_of, table_model
 from betterbench.sim.asset_checks.subject import Subject
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes import add_asset
@@ -55,7 +55,7 @@ def _judged(height: float, aside: float, radius: float, depth: float) -> Finding
 
 
 def _dropped(subject: Subject, *, ball: tuple[float, float, float], radius: float) -> Pose:
-    """Return the pose ``T_object_ball`` after a ball was dropped into the asset, which is held without a table below."""
+    """Return the pose ``T_object_ball`` of a ball that was dropped into the asset, held without a table below."""
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
     add_asset(spec, "asset", subject.asset, pose=subject.rest.pose)
@@ -81,7 +81,7 @@ def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
     mujoco.mj_step(model, data, nstep=round(_SECONDS / PHYSICS.timestep_s))
     if not np.isfinite(data.qpos).all():
         raise ValueError("the simulation diverged")
-    first, last = (Pose(tuple(map(float, q[:3])), normalize(q[3:7])) for q in (data.qpos[:7], data.qpos[-7:]))
+    first, last = (pose_of(q) for q in (data.qpos[:7], data.qpos[-7:]))
     return (held or first).inverse() @ last
 
 

@@ -28,7 +28,8 @@ def lift(subject: Subject) -> Finding:
     for grasp in grasps:
         trial: LiftTrial = try_grasp(asset, grasp, subject.rest.pose)
         if trial.succeeded:
-            said = f"grasp {grasp.name!r} lifts and carries it: slips {trial.slip_mm:.2g} mm, swings {trial.swing_degrees:.2g} degrees"
+            moved = f"slips {trial.slip_mm:.2g} mm, swings {trial.swing_degrees:.2g} degrees"
+            said = f"grasp {grasp.name!r} lifts and carries it: {moved}"
             return Finding(trial.slip_mm, limits.SLIP_MM, "mm", False, said)
         reasons.append(f"{grasp.name}: {trial.reason}")
     said = f"none of its first {len(grasps)} grasps lifts and carries it ({'; '.join(reasons)})"

@@ -18,7 +18,9 @@ def size(subject: Subject) -> Finding:
         of = f"a {kind.name}"
     said = f"longest side {100 * longest:.3g} cm, usual for {of}: {100 * low:.2g} to {100 * high:.2g} cm"
     nearest = high if longest > high else low
-    return Finding(100 * longest, 100 * nearest, "cm", not low <= longest <= high, said, "Give its longest side with --size")
+    return Finding(
+        100 * longest, 100 * nearest, "cm", not low <= longest <= high, said, "Give its longest side with --size"
+    )
 
 
 @check
@@ -29,7 +31,9 @@ def mass(subject: Subject) -> Finding:
         usual = kind.mass_at(subject.longest_m)
         ratio = max(asset.mass_kg / usual, usual / asset.mass_kg) if asset.mass_kg > 0.0 else float("inf")
         if not ratio <= limits.MASS_FACTOR:
-            said = f"mass {1000 * asset.mass_kg:.3g} g, {ratio:.3g} times off the {1000 * usual:.3g} g usual for its kind"
+            said = (
+                f"mass {1000 * asset.mass_kg:.3g} g, {ratio:.3g} times off the {1000 * usual:.3g} g usual for its kind"
+            )
             return Finding(ratio, limits.MASS_FACTOR, "ratio", True, said, "Give its mass with --mass")
     solid = subject.solid
     volume = (float(solid.cells.sum()) - 0.5 * float(solid.surface.sum())) * solid.pitch_m**3

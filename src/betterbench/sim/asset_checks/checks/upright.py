@@ -65,7 +65,8 @@ def _round(subject: Subject) -> Finding:
     lying = min(_uneven(points, np.array([np.cos(t), np.sin(t), 0.0])) for t in turns)
     # Round across both is a ball; only what is round about a horizontal axis alone lies on its side.
     ratio = vertical / lying if lying < limits.ROUND_RATIO else 1.0
-    said = f"its widths across the vertical differ by {100 * (vertical - 1):.2g} %, across a horizontal axis by {100 * (lying - 1):.2g} %"
+    across = [f"{100 * (each - 1):.2g} %" for each in (vertical, lying)]
+    said = f"its widths across the vertical differ by {across[0]}, across a horizontal axis by {across[1]}"
     return at_most(ratio, limits.LYING_RATIO, "ratio", said, f"A {_name(subject)} stands on its base. {_CURE}")
 
 

@@ -17,8 +17,9 @@ FACE_BUDGET = 600
 THIN_FACE_BUDGET = 1_200
 """Most triangles of an asset that 600 triangles would dent: thin walls have two sides close to each other."""
 DENT_SHARE = 0.006
-"""Distance between the reduced surface and the original, as a share of the longest side, above which it is dented. Plate,
-bowl, mug and sponge of YCB have 0.7 to 1.9 % at 600 triangles and show it; its apple, can, banana and fork at most 0.5 %."""
+"""Distance between the reduced surface and the original, as a share of the longest side, above which it is dented.
+Plate, bowl, mug and sponge of YCB have 0.7 to 1.9 % at 600 triangles and show it; apple, can, banana and fork at most
+0.5 %."""
 ATLAS = 512
 """Side of the painted picture [pixel]."""
 _PAINT_POINTS = 200_000

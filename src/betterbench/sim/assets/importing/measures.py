@@ -1,4 +1,4 @@
-"""Measurements of the shape of a finished asset: what is seen against what is touched, gaps, and surfaces seen from behind."""
+"""Measurements of the shape of a finished asset: distances between parts, gaps, and surfaces seen from behind."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def visual_surface(asset: Asset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def corners_of(part: CollisionPart) -> np.ndarray:
-    """Return points (n, 3) [m] in the object frame whose convex hull is a collision part, or inscribed in a round one."""
+    """Return points (n, 3) [m] in the object frame whose convex hull is a collision part, or nearly so."""
     a, b, c = part.size
     if part.shape == "hull":
         if part.vertices is None:
@@ -64,7 +64,7 @@ def corners_of(part: CollisionPart) -> np.ndarray:
         radii = (a, b, c) if part.shape == "ellipsoid" else (a, a, a)
         points = ball * radii
         if part.shape == "capsule":
-            points = np.concatenate([points + (0.0, 0.0, b), points - (0.0, 0.0, b)])
+            points = np.concatenate([np.add(points, (0.0, 0.0, b)), np.subtract(points, (0.0, 0.0, b))])
     turned = np.array([rotate(part.quaternion, axis) for axis in np.eye(3).tolist()])
     return np.asarray(points @ turned + part.position)
 
@@ -93,9 +93,7 @@ def surface_solid(hulls: Sequence[np.ndarray]) -> Solid:
     return solid_of(np.concatenate([body.points for body in bodies]), faces)
 
 
-def collision_distances(
-    hulls: Sequence[np.ndarray], solid: Solid, *, filled: Cavity | None = None
-) -> Distances:
+def collision_distances(hulls: Sequence[np.ndarray], solid: Solid, *, filled: Cavity | None = None) -> Distances:
     """Return how far apart what is touched and what is seen are.
 
     Args:
@@ -150,9 +148,9 @@ def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> f
         best = min(nearest, key=lambda k: nearest[k])
         gap = max(gap, nearest.pop(best))
         joined.add(best)
-        for k in nearest:
-            if nearest[k] > gap:  # a smaller distance cannot matter any more
-                nearest[k] = min(nearest[k], _between(trees[k], trees[best]))
+        for k, distance in nearest.items():
+            if distance > gap:  # a smaller distance cannot matter any more
+                nearest[k] = min(distance, _between(trees[k], trees[best]))
     return max(0.0, gap - spacing)
 
 
