@@ -184,7 +184,7 @@ LIBRARY = {
     "keyboard": "keyboard",
     "serving_plate": "plate",
     "place_plate": "plate",
-    "bun_bottom": "bread",
+    "bun_bottom": "",
     "sauce_cup": "cup",
     "cheese_slice": "cheese",
     "drawer_cabinet": "",

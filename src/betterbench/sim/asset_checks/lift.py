@@ -21,6 +21,7 @@ _CLOSE_S = 0.9
 _APPROACH_M = 0.10
 """Way of the open jaw along its approach before it closes [m]; a grasp that the object obstructs shows here."""
 _APPROACH_SPEED = 0.12
+_TIPS_ABOVE_M = 0.001
 _PUSHED_M = 0.012
 """Most way that the object is pushed while the open jaw approaches [m]."""
 
@@ -61,8 +62,10 @@ class _Bench:
         self._asset = self.model.joint("asset_joint").qposadr[0]
         self.data.qpos[self._asset : self._asset + 7] = (*rest.position, *rest.quaternion)
         approach = Pose((0.0, 0.0, 0.0), target.quaternion).apply((0.0, 0.0, -_APPROACH_M))
-        self.at = np.add(target.position, approach)
         self.target = np.array(target.position)
+        # Planners keep the fingertips off the table.
+        self.target[2] = max(self.target[2], robot.tip_below_tcp_m + _TIPS_ABOVE_M)
+        self.at = np.add(self.target, approach)
         for name, value in zip(CARRIER_JOINTS, self.at, strict=True):
             self.data.qpos[self.model.joint(name).qposadr[0]] = value
         opened = min(self._opening, grasp.width_m + 2.0 * grasp.clearance_m)

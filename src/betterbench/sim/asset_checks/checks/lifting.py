@@ -17,9 +17,11 @@ def lift(subject: Subject) -> Finding:
     must = kind is not None and kind.name in limits.ALWAYS_LIFTED_KINDS
     if asset.mass_kg > limits.PAYLOAD_KG and not must:
         return not_applicable(f"{asset.mass_kg:.3g} kg are more than the payload of {limits.PAYLOAD_KG:g} kg")
+    thick = float(subject.size_m[2])
+    if thick < limits.LEAST_THICK_M:
+        return not_applicable(f"it is {1000 * thick:.2g} mm thick, too flat to be taken from a table")
     if not asset.grasps:
-        thick = float(subject.size_m[2])
-        if must and thick > limits.LEAST_THICK_M:
+        if must:
             said = "it has no grasp, though the jaw takes every usual object of its kind"
             return Finding(0.0, 1.0, "grasps", True, said, _CURE)
         return not_applicable("it has no grasp for a parallel jaw")

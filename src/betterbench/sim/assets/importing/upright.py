@@ -21,6 +21,9 @@ LEAST_M, MOST_M = 0.01, 0.6
 
 _TRIAL_GRID = 36
 """Cells along the longest side when only the orientation is asked for."""
+_LEAST_MARGIN_M = 0.001
+"""Least distance of the center of mass from the edge of the face on which an object stays [m]."""
+_MOST_TURNS = 6
 _LEAST_TILT, _MOST_TILT = np.radians(2.0), np.radians(20.0)
 
 _TURNS = {
@@ -76,11 +79,10 @@ def place(
     sized = mesh.moved(np.diag([scale, scale, scale, 1.0]))
     axis, notes = _up_axis(sized, kind, up)
     standing = _standing(sized.moved(_turn(_TURNS[axis])))
-    tilt, turn = _to_rest(standing[1])
-    if tilt > _LEAST_TILT:
-        standing = _standing(standing[0].moved(_turn(turn)))
+    moved, solid, cavity, tilt = _at_rest(*standing)
+    if tilt > 0.0:
         notes = (*notes, f"turned by {np.degrees(tilt):.2g} degrees, to lie as it comes to rest")
-    return Placed(*standing, axis, scale, (said, *notes))
+    return Placed(moved, solid, cavity, axis, scale, (said, *notes))
 
 
 def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tuple[str, ...]]:
@@ -111,40 +113,56 @@ def _turn(rotation: np.ndarray) -> np.ndarray:
     return turn
 
 
-def _to_rest(solid: Solid) -> tuple[float, np.ndarray]:
-    """Return the angle [rad] and the (3, 3) rotation to the nearest pose in which an object stays, up to 20 degrees.
+def _at_rest(mesh: RawMesh, solid: Solid, cavity: Cavity | None) -> tuple[RawMesh, Solid, Cavity | None, float]:
+    """Return an object in the nearest pose in which it stays, up to 20 degrees away, and the angle to it [rad].
 
-    An object stays on a face of its convex hull if its center of mass is above this face, inside it. Scans of fruit
-    lie as they were held, and would roll in every scene. Without such a face nearby, the angle is zero.
+    Scans of fruit lie as they were held, and would roll in every scene. Without such a pose nearby nothing is turned.
+    The search is repeated, because a hull has few corners, and others after a turn.
     """
-    none = 0.0, np.eye(3)
+    now, whole = (mesh, solid, cavity), np.eye(3)
+    for _ in range(_MOST_TURNS):
+        found = _nearest_face(now[1])
+        if found is None:
+            break
+        angle, turn = found
+        total = float(np.arccos(np.clip((turn @ whole)[2, 2], -1.0, 1.0)))
+        if total > _MOST_TILT:
+            break
+        if angle < _LEAST_TILT:
+            return (*now, float(np.arccos(np.clip(whole[2, 2], -1.0, 1.0))))
+        whole = turn @ whole
+        now = _standing(now[0].moved(_turn(turn)))
+    return mesh, solid, cavity, 0.0
+
+
+def _nearest_face(solid: Solid) -> tuple[float, np.ndarray] | None:
+    """Return the angle [rad] and the turn to the nearest face of the hull that has the center of mass above it."""
+    middle, _ = mass_of_cells(solid, 1.0)
     corners = hull_corners(solid.points)
     if corners is None:
-        return none
+        return None
     hull = ConvexHull(corners)
-    middle, _ = mass_of_cells(solid, 1.0)
     angles = np.arccos(np.clip(-hull.equations[:, 2], -1.0, 1.0))
     for k in np.argsort(angles):
         if angles[k] > _MOST_TILT:
-            return none
+            return None
         normal = hull.equations[k, :3]
         face = np.abs(corners @ normal + hull.equations[k, 3]) < 1e-4
         base = corners[face] - np.outer(corners[face] @ normal, normal)
-        foot = middle - (middle @ normal) * normal
-        if _is_over(foot, base, normal):
+        if _is_over(middle - (middle @ normal) * normal, base, normal):
             return float(angles[k]), _rotation(normal, np.array([0.0, 0.0, -1.0]))
-    return none
+    return None
 
 
 def _is_over(foot: np.ndarray, base: np.ndarray, normal: np.ndarray) -> bool:
-    """Tell whether a point of a plane is inside the convex hull of others (k, 3) in it, all seen along its normal."""
+    """Tell whether a point of a plane is well inside the hull of others (k, 3) in it, all seen along its normal."""
     first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     axes = np.stack([first / np.linalg.norm(first), np.cross(normal, first / np.linalg.norm(first))], axis=1)
     try:
         equations = ConvexHull(base @ axes).equations
     except (QhullError, ValueError):
         return False
-    return bool((equations[:, :2] @ (foot @ axes) + equations[:, 2]).max() <= 0.0)
+    return bool((equations[:, :2] @ (foot @ axes) + equations[:, 2]).max() <= -_LEAST_MARGIN_M)
 
 
 def _rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
