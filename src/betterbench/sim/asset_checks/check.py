@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.sim.asset_checks.result import CheckResult, Outcome
 from betterbench.sim.asset_checks.subject import Subject
@@ -59,7 +61,8 @@ def check_names() -> tuple[str, ...]:
 def run_check(name: str, subject: Subject) -> CheckResult:
     """Run a check by name; a check that cannot measure the asset fails."""
     try:
-        found = _CHECKS[name](subject)
+        with np.errstate(all="ignore"):  # a number that is not finite fails its check
+            found = _CHECKS[name](subject)
     except Exception as error:  # noqa: BLE001 - geometry and MuJoCo raise many kinds for a broken asset
         said = f"it cannot be measured ({type(error).__name__}: {one_line(error, most=120)})"
         found = Finding(None, None, "", True, said, "Repair its mesh, or import it again")
