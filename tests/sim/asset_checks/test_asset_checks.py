@@ -192,11 +192,11 @@ def test_certificates_are_kept_and_only_the_missing_ones_are_made(tmp_path, monk
 
 def test_the_command_prints_what_failed_and_exits_with_one(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert main(["assets", "check", "block", "--name", "block", "--json"]) == 0
+    assert main(["assets", "check", "block", "--kind", "block", "--json"]) == 0
     (form,) = json.loads(capsys.readouterr().out)
     assert (form["passed"], form["kind"]) == (True, "block")
     with pytest.raises(SystemExit) as ended:
-        main(["assets", "check", "block", "--name", "mug"])
+        main(["assets", "check", "block", "--kind", "mug"])
     assert ended.value.code == 1
     assert "A mug is open at the top" in " ".join(capsys.readouterr().out.split())
     path = tmp_path / "broken.glb"

@@ -37,8 +37,9 @@ def assets_command(
     max_faces: int | None = None,
     max_size: float | None = None,
     min_size: float | None = None,
-    size: float | None = None,
-    mass: float | None = None,
+    kind: str | None = None,
+    size_m: float | None = None,
+    mass_kg: float | None = None,
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
     color: str | None = None,
     picture: Path | None = None,
@@ -59,7 +60,7 @@ def assets_command(
         what: index, search, show, licenses or check.
         given: Sources to index, the description to search, the id to show, or the files, folders and assets to check.
         catalogue: Folder of the catalogue; in the user's cache if not given.
-        name: With index: name of the source in the catalogue. With check: name that tells the kind ("coffee mug").
+        name: With index: name of the source in the catalogue.
         license: With index and check: license of files that name none. With search: free (the default) or any.
         author: With index: author of files that name none.
         encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words alone.
@@ -70,8 +71,9 @@ def assets_command(
         max_faces: Most triangles of an asset.
         max_size: Largest extent of an asset in meters.
         min_size: Least extent of the largest side in meters.
-        size: With check: longest side in meters.
-        mass: With check: mass in kilograms.
+        kind: With check: name or description that tells its kind, as "coffee mug"; by the file name if not given.
+        size_m: With check: longest side in meters; by its format and kind if not given.
+        mass_kg: With check: mass in kilograms; by its kind if not given.
         up: With check: axis of the file that points up.
         color: With check: color word.
         picture: With check: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.
@@ -94,7 +96,7 @@ def assets_command(
         from betterbench.cli.verbs.asset_check import check_assets
         from betterbench.sim.assets.importing.importer import Wishes
 
-        wishes = Wishes(name, size, mass, up, license or "unknown", None)
+        wishes = Wishes(kind, size_m, mass_kg, up, license or "unknown", None)
         check_assets(given, wishes, color=color, out=out, picture=picture, overwrite=overwrite, json=json)
         return
     if license not in (None, "free", "any"):

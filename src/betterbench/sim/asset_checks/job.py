@@ -16,7 +16,7 @@ from betterbench.sim.asset_checks.result import AssetCertificate
 from betterbench.sim.assets import Asset, build
 from betterbench.sim.assets.authoring.registry import asset_of
 from betterbench.sim.assets.importing.child import VERSION, import_safely
-from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.sim.assets.importing.importer import GENERIC_STEMS, Wishes
 from betterbench.sim.assets.importing.kinds import kind_of
 from betterbench.sim.assets.importing.mesh_file import FORMATS, MAX_FILE_BYTES
 
@@ -80,13 +80,18 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
                 raise InvalidInputError(text, "this folder has no mesh file", f"Give files of {', '.join(FORMATS)}")
             found += [Target(str(file.relative_to(path)), file, wishes, color) for file in files]
         elif path.is_file() or path.suffix.lower() in FORMATS:
-            found.append(Target(path.name, path, wishes, color))
+            found.append(Target(_name_of(path), path, wishes, color))
         else:
             found.append(_registered(text, wishes, color))
     if len(found) > 1 and (wishes.name or wishes.size_m or wishes.mass_kg):
         problem = f"{len(found)} assets are given with one name, size or mass"
         raise InvalidInputError("assets check", problem, "Check them one by one")
     return found
+
+
+def _name_of(path: Path) -> str:
+    """Return the name of a file for people; scans are often called "textured.obj" in a folder with their name."""
+    return f"{path.parent.name}/{path.name}" if path.stem.lower() in GENERIC_STEMS else path.name
 
 
 def _registered(text: str, wishes: Wishes, color: str | None) -> Target:

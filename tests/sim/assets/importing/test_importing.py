@@ -367,7 +367,7 @@ def test_real_meshes_become_assets():
         except InvalidInputError as error:
             failed[path.name] = str(error)
             continue
-        assert sum(len(part.faces) for part in found.draft.parts if hasattr(part, "faces")) <= 600, path
+        assert sum(len(part.faces) for part in found.draft.parts if hasattr(part, "faces")) <= 1200, path
         if not found.draft.grasps:
             ungraspable.append(path.stem)
     assert failed == {}

@@ -10,7 +10,7 @@ from betterbench.sim.asset_checks.subject import Subject
 from betterbench.sim.assets.importing.measures import depth_in_hull
 from betterbench.sim.assets.importing.solid import mass_of_cells
 
-_CURE = "Give its mass with --mass and let the importer distribute it"
+_CURE = "Give its mass with --mass-kg and let the importer distribute it"
 
 
 @check

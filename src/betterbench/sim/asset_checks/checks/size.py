@@ -19,7 +19,7 @@ def size(subject: Subject) -> Finding:
     said = f"longest side {100 * longest:.3g} cm, usual for {of}: {100 * low:.2g} to {100 * high:.2g} cm"
     nearest = high if longest > high else low
     return Finding(
-        100 * longest, 100 * nearest, "cm", not low <= longest <= high, said, "Give its longest side with --size"
+        100 * longest, 100 * nearest, "cm", not low <= longest <= high, said, "Give its longest side with --size-m"
     )
 
 
@@ -34,11 +34,11 @@ def mass(subject: Subject) -> Finding:
             said = (
                 f"mass {1000 * asset.mass_kg:.3g} g, {ratio:.3g} times off the {1000 * usual:.3g} g usual for its kind"
             )
-            return Finding(ratio, limits.MASS_FACTOR, "ratio", True, said, "Give its mass with --mass")
+            return Finding(ratio, limits.MASS_FACTOR, "ratio", True, said, "Give its mass with --mass-kg")
     solid = subject.solid
     volume = (float(solid.cells.sum()) - 0.5 * float(solid.surface.sum())) * solid.pitch_m**3
     density = asset.mass_kg / volume
     fails = not limits.LEAST_DENSITY <= density <= limits.MOST_DENSITY
     nearest = limits.MOST_DENSITY if density > limits.MOST_DENSITY else limits.LEAST_DENSITY
     said = f"mass {1000 * asset.mass_kg:.3g} g, {density:.3g} kg/m^3 of its visible solid"
-    return Finding(density, nearest, "kg/m^3", fails, said, "Give its mass with --mass")
+    return Finding(density, nearest, "kg/m^3", fails, said, "Give its mass with --mass-kg")

@@ -24,6 +24,8 @@ from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, pl
 
 DENSITY = 500.0
 """Mass of an object of unknown kind per volume of its solid [kg/m^3]: between foam and water."""
+GENERIC_STEMS = frozenset({"textured", "model", "mesh", "scene"})
+"""Names of files that say nothing about the object; their folder is named after it."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
 _FRICTION = (0.6, 0.006, 0.0008)
 """Of glazed ceramic, painted metal and hard plastic alike; see the materials of the library."""
@@ -75,9 +77,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
         MissingDependencyError: If a package that its format needs is not installed.
     """
     where = one_line(path.name, most=120)
-    named = wishes.name or (
-        path.parent.name if path.stem.lower() in ("textured", "model", "mesh", "scene") else path.stem
-    )
+    named = wishes.name or (path.parent.name if path.stem.lower() in GENERIC_STEMS else path.stem)
     kind = kind_of(named)
     raw = read_mesh_file(path)
     placed = place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
