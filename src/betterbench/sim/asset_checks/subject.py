@@ -43,6 +43,11 @@ class Subject:
         """Longest side [m]."""
         return float(self.size_m.max())
 
+    @property
+    def middle_m(self) -> float:
+        """Side of middle length [m]."""
+        return float(np.sort(self.size_m)[1])
+
     @functools.cached_property
     def solid(self) -> Solid:
         """Cells of the visible surface."""

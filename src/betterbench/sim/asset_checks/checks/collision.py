@@ -13,7 +13,7 @@ _CURE = "Close holes of the mesh and remove inner surfaces in a mesh editor, the
 def collision_outside(subject: Subject) -> Finding:
     """Check that collision parts do not stand out of the visible surface."""
     found = 1000.0 * subject.distances.outside_m
-    limit = max(limits.OUTSIDE_MM, 1000.0 * limits.OUTSIDE_SHARE * subject.longest_m)
+    limit = max(limits.OUTSIDE_MM, 1000.0 * limits.OUTSIDE_SHARE * subject.middle_m)
     return at_most(found, limit, "mm", f"contacts up to {found:.2g} mm off the visible surface", _CURE)
 
 
@@ -21,7 +21,7 @@ def collision_outside(subject: Subject) -> Finding:
 def collision_inside(subject: Subject) -> Finding:
     """Check that the visible surface cannot be passed through."""
     found = 1000.0 * subject.distances.inside_m
-    limit = max(limits.INSIDE_MM, 1000.0 * limits.INSIDE_SHARE * subject.longest_m)
+    limit = max(limits.INSIDE_MM, 1000.0 * limits.INSIDE_SHARE * subject.middle_m)
     return at_most(found, limit, "mm", f"visible surface up to {found:.2g} mm without contact", _CURE)
 
 

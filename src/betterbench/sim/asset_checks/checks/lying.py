@@ -29,7 +29,9 @@ def rest_jitter(subject: Subject) -> Finding:
     """Check that the asset does not tremble."""
     found = subject.rest.jitter_mm_s
     said = f"its surface moves at {found:.2g} mm/s at rest"
-    return at_most(found, limits.JITTER_MM_S, "mm/s", said, "Give its mass with --mass-kg, and check its collision parts")
+    return at_most(
+        found, limits.JITTER_MM_S, "mm/s", said, "Give its mass with --mass-kg, and check its collision parts"
+    )
 
 
 @check

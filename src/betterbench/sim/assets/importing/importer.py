@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +18,9 @@ from betterbench.sim.assets.importing.cavity import columns_box, highest_level, 
 from betterbench.sim.assets.importing.grasping import proposals
 from betterbench.sim.assets.importing.hulls import Fit, convex_hulls
 from betterbench.sim.assets.importing.kinds import Kind, kind_of, words_of
+from betterbench.sim.assets.importing.measures import share_from_behind
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
+from betterbench.sim.assets.importing.raw import RawMesh
 from betterbench.sim.assets.importing.solid import mass_of_cells
 from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, place
 
@@ -26,6 +28,8 @@ DENSITY = 500.0
 """Mass of an object of unknown kind per volume of its solid [kg/m^3]: between foam and water."""
 GENERIC_STEMS = frozenset({"textured", "model", "mesh", "scene"})
 """Names of files that say nothing about the object; their folder is named after it."""
+_MOSTLY = 0.5
+"""Share of an image seen from behind, above which a mesh is inside out rather than open."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
 _FRICTION = (0.6, 0.006, 0.0008)
 """Of glazed ceramic, painted metal and hard plastic alike; see the materials of the library."""
@@ -81,6 +85,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
     kind = kind_of(named)
     raw = read_mesh_file(path)
     placed = place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
+    seen, turned_out = _facing_outward(placed.mesh)
     size = np.ptp(placed.mesh.bounds(), axis=0)
     longest = float(size.max())
     if not LEAST_M <= longest <= MOST_M:
@@ -93,7 +98,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
     if not hulls:
         raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
     grasps = tuple(p.grasp for p in proposals(placed.solid, center))
-    notes = (*placed.notes, said)
+    notes = (*placed.notes, *turned_out, said)
     if kind is not None and kind.is_open and placed.cavity is None:
         notes = (*notes, f"no hollow was found, though a {kind.name} is open at the top")
     draft = Draft(
@@ -101,7 +106,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
         description=f"{named} imported from a mesh.".replace("_", " "),
         tags=tuple(dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])),
         mass_kg=mass,
-        parts=(*visual_parts(placed.mesh), *(_shape_of(corners) for corners in hulls)),
+        parts=(*visual_parts(seen), *(_shape_of(corners) for corners in hulls)),
         body=_properties(mass, center, inertia),
         grasps=grasps,
         regions=tuple(_regions(placed, size)),
@@ -116,6 +121,14 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
         license=wishes.license,
     )
     return Imported(draft, fit, kind, notes)
+
+
+def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
+    """Return a mesh whose triangles face outward, and a note if they faced inward, where renderers leave them out."""
+    if share_from_behind(*mesh.surface()) < _MOSTLY:
+        return mesh, ()
+    flipped = tuple(replace(part, faces=np.ascontiguousarray(part.faces[:, ::-1])) for part in mesh.parts)
+    return RawMesh(flipped, mesh.up, mesh.unit_m), ("its triangles faced inward, and were turned around",)
 
 
 def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[float, str]:
