@@ -82,9 +82,9 @@ INERTIA_FACTOR = 3.0
 CENTER_DEPTH_MM = 0.0
 """Least depth of the center of mass inside the convex hull of what is seen."""
 OUTSIDE_MM, OUTSIDE_SHARE = 5.0, 0.10
-"""Most distance of what is touched from what is seen, for 95 of 100 points: a length and a share of the middle side; the
-larger counts. A share of the longest side would let a bottle of 28 cm be 25 mm too thick. V-HACD of a scan has 3 to 5 mm
-(measured)."""
+"""Most distance of what is touched from what is seen, for 95 of 100 points: a length and a share of the middle side;
+the larger counts. A share of the longest side would let a bottle of 28 cm be 25 mm too thick. V-HACD of a scan has 3 to
+5 mm (measured)."""
 INSIDE_MM, INSIDE_SHARE = 4.0, 0.08
 """Most distance of what is seen from what is touched, likewise."""
 OPENING_SHARE = 0.60
