@@ -207,6 +207,25 @@ def test_what_need_not_be_open_stays_as_the_format_says():
     assert (placed.up, placed.cavity) == ("z", None)
 
 
+@pytest.mark.parametrize(("degrees", "turned"), [(12.0, True), (30.0, False)])
+def test_an_object_is_set_down_in_the_nearest_pose_in_which_it_stays(degrees, turned):
+    box = trimesh.creation.box((0.09, 0.06, 0.03))
+    box.apply_transform(trimesh.transformations.rotation_matrix(np.radians(degrees), [1, 0, 0]))
+    placed = place(raw(box, "z", 1.0), None, "gizmo.glb", size_m=0.09)
+    height = np.ptp(placed.mesh.bounds()[:, 2])
+    assert (abs(height - 0.03) < 0.002) == turned
+    assert any("to lie as it comes to rest" in note for note in placed.notes) is turned
+
+
+def test_triangles_that_face_inward_are_turned_around(tmp_path):
+    mesh = cup()
+    mesh.invert()
+    made = import_mesh(saved(mesh, tmp_path / "mug.glb", y_up=True))
+    (part,) = (part for part in made.draft.parts if hasattr(part, "faces"))
+    assert trimesh.Trimesh(part.vertices, part.faces).volume > 0.0
+    assert "faced inward" in " ".join(made.notes)
+
+
 # -------------------------------------------------------------------------------------------------------------- solid
 
 

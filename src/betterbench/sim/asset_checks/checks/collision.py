@@ -6,7 +6,7 @@ from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.check import Finding, at_least, at_most, check, not_applicable
 from betterbench.sim.asset_checks.subject import Subject
 
-_CURE = "Close holes of the mesh and remove inner surfaces in a mesh editor, then import it again"
+_CURE = "Add or move collision parts; of an imported mesh close holes and remove inner surfaces first"
 
 
 @check
