@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.jobs import JobProgress, LineJournal, run_items
 from betterbench.json_form import read_bounded
 from betterbench.sim.asset_checks.certificate import certify_asset
-from betterbench.sim.asset_checks.result import AssetCertificate
+from betterbench.sim.asset_checks.result import SCHEMA_VERSION, AssetCertificate
 from betterbench.sim.assets import Asset, build
 from betterbench.sim.assets.authoring.registry import asset_of
 from betterbench.sim.assets.importing.child import VERSION, import_safely
@@ -43,7 +43,9 @@ class Target:
 
     def key(self) -> str:
         """Return a digest of what the certificate depends on, besides this version of the checks."""
-        digest = hashlib.sha256(f"{VERSION}|{self.name}|{asdict(self.wishes)}|{self.color}|{self.look}".encode())
+        digest = hashlib.sha256(
+            f"{SCHEMA_VERSION}|{VERSION}|{self.name}|{asdict(self.wishes)}|{self.color}|{self.look}".encode()
+        )
         if self.file is not None:
             digest.update(read_bounded(self.file, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor"))
         return digest.hexdigest()[:24]
