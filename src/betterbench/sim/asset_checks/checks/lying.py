@@ -13,7 +13,9 @@ _CURE = "Give the axis that points up with --up, or flatten its base in a mesh e
 def rest_tilt(subject: Subject) -> Finding:
     """Check that the asset does not tip over."""
     found = subject.rest.tilt_degrees
-    return at_most(found, limits.TILT_DEGREES, "degrees", f"tips by {found:.2g} degrees until it rests", _CURE)
+    is_ball = float(subject.size_m.min()) > limits.ROUND_SHARE * subject.longest_m
+    limit = limits.ROUND_TILT_DEGREES if is_ball and not subject.is_open else limits.TILT_DEGREES
+    return at_most(found, limit, "degrees", f"tips by {found:.2g} degrees until it rests", _CURE)
 
 
 @check

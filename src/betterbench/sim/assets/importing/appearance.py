@@ -63,16 +63,27 @@ def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nda
     return np.asarray(points, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
 
 
+def _without_needles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the triangles that have an area: those thicker than a thousandth of their length."""
+    corners = vertices[faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    kept = faces[doubled > 2e-3 * longest * longest + 1e-13]
+    return kept if len(kept) else faces
+
+
 def _plain(name: str, parts: list[RawPart]) -> VisualPart:
     vertices = np.concatenate([part.vertices for part in parts])
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    faces = _without_needles(vertices, faces)
     r, g, b, a = (round(v, 4) for v in parts[0].rgba)
     return VisualPart(name, _single(vertices), _index(faces), (r, g, b, max(a, 0.05)), smooth=False)
 
 
 def _painted(mesh: RawMesh) -> VisualPart:
     vertices, faces = _reduced_enough(*mesh.surface())
+    faces = _without_needles(vertices, faces)
     points, normals, colors = _colored_points(mesh)
     where, owners, weights, uv = _atlas(len(faces))
     at = np.einsum("kc,kcd->kd", weights, vertices[faces[owners]])

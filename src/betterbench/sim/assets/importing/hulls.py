@@ -25,6 +25,8 @@ _CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
 """One hull is enough if it is this close to the surface: a length, and a share of the longest side."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
+_LEAST_THICK_M = 0.0003
+"""Least thickness of a hull [m]: MuJoCo refuses flat ones, and corners are rounded to a micrometer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +93,9 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
         chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
         corners = chosen[ConvexHull(chosen).vertices]
     except (QhullError, ValueError):
+        return None
+    _, _, axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
+    if np.ptp(corners @ axes[2]) < _LEAST_THICK_M:
         return None
     return np.ascontiguousarray(corners)
 
