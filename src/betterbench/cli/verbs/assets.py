@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
     from betterbench.sim.assets.catalogue.sources import SourceOptions
 
-What = Literal["index", "search", "show", "licenses"]
+What = Literal["index", "search", "show", "licenses", "check"]
 
 
 def assets_command(
@@ -37,24 +37,31 @@ def assets_command(
     max_faces: int | None = None,
     max_size: float | None = None,
     min_size: float | None = None,
+    kind: str | None = None,
+    size_m: float | None = None,
+    mass_kg: float | None = None,
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
+    color: str | None = None,
+    picture: Path | None = None,
     out: Path | None = None,
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Index sources of assets, search them by words and meaning, show one, or list their licenses.
+    """Index sources of assets, search them by words and meaning, show one, list their licenses, or check assets.
 
     index reads sources into the catalogue: procedural (our generators, the default), a folder of meshes, objaverse.
     search takes a description, show the id of an asset. Assets whose license forbids commercial use or changes, or is
-    not known, are left out unless --license any is given.
+    not known, are left out unless --license any is given. check certifies mesh files, folders of them and registered
+    assets, and exits with status 1 if one fails.
 
     Example: better assets search "a shiny red apple" --out sheet.png
 
     Args:
-        what: index, search, show or licenses.
-        given: Sources to index, the description to search, or the id to show.
+        what: index, search, show, licenses or check.
+        given: Sources to index, the description to search, the id to show, or the files, folders and assets to check.
         catalogue: Folder of the catalogue; in the user's cache if not given.
         name: With index: name of the source in the catalogue.
-        license: With index: license of files that name none. With search: free (the default) or any.
+        license: With index and check: license of files that name none. With search: free (the default) or any.
         author: With index: author of files that name none.
         encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words alone.
         limit: Most assets to list.
@@ -64,7 +71,14 @@ def assets_command(
         max_faces: Most triangles of an asset.
         max_size: Largest extent of an asset in meters.
         min_size: Least extent of the largest side in meters.
-        out: PNG or JPEG file for a sheet of pictures with scores and licenses.
+        kind: With check: name or description that tells its kind, as "coffee mug"; by the file name if not given.
+        size_m: With check: longest side in meters; by its format and kind if not given.
+        mass_kg: With check: mass in kilograms; by its kind if not given.
+        up: With check: axis of the file that points up.
+        color: With check: color word.
+        picture: With check: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.
+        out: PNG or JPEG file for a sheet of pictures with scores and licenses. With check: folder that keeps the
+            certificates; the same command goes on with those that are left.
         overwrite: Replace a file that better assets did not write.
         json: Print one JSON document instead of a table.
     """
@@ -78,6 +92,13 @@ def assets_command(
     from betterbench.sim.assets.catalogue.encoders import open_encoder
     from betterbench.sim.assets.catalogue.search import Catalogue, Filters
 
+    if what == "check":
+        from betterbench.cli.verbs.asset_check import check_assets
+        from betterbench.sim.assets.importing.importer import Wishes
+
+        wishes = Wishes(kind, size_m, mass_kg, up, license or "unknown", None)
+        check_assets(given, wishes, color=color, out=out, picture=picture, overwrite=overwrite, json=json)
+        return
     if license not in (None, "free", "any"):
         raise InvalidInputError("--license", f"{license!r} is neither free nor any", "Write --license any for all")
     filters = Filters(

@@ -110,7 +110,7 @@ class Asset:
         size_m: Extents of the bounding box [m].
         center_of_mass: In the object frame [m].
         inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
-        visual: Colored meshes; at most 600 faces in all.
+        visual: Colored meshes; at most 600 faces in all, 1,200 for imported thin walls.
         collision: Convex geometries; at most about 12.
         regions: Named regions of it (opening, ring, handle, top).
         parameters: Parameters drawn by the generator, for the record.

@@ -207,6 +207,25 @@ def test_what_need_not_be_open_stays_as_the_format_says():
     assert (placed.up, placed.cavity) == ("z", None)
 
 
+@pytest.mark.parametrize(("degrees", "turned"), [(12.0, True), (30.0, False)])
+def test_an_object_is_set_down_in_the_nearest_pose_in_which_it_stays(degrees, turned):
+    box = trimesh.creation.box((0.09, 0.06, 0.03))
+    box.apply_transform(trimesh.transformations.rotation_matrix(np.radians(degrees), [1, 0, 0]))
+    placed = place(raw(box, "z", 1.0), None, "gizmo.glb", size_m=0.09)
+    height = np.ptp(placed.mesh.bounds()[:, 2])
+    assert (abs(height - 0.03) < 0.002) == turned
+    assert any("to lie as it comes to rest" in note for note in placed.notes) is turned
+
+
+def test_triangles_that_face_inward_are_turned_around(tmp_path):
+    mesh = cup()
+    mesh.invert()
+    made = import_mesh(saved(mesh, tmp_path / "mug.glb", y_up=True))
+    (part,) = (part for part in made.draft.parts if hasattr(part, "faces"))
+    assert trimesh.Trimesh(part.vertices, part.faces).volume > 0.0
+    assert "faced inward" in " ".join(made.notes)
+
+
 # -------------------------------------------------------------------------------------------------------------- solid
 
 
@@ -244,21 +263,21 @@ def test_the_hollow_of_a_cup_stays_free():
     mesh = cup(sections=32)
     solid = solid_of(*surface(mesh))
     cavity = cavity_of(solid)
-    hulls = convex_hulls(solid, surface(mesh), cavity)
+    hulls, fit = convex_hulls(solid, surface(mesh), cavity)
     assert len(hulls) <= 48
     grid = np.stack(np.meshgrid(*[np.linspace(-0.026, 0.026, 9)] * 2, np.linspace(0.012, 0.08, 9)), -1).reshape(-1, 3)
     inside = grid[np.hypot(grid[:, 0], grid[:, 1]) < 0.031]
     for corners in hulls:
         equations = ConvexHull(corners).equations
         assert not ((inside @ equations[:, :3].T + equations[:, 3]).max(axis=1) < 0.0).any()
-    fit = fit_of(hulls, solid.points)
+    assert fit == fit_of(hulls, solid.points) or fit.outside_m == fit_of(hulls, solid.points).outside_m
     assert fit.outside_m < 0.0035  # the chord of a sector is 1.4 mm off the circle
     assert fit.inside_m < 0.001
 
 
 def test_a_convex_body_is_one_hull():
     mesh = trimesh.creation.cylinder(0.03, 0.1)
-    assert len(convex_hulls(solid_of(*surface(mesh)), surface(mesh), None)) == 1
+    assert len(convex_hulls(solid_of(*surface(mesh)), surface(mesh), None)[0]) == 1
 
 
 # -------------------------------------------------------------------------------------------------------------- assets
@@ -374,7 +393,7 @@ def test_real_meshes_become_assets():
         except InvalidInputError as error:
             failed[path.name] = str(error)
             continue
-        assert sum(len(part.faces) for part in found.draft.parts if hasattr(part, "faces")) <= 600, path
+        assert sum(len(part.faces) for part in found.draft.parts if hasattr(part, "faces")) <= 1200, path
         if not found.draft.grasps:
             ungraspable.append(path.stem)
     assert failed == {}

@@ -23,7 +23,7 @@ from betterbench.sim.assets.importing.importer import Imported, Wishes, import_m
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
-VERSION = 2
+VERSION = 3
 """Raised when the same file would become another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120

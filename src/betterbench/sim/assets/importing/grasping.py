@@ -27,6 +27,10 @@ LOWEST_M = 0.010
 _STEP_M = 0.002
 _YAWS = 12
 _ROUND_M = 0.003
+_LEAST_CONTACT_M, _FLAT_M = 0.010, 0.025
+"""Least height of the contact of a pad, on objects that are taller than the second number [m]."""
+_STEEPEST = math.tan(math.radians(35.0))
+"""Sides may lean this far inward [tangent]: the friction cone of the pads has 50 degrees, and cells are coarse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +80,9 @@ def _at(centers: np.ndarray, pitch: float, middle: np.ndarray, height: float, ya
     i, j = ((u - low_u) / _STEP_M).astype(int), ((v - low_v) / _STEP_M).astype(int)
     above = _grid(shape, i, j, centers[:, 2] > height - PAD_HALF_HEIGHT_M, pitch)
     slab = _grid(shape, i, j, np.abs(centers[:, 2] - height) < PAD_HALF_HEIGHT_M, pitch)
+    top = float(centers[:, 2].max())
+    near = np.abs(centers[:, 2] - height) < PAD_HALF_HEIGHT_M
+    between = np.stack([i[near], j[near]], axis=1), centers[near, 2]
     half = max(1, round(PAD_HALF_WIDTH_M / _STEP_M))
     for column in range(half, shape[1] - half, 2):
         blocked = np.asarray(above[:, column - half : column + half + 1].any(axis=1))
@@ -94,6 +101,8 @@ def _at(centers: np.ndarray, pitch: float, middle: np.ndarray, height: float, ya
             patch = min(held[first : first + 2].any(axis=0).mean(), held[last - 2 : last].any(axis=0).mean())
             if patch < 0.3:
                 continue
+            if _leans(*between, (first, last), (column - half, column + half), pitch=pitch, top=top):
+                continue
             at_u, at_v = low_u + 0.5 * (first + last) * _STEP_M, low_v + (column + 0.5) * _STEP_M
             x, y = at_u * along + at_v * across
             off = math.hypot(float(at_u - middle[:2] @ along), float(at_v - middle[:2] @ across))
@@ -105,6 +114,30 @@ def _at(centers: np.ndarray, pitch: float, middle: np.ndarray, height: float, ya
                 continue
             pose = Pose((float(x), float(y), height), normalize(multiply(from_yaw(yaw), JAW_OPENS_ALONG_Y)))
             yield Proposal(Grasp("body", pose, round(float(width), 4), clearance), float(cost))
+
+
+def _leans(
+    at: np.ndarray, heights: np.ndarray, rows: tuple[int, int], columns: tuple[int, int], *, pitch: float, top: float
+) -> bool:
+    """Tell whether the pads would slip off upward: their contact is low, or its sides lean inward.
+
+    Args:
+        at: (k, 2) squares of the cells beside the pads.
+        heights: (k,) their heights [m].
+        rows: First and end of the rows between the pads.
+        columns: First and last column of the pads.
+        pitch: Side of a cell [m].
+        top: Height of the object [m].
+    """
+    inside = (at[:, 0] >= rows[0]) & (at[:, 0] < rows[1]) & (at[:, 1] >= columns[0]) & (at[:, 1] <= columns[1])
+    u, z = at[inside, 0] * _STEP_M, heights[inside]
+    tall = float(np.ptp(z)) + pitch if len(z) else 0.0
+    if tall < _LEAST_CONTACT_M and top > _FLAT_M:
+        return True
+    if tall < 3.0 * pitch:
+        return False
+    upper = u[z > z.min() + 0.5 * tall]
+    return float(np.ptp(u) - np.ptp(upper)) > _STEEPEST * tall + 2.0 * pitch
 
 
 def _grid(shape: tuple[int, int], i: np.ndarray, j: np.ndarray, which: np.ndarray, pitch: float) -> np.ndarray:

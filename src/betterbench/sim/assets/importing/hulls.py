@@ -24,6 +24,9 @@ _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
 """One hull is enough if it is this close to the surface: a length, and a share of the longest side."""
 _RECTANGULAR = 0.9
+_MANY = 1_000
+_LEAST_THICK_M = 0.0003
+"""Least thickness of a hull [m]: MuJoCo refuses flat ones, and corners are rounded to a micrometer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,32 +42,40 @@ class Fit:
     inside_m: float
 
 
-def convex_hulls(solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None) -> list[np.ndarray]:
-    """Return the corners (n, 3) [m] of convex shapes that together are the object.
+def convex_hulls(
+    solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None
+) -> tuple[list[np.ndarray], Fit]:
+    """Return the corners (n, 3) [m] of convex shapes that together are the object, and how well they fit.
 
     Args:
         solid: Its cells and points on its surface.
         surface: (n, 3) vertices [m] and (m, 3) faces.
         cavity: Its hollow, which stays open.
     """
-    whole = hull_corners(solid.points)
     size = float(np.ptp(solid.points, axis=0).max())
     if cavity is None:
+        whole = hull_corners(solid.points)
         if whole is None:
-            return []
-        if fit_of([whole], solid.points).outside_m <= max(_CLOSE_M, _CLOSE_SHARE * size):
-            return [whole]
-        options = [[whole], _decomposed(*surface), _halved(solid.points, solid, most=_VHACD_HULLS)]
-        return min((o for o in options if o), key=lambda hulls: _misfit(fit_of(hulls, solid.points)))
+            return [], fit_of([], solid.points)
+        best = [whole], fit_of([whole], solid.points)
+        if best[1].outside_m <= max(_CLOSE_M, _CLOSE_SHARE * size):
+            return best
+        options = [_decomposed(*surface), _halved(solid.points, solid, most=_VHACD_HULLS)]
+        fitted = [best, *((hulls, fit_of(hulls, solid.points)) for hulls in options if hulls)]
+        return min(fitted, key=lambda option: _misfit(option[1]))
     walls, rest = _walls(solid, cavity)
     if rest.any():
         walls += _attached(solid, rest)
-    decomposed = None
-    if len(walls) > MOST_HULLS or fit_of(walls, solid.points).outside_m > max(0.004, 0.05 * size):
+    fit = fit_of(walls, solid.points)
+    if len(walls) > MOST_HULLS or fit.outside_m > max(0.004, 0.05 * size):
         decomposed = _decomposed(*surface)
-    if decomposed and fit_of(decomposed, solid.points).outside_m < fit_of(walls, solid.points).outside_m:
-        return decomposed
-    return walls[:MOST_HULLS]
+        other = fit_of(decomposed, solid.points)
+        if other.outside_m < fit.outside_m:
+            return decomposed, other
+    if len(walls) > MOST_HULLS:
+        walls = walls[:MOST_HULLS]
+        fit = fit_of(walls, solid.points)
+    return walls, fit
 
 
 def _misfit(fit: Fit) -> float:
@@ -76,10 +87,15 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
     """Return the extreme points of some points, at most 40 [m]; None if they do not span a volume."""
     if len(points) < 4:
         return None
-    chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
     try:
+        if len(points) > _MANY:  # only extreme points are farthest in any direction; Qhull finds them sooner
+            points = points[ConvexHull(points).vertices]
+        chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
         corners = chosen[ConvexHull(chosen).vertices]
     except (QhullError, ValueError):
+        return None
+    _, _, axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
+    if np.ptp(corners @ axes[2]) < _LEAST_THICK_M:
         return None
     return np.ascontiguousarray(corners)
 
@@ -189,10 +205,10 @@ def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
     """Return the fraction of points inside a convex hull."""
     if len(points) == 0:
         return 0.0
-    return float(_is_inside(ConvexHull(corners), points, 0.0).mean())
+    return float(inside_hull(ConvexHull(corners), points, 0.0).mean())
 
 
-def _is_inside(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
+def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
     """Tell which of some points (k, 3) lie in a hull, deeper than a depth [m]."""
     corners = hull.points[hull.vertices]
     inside = ((points > corners.min(axis=0)) & (points < corners.max(axis=0))).all(axis=1)
@@ -270,7 +286,7 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
         outside = np.ones(len(points), dtype=bool)
         for other, hull in enumerate(bodies):
             if other != own:
-                outside &= ~_is_inside(hull, points, 1e-6)
+                outside &= ~inside_hull(hull, points, 1e-6)
         kept.append(points[outside])
     return np.concatenate(kept)
 
@@ -285,7 +301,7 @@ def fit_of(hulls: Sequence[np.ndarray], points: np.ndarray) -> Fit:
     seen = points[:: max(1, len(points) // 20_000)]
     to_shapes, _ = cKDTree(theirs).query(seen)
     for corners in hulls:  # what is inside a shape cannot be passed through
-        to_shapes[_is_inside(ConvexHull(corners), seen, 0.0)] = 0.0
+        to_shapes[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
     # Points are apart: a distance below their spacing is none.
     free = size / 120.0
     return Fit(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (to_visible, to_shapes)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -17,14 +17,20 @@ from betterbench.sim.assets.importing.appearance import visual_parts
 from betterbench.sim.assets.importing.cavity import columns_box, floor_square, highest_level, tops_of
 from betterbench.sim.assets.importing.foot import foot_under
 from betterbench.sim.assets.importing.grasping import proposals
-from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of
+from betterbench.sim.assets.importing.hulls import Fit, convex_hulls
 from betterbench.sim.assets.importing.kinds import Kind, kind_of, words_of
+from betterbench.sim.assets.importing.measures import share_from_behind
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
+from betterbench.sim.assets.importing.raw import RawMesh
 from betterbench.sim.assets.importing.solid import mass_of_cells
 from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, place
 
 DENSITY = 500.0
 """Mass of an object of unknown kind per volume of its solid [kg/m^3]: between foam and water."""
+GENERIC_STEMS = frozenset({"textured", "model", "mesh", "scene"})
+"""Names of files that say nothing about the object; their folder is named after it."""
+_MOSTLY = 0.5
+"""Share of an image seen from behind, above which a mesh is inside out rather than open."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
 _THINNEST_M = 0.0005
 _FRICTION = (0.6, 0.006, 0.0008)
@@ -77,12 +83,11 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
         MissingDependencyError: If a package that its format needs is not installed.
     """
     where = one_line(path.name, most=120)
-    named = wishes.name or (
-        path.parent.name if path.stem.lower() in ("textured", "model", "mesh", "scene") else path.stem
-    )
+    named = wishes.name or (path.parent.name if path.stem.lower() in GENERIC_STEMS else path.stem)
     kind = kind_of(named)
     raw = read_mesh_file(path)
     placed = place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
+    seen, turned_out = _facing_outward(placed.mesh)
     size = np.ptp(placed.mesh.bounds(), axis=0)
     longest = float(size.max())
     if not LEAST_M <= longest <= MOST_M:
@@ -91,12 +96,12 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
     mass, said = _mass(placed, kind, longest, wishes)
     center, inertia = mass_of_cells(placed.solid, mass)
     surface = placed.mesh.surface()
-    hulls = convex_hulls(placed.solid, surface, placed.cavity)
+    hulls, fit = convex_hulls(placed.solid, surface, placed.cavity)
     if not hulls:
         raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
     foot = foot_under(hulls, center)
     grasps = tuple(p.grasp for p in proposals(placed.solid, center))
-    notes = (*placed.notes, said)
+    notes = (*placed.notes, *turned_out, said)
     if kind is not None and kind.is_open and placed.cavity is None:
         notes = (*notes, f"no hollow was found, though a {kind.name} is open at the top")
     if foot is not None:
@@ -106,15 +111,29 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
         description=f"{named} imported from a mesh.".replace("_", " "),
         tags=tuple(dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])),
         mass_kg=mass,
-        parts=(*visual_parts(placed.mesh), *map(_shape_of, [*hulls, *([] if foot is None else [foot])])),
+        parts=(*visual_parts(seen), *map(_shape_of, [*hulls, *([] if foot is None else [foot])])),
         body=_properties(mass, center, inertia),
         grasps=grasps,
         regions=tuple(_regions(placed, size)),
-        parameters={"file": where, "up": placed.up, "unit_m": placed.scale, "hulls": len(hulls)},
+        parameters={
+            "file": where,
+            "kind": "" if kind is None else kind.name,
+            "up": placed.up,
+            "unit_m": placed.scale,
+            "hulls": len(hulls),
+        },
         source=wishes.source or where,
         license=wishes.license,
     )
-    return Imported(draft, fit_of(hulls, placed.solid.points), kind, notes)
+    return Imported(draft, fit, kind, notes)
+
+
+def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
+    """Return a mesh whose triangles face outward, and a note if they faced inward, where renderers leave them out."""
+    if share_from_behind(*mesh.surface()) < _MOSTLY:
+        return mesh, ()
+    flipped = tuple(replace(part, faces=np.ascontiguousarray(part.faces[:, ::-1])) for part in mesh.parts)
+    return RawMesh(flipped, mesh.up, mesh.unit_m), ("its triangles faced inward, and were turned around",)
 
 
 def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[float, str]:

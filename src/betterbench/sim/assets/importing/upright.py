@@ -5,17 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from betterbench.errors import InvalidInputError
 from betterbench.sim.assets.importing.cavity import Cavity, cavity_of
+from betterbench.sim.assets.importing.hulls import hull_corners
 from betterbench.sim.assets.importing.kinds import Kind
 from betterbench.sim.assets.importing.raw import RawMesh
-from betterbench.sim.assets.importing.solid import Solid, solid_of
+from betterbench.sim.assets.importing.solid import GRID, Solid, mass_of_cells, solid_of
 
 # Units that mesh files are written in [m]: meters, decimeters, centimeters, millimeters, inches, feet.
 UNITS_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
 LEAST_M, MOST_M = 0.01, 0.6
 """Longest side of an object that a table holds and a camera sees [m]."""
+
+_TRIAL_GRID = 36
+"""Cells along the longest side when only the orientation is asked for."""
+_LEAST_MARGIN_M = 0.001
+"""Least distance of the center of mass from the edge of the face on which an object stays [m]."""
+_MOST_TURNS = 6
+_LEAST_TILT, _MOST_TILT = np.radians(2.0), np.radians(20.0)
 
 _TURNS = {
     "z": np.eye(3),
@@ -68,18 +77,99 @@ def place(
     """
     scale, said = _scale(mesh, kind, where, size_m)
     sized = mesh.moved(np.diag([scale, scale, scale, 1.0]))
-    axes = [up] if up is not None else [mesh.up] if mesh.up is not None else ["z", "y"]
-    tried = [(axis, *_standing(sized, axis)) for axis in axes]
-    if up is None and kind is not None and kind.is_open and all(cavity is None for *_, cavity in tried):
-        tried += [(axis, *_standing(sized, axis)) for axis in _TURNS if axis not in axes]
-    best = max(range(len(tried)), key=lambda k: _rank(tried[k][2], tried[k][3], kind, -k))
-    axis, moved, solid, cavity = tried[best]
-    notes = [said]
-    if up is None and mesh.up is not None and axis != mesh.up:
-        notes.append(f"turned: {axis} of the file points up, since it is open there")
-    elif up is None and mesh.up is None:
-        notes.append(f"{axis} of the file points up: the format has no rule, and it stands best so")
-    return Placed(moved, solid, cavity, axis, scale, tuple(notes))
+    axis, notes = _up_axis(sized, kind, up)
+    standing = _standing(sized.moved(_turn(_TURNS[axis])))
+    moved, solid, cavity, tilt = _at_rest(*standing)
+    if tilt > 0.0:
+        notes = (*notes, f"turned by {np.degrees(tilt):.2g} degrees, to lie as it comes to rest")
+    return Placed(moved, solid, cavity, axis, scale, (said, *notes))
+
+
+def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tuple[str, ...]]:
+    """Return the axis of the file that points up, and what to say about it."""
+    if up is not None:
+        return up, ()
+    axes = [mesh_up] if (mesh_up := sized.up) is not None else ["z", "y"]
+    may_turn = kind is not None and kind.is_open
+    if len(axes) == 1 and not may_turn:
+        return axes[0], ()
+    tried = [_tried(sized, axis) for axis in axes]
+    if may_turn and all(cavity is None for _, _, cavity in tried):
+        tried += [_tried(sized, axis) for axis in _TURNS if axis not in axes]
+    best = max(range(len(tried)), key=lambda k: _rank(tried[k][1], tried[k][2], kind, -k))
+    axis = tried[best][0]
+    if mesh_up is None:
+        return axis, (f"{axis} of the file points up: the format has no rule, and it stands best so",)
+    return axis, () if axis == mesh_up else (f"turned: {axis} of the file points up, since it is open there",)
+
+
+def _tried(sized: RawMesh, axis: str) -> tuple[str, Solid, Cavity | None]:
+    return (axis, *_standing(sized.moved(_turn(_TURNS[axis])), grid=_TRIAL_GRID)[1:])
+
+
+def _turn(rotation: np.ndarray) -> np.ndarray:
+    turn = np.eye(4)
+    turn[:3, :3] = rotation
+    return turn
+
+
+def _at_rest(mesh: RawMesh, solid: Solid, cavity: Cavity | None) -> tuple[RawMesh, Solid, Cavity | None, float]:
+    """Return an object in the nearest pose in which it stays, up to 20 degrees away, and the angle to it [rad].
+
+    Scans of fruit lie as they were held, and would roll in every scene. Without such a pose nearby nothing is turned.
+    The search is repeated, because a hull has few corners, and others after a turn.
+    """
+    now, whole = (mesh, solid, cavity), np.eye(3)
+    for _ in range(_MOST_TURNS):
+        found = _nearest_face(now[1])
+        if found is None:
+            break
+        angle, turn = found
+        total = float(np.arccos(np.clip((turn @ whole)[2, 2], -1.0, 1.0)))
+        if total > _MOST_TILT:
+            break
+        if angle < _LEAST_TILT:
+            return (*now, float(np.arccos(np.clip(whole[2, 2], -1.0, 1.0))))
+        whole = turn @ whole
+        now = _standing(now[0].moved(_turn(turn)))
+    return mesh, solid, cavity, 0.0
+
+
+def _nearest_face(solid: Solid) -> tuple[float, np.ndarray] | None:
+    """Return the angle [rad] and the turn to the nearest face of the hull that has the center of mass above it."""
+    middle, _ = mass_of_cells(solid, 1.0)
+    corners = hull_corners(solid.points)
+    if corners is None:
+        return None
+    hull = ConvexHull(corners)
+    angles = np.arccos(np.clip(-hull.equations[:, 2], -1.0, 1.0))
+    for k in np.argsort(angles):
+        if angles[k] > _MOST_TILT:
+            return None
+        normal = hull.equations[k, :3]
+        face = np.abs(corners @ normal + hull.equations[k, 3]) < 1e-4
+        base = corners[face] - np.outer(corners[face] @ normal, normal)
+        if _is_over(middle - (middle @ normal) * normal, base, normal):
+            return float(angles[k]), _rotation(normal, np.array([0.0, 0.0, -1.0]))
+    return None
+
+
+def _is_over(foot: np.ndarray, base: np.ndarray, normal: np.ndarray) -> bool:
+    """Tell whether a point of a plane is well inside the hull of others (k, 3) in it, all seen along its normal."""
+    first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    axes = np.stack([first / np.linalg.norm(first), np.cross(normal, first / np.linalg.norm(first))], axis=1)
+    try:
+        equations = ConvexHull(base @ axes).equations
+    except (QhullError, ValueError):
+        return False
+    return bool((equations[:, :2] @ (foot @ axes) + equations[:, 2]).max() <= -_LEAST_MARGIN_M)
+
+
+def _rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the smallest rotation that brings a direction to another that is not opposite (Rodrigues)."""
+    v = np.cross(a, b)
+    cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + a @ b))
 
 
 def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -> tuple[float, str]:
@@ -104,15 +194,13 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
     return kind.middle_m / longest, f"longest side set to {100 * kind.middle_m:.3g} cm, usual for a {kind.name}"
 
 
-def _standing(mesh: RawMesh, axis: str) -> tuple[RawMesh, Solid, Cavity | None]:
-    turn = np.eye(4)
-    turn[:3, :3] = _TURNS[axis]
-    moved = mesh.moved(turn)
+def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavity | None]:
+    """Return a turned mesh with its origin in the middle of its bottom, its solid and its hollow."""
     low, high = moved.bounds()
     shift = np.eye(4)
     shift[:3, 3] = [-0.5 * (low[0] + high[0]), -0.5 * (low[1] + high[1]), -low[2]]
     moved = moved.moved(shift)
-    solid = solid_of(*moved.surface())
+    solid = solid_of(*moved.surface(), grid=grid)
     return moved, solid, cavity_of(solid)
 
 
@@ -124,13 +212,16 @@ def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) ->
     return water, round(footing(solid), 1), order
 
 
-def footing(solid: Solid) -> float:
+def footing(solid: Solid, *, upside_down: bool = False) -> float:
     """Return how broadly an object stands: the tilt at which it would fall over, as tan(angle)."""
-    low = solid.points[:, 2] < solid.pitch_m
-    base = solid.points[low][:, :2]
+    height = solid.points[:, 2]
+    top = float(height.max())
+    base = solid.points[height > top - solid.pitch_m if upside_down else height < solid.pitch_m][:, :2]
     if len(base) < 3:
         return 0.0
     middle = solid.centers(solid.cells).mean(axis=0)
+    if upside_down:
+        middle[2] = top - middle[2]
     turns = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     directions = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     reach = ((base - middle[:2]) @ directions.T).max(axis=0).min()

@@ -1,0 +1,14 @@
+"""The asset certificate: checks that any asset, imported or generated, has to pass before a task should use it.
+
+- ``certificate``: all checks of one asset; ``result`` is its value, with a JSON form.
+- ``check``, ``subject``: the register of checks, and the measurements that they share.
+- ``checks``: one subject per file: license, surfaces, size, upright, mass, collision, lying, holding, lifting.
+- ``rest``, ``lift``: the simulations of one asset on a table and in a gripper.
+- ``limits``: every limit with its unit and its reason.
+"""
+
+from betterbench.sim.asset_checks.certificate import certify_asset
+from betterbench.sim.asset_checks.check import check_names
+from betterbench.sim.asset_checks.result import AssetCertificate, CheckResult
+
+__all__ = ["AssetCertificate", "CheckResult", "certify_asset", "check_names"]

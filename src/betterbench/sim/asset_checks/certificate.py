@@ -1,0 +1,31 @@
+"""The asset certificate: all checks of one asset."""
+
+from __future__ import annotations
+
+from betterbench.sim.asset_checks import checks as _checks  # noqa: F401 - imported for what it registers
+from betterbench.sim.asset_checks.check import check_names, run_check
+from betterbench.sim.asset_checks.result import AssetCertificate
+from betterbench.sim.asset_checks.subject import Subject
+from betterbench.sim.assets import Asset
+from betterbench.sim.assets.importing.kinds import Kind, kind_of
+
+
+def certify_asset(asset: Asset, *, name: str | None = None, kind: Kind | None = None) -> AssetCertificate:
+    """Run all checks on an asset.
+
+    Args:
+        asset: The asset, from a generator or a mesh file.
+        name: Name for the certificate; the identity of the asset if not given.
+        kind: Kind that size, mass and use are judged by; the one that the asset declares if not given. Checks that
+            need a kind do not apply without one.
+    """
+    judged = kind or kind_of(str(asset.parameters.get("kind", "")))
+    subject = Subject(asset, judged)
+    return AssetCertificate(
+        asset=name or asset.identity,
+        content_hash=asset.content_hash(),
+        kind=None if judged is None else judged.name,
+        source=asset.source,
+        license=asset.license,
+        checks=tuple(run_check(each, subject) for each in check_names()),
+    )

@@ -1,0 +1,7 @@
+"""The checks of the asset certificate, one subject per file; each registers itself when it is imported.
+
+The order of the imports is the order of the results: cheap checks of the description first, simulations last.
+"""
+
+from betterbench.sim.asset_checks.checks import license, surfaces, size, upright, mass, collision  # noqa: A004, F401, I001
+from betterbench.sim.asset_checks.checks import lying, holding, lifting  # noqa: F401

@@ -1,0 +1,38 @@
+"""Whether a parallel jaw can take, lift, hold and carry an asset at its proposed grasps."""
+
+from __future__ import annotations
+
+from betterbench.sim.asset_checks import limits
+from betterbench.sim.asset_checks.check import Finding, check, not_applicable
+from betterbench.sim.asset_checks.lift import LiftTrial, try_grasp
+from betterbench.sim.asset_checks.subject import Subject
+
+_CURE = "Move a grasp to where the jaw finds two firm sides, or check mass and friction"
+
+
+@check
+def lift(subject: Subject) -> Finding:
+    """Check that one of the first grasps lifts the asset by 15 cm, holds it and carries it sideways."""
+    asset, kind = subject.asset, subject.kind
+    must = kind is not None and kind.name in limits.ALWAYS_LIFTED_KINDS
+    if asset.mass_kg > limits.PAYLOAD_KG and not must:
+        return not_applicable(f"{asset.mass_kg:.3g} kg are more than the payload of {limits.PAYLOAD_KG:g} kg")
+    thick = float(subject.size_m[2])
+    if thick < limits.LEAST_THICK_M:
+        return not_applicable(f"it is {1000 * thick:.2g} mm thick, too flat to be taken from a table")
+    if not asset.grasps:
+        if must:
+            said = "it has no grasp, though the jaw takes every usual object of its kind"
+            return Finding(0.0, 1.0, "grasps", True, said, _CURE)
+        return not_applicable("it has no grasp for a parallel jaw")
+    grasps = sorted(asset.grasps, key=lambda grasp: grasp.preference)[: limits.GRASPS_TRIED]
+    reasons = []
+    for grasp in grasps:
+        trial: LiftTrial = try_grasp(asset, grasp, subject.rest.pose)
+        if trial.succeeded:
+            moved = f"slips {trial.slip_mm:.2g} mm, swings {trial.swing_degrees:.2g} degrees"
+            said = f"grasp {grasp.name!r} lifts and carries it: {moved}"
+            return Finding(trial.slip_mm, limits.SLIP_MM, "mm", False, said)
+        reasons.append(f"{grasp.name}: {trial.reason}")
+    said = f"none of its first {len(grasps)} grasps lifts and carries it ({'; '.join(reasons)})"
+    return Finding(0.0, 1.0, "grasps", True, said, _CURE)

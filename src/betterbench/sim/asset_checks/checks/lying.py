@@ -1,0 +1,45 @@
+"""Whether an asset lies still on a table, in the pose in which it was described."""
+
+from __future__ import annotations
+
+from betterbench.sim.asset_checks import limits
+from betterbench.sim.asset_checks.check import Finding, at_most, check
+from betterbench.sim.asset_checks.subject import Subject
+
+_CURE = "Give the axis that points up with --up, or flatten its base in a mesh editor"
+
+
+@check
+def rest_tilt(subject: Subject) -> Finding:
+    """Check that the asset does not tip over."""
+    found = subject.rest.tilt_degrees
+    is_ball = float(subject.size_m.min()) > limits.ROUND_SHARE * subject.longest_m
+    limit = limits.ROUND_TILT_DEGREES if is_ball and not subject.is_open else limits.TILT_DEGREES
+    return at_most(found, limit, "degrees", f"tips by {found:.2g} degrees until it rests", _CURE)
+
+
+@check
+def rest_drift(subject: Subject) -> Finding:
+    """Check that the asset does not move when it has come to rest."""
+    found = subject.rest.drift_mm
+    said = f"moves {found:.2g} mm in {limits.WATCH_S:g} s"
+    return at_most(found, limits.DRIFT_MM, "mm", said, _CURE)
+
+
+@check
+def rest_jitter(subject: Subject) -> Finding:
+    """Check that the asset does not tremble."""
+    found = subject.rest.jitter_mm_s
+    said = f"its surface moves at {found:.2g} mm/s at rest"
+    return at_most(
+        found, limits.JITTER_MM_S, "mm/s", said, "Give its mass with --mass-kg, and check its collision parts"
+    )
+
+
+@check
+def rest_depth(subject: Subject) -> Finding:
+    """Check that the asset neither sinks into the table nor stands above it."""
+    found = subject.rest.lowest_mm
+    said = f"lowest point {abs(found):.2g} mm {'above' if found > 0.0 else 'in'} the table"
+    cure = "Its collision parts end elsewhere than its visible surface: import it again"
+    return at_most(abs(found), limits.SINK_MM, "mm", said, cure)

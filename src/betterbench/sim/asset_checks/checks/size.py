@@ -1,0 +1,44 @@
+"""Whether size and mass are those of the kind."""
+
+from __future__ import annotations
+
+from betterbench.sim.asset_checks import limits
+from betterbench.sim.asset_checks.check import Finding, check
+from betterbench.sim.asset_checks.subject import Subject
+
+
+@check
+def size(subject: Subject) -> Finding:
+    """Check the longest side against the usual sizes of the kind."""
+    kind, longest = subject.kind, subject.longest_m
+    if kind is None:
+        low, high, of = limits.LEAST_M, limits.MOST_M, "an object on a table"
+    else:
+        low, high = kind.low_m / limits.SIZE_FACTOR, kind.high_m * limits.SIZE_FACTOR
+        of = f"a {kind.name}"
+    said = f"longest side {100 * longest:.3g} cm, usual for {of}: {100 * low:.2g} to {100 * high:.2g} cm"
+    nearest = high if longest > high else low
+    return Finding(
+        100 * longest, 100 * nearest, "cm", not low <= longest <= high, said, "Give its longest side with --size-m"
+    )
+
+
+@check
+def mass(subject: Subject) -> Finding:
+    """Check the mass against the usual mass of the kind, and the density of the visible solid."""
+    asset, kind = subject.asset, subject.kind
+    if kind is not None:
+        usual = kind.mass_at(subject.longest_m)
+        ratio = max(asset.mass_kg / usual, usual / asset.mass_kg) if asset.mass_kg > 0.0 else float("inf")
+        if not ratio <= limits.MASS_FACTOR:
+            said = (
+                f"mass {1000 * asset.mass_kg:.3g} g, {ratio:.3g} times off the {1000 * usual:.3g} g usual for its kind"
+            )
+            return Finding(ratio, limits.MASS_FACTOR, "ratio", True, said, "Give its mass with --mass-kg")
+    solid = subject.solid
+    volume = (float(solid.cells.sum()) - 0.5 * float(solid.surface.sum())) * solid.pitch_m**3
+    density = asset.mass_kg / volume
+    fails = not limits.LEAST_DENSITY <= density <= limits.MOST_DENSITY
+    nearest = limits.MOST_DENSITY if density > limits.MOST_DENSITY else limits.LEAST_DENSITY
+    said = f"mass {1000 * asset.mass_kg:.3g} g, {density:.3g} kg/m^3 of its visible solid"
+    return Finding(density, nearest, "kg/m^3", fails, said, "Give its mass with --mass-kg")

@@ -1,0 +1,93 @@
+"""Whether an asset stands the way its kind does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from betterbench.sim.asset_checks import limits
+from betterbench.sim.asset_checks.check import Finding, at_least, at_most, check, not_applicable
+from betterbench.sim.asset_checks.subject import Subject
+from betterbench.sim.assets.importing.upright import footing
+
+_CURE = "Give the axis of the file that points up with --up"
+
+
+@check
+def upright(subject: Subject) -> Finding:
+    """Check the use of the kind: open at the top, tall, flat, not round about a horizontal axis, on its broader end."""
+    kind = subject.kind
+    if kind is None:
+        return not_applicable("its kind is not known")
+    findings = [
+        rule(subject)
+        for names, rule in (
+            (limits.TALL_KINDS, _tall),
+            (limits.FLAT_KINDS, _flat),
+            (limits.ROUND_KINDS, _round),
+            (limits.FOOTED_KINDS, _footed),
+        )
+        if kind.name in names
+    ]
+    if subject.is_open:
+        findings.append(_open(subject))
+    if not findings:
+        return not_applicable(f"a {kind.name} has no upright pose of its own")
+    return next((found for found in findings if found.fails), findings[0])
+
+
+def _open(subject: Subject) -> Finding:
+    cavity = subject.cavity
+    share = 0.0 if cavity is None else cavity.depth_m / float(subject.size_m[2])
+    broad = 0.0 if cavity is None else float(cavity.mask.sum() / np.isfinite(cavity.tops).sum())
+    if broad < limits.OPEN_AREA_SHARE:
+        share = 0.0
+    said = f"a hollow that is open at the top takes {100 * share:.2g} % of its height"
+    return at_least(share, limits.OPEN_DEPTH_SHARE, "share", said, f"A {_name(subject)} is open at the top. {_CURE}")
+
+
+def _tall(subject: Subject) -> Finding:
+    share = float(subject.size_m[2]) / subject.longest_m
+    said = f"its height is {100 * share:.3g} % of its longest side"
+    return at_least(share, limits.TALL_SHARE, "share", said, f"A {_name(subject)} stands. {_CURE}")
+
+
+def _flat(subject: Subject) -> Finding:
+    share = float(subject.size_m[2] / max(subject.size_m[:2].min(), 1e-9))
+    said = f"its height is {100 * share:.3g} % of its smaller side"
+    return at_most(share, limits.FLAT_SHARE, "share", said, f"A {_name(subject)} lies flat. {_CURE}")
+
+
+def _round(subject: Subject) -> Finding:
+    """Compare the widths across the vertical and across horizontal axes: a cylinder has one width across its axis."""
+    points = subject.solid.points[:: max(1, len(subject.solid.points) // 4_000)]
+    vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
+    turns = np.pi * np.arange(12) / 12.0
+    lying = min(_uneven(points, np.array([np.cos(t), np.sin(t), 0.0])) for t in turns)
+    # Round across both is a ball; only what is round about a horizontal axis alone lies on its side.
+    ratio = vertical / lying if lying < limits.ROUND_RATIO else 1.0
+    across = [f"{100 * (each - 1):.2g} %" for each in (vertical, lying)]
+    said = f"its widths across the vertical differ by {across[0]}, across a horizontal axis by {across[1]}"
+    return at_most(ratio, limits.LYING_RATIO, "ratio", said, f"A {_name(subject)} stands on its base. {_CURE}")
+
+
+def _uneven(points: np.ndarray, axis: np.ndarray) -> float:
+    """Return the ratio of the largest to the smallest width across an axis, over twelve directions."""
+    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    first = first / np.linalg.norm(first)
+    second = np.cross(axis, first)
+    turns = np.pi * np.arange(12) / 12.0
+    directions = np.outer(np.cos(turns), first) + np.outer(np.sin(turns), second)
+    widths = np.ptp(points @ directions.T, axis=0)
+    return float(widths.max() / widths.min())
+
+
+def _footed(subject: Subject) -> Finding:
+    solid = subject.solid
+    foot, top = footing(solid), footing(solid, upside_down=True)
+    ratio = top / max(foot, 1e-6)
+    said = f"upside down it would stand {ratio:.2g} times as firmly"
+    return at_most(ratio, limits.FOOTING_RATIO, "ratio", said, f"A {_name(subject)} stands on its broader end. {_CURE}")
+
+
+def _name(subject: Subject) -> str:
+    return "" if subject.kind is None else subject.kind.name

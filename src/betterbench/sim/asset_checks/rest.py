@@ -1,0 +1,86 @@
+"""The asset alone on a table: how it settles, and whether it lies still then."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.geometry import Pose, normalize, tilt_of
+from betterbench.sim.asset_checks import limits
+from betterbench.sim.assets import Asset
+from betterbench.sim.assets.importing.measures import corners_of, visual_surface
+from betterbench.sim.robots.physics import PHYSICS
+from betterbench.sim.scenes import add_asset
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """How an asset rests.
+
+    Attributes:
+        pose: Pose ``T_table_object`` at the end.
+        drift_mm: Way of the center of mass while it is watched.
+        tilt_degrees: Turn of the vertical axis from the start to the end.
+        jitter_mm_s: Root mean square speed of the surface while it is watched.
+        lowest_mm: Height of the lowest visible point above the table at the end; negative in it.
+    """
+
+    pose: Pose
+    drift_mm: float
+    tilt_degrees: float
+    jitter_mm_s: float
+    lowest_mm: float
+
+
+def pose_of(numbers: Iterable[float]) -> Pose:
+    """Return the pose of seven numbers, as a free joint has them: position [m] and quaternion."""
+    x, y, z, *quaternion = (float(v) for v in numbers)
+    return Pose((x, y, z), normalize(quaternion))
+
+
+def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
+    """Return a model with a table top at z = 0 in the physics of the scenes; nothing in it falls asleep."""
+    spec = mujoco.MjSpec()
+    PHYSICS.set_scene(spec)
+    # Sleeping would hide that an object never comes to rest.
+    spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    spec.worldbody.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[2, 2, 0.05],
+        pos=[0, 0, -0.05],
+        friction=[friction, 0.005, 1e-4],
+    )
+    return spec
+
+
+def settled(asset: Asset) -> Rest:
+    """Let an asset settle from just above the table, and watch it."""
+    spec = table_model()
+    add_asset(spec, "asset", asset)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[2] = limits.DROP_M - min(float(corners_of(part)[:, 2].min()) for part in asset.collision)
+    steps = round(1.0 / PHYSICS.timestep_s)
+    mujoco.mj_step(model, data, nstep=round(limits.SETTLE_S * steps))
+    start = data.body("asset").xipos.copy()
+    reach = 0.5 * max(asset.size_m)
+    speeds = []
+    every = 5
+    for _ in range(round(limits.WATCH_S * steps / every)):
+        mujoco.mj_step(model, data, nstep=every)
+        speeds.append(float(np.linalg.norm(data.qvel[:3])) + reach * float(np.linalg.norm(data.qvel[3:6])))
+    pose = pose_of(data.qpos[:7])
+    vertices, faces = visual_surface(asset)
+    turned = np.array([pose.apply(v) for v in vertices[np.unique(faces)].tolist()])
+    return Rest(
+        pose=pose,
+        drift_mm=1000.0 * float(np.linalg.norm(data.body("asset").xipos - start)),
+        tilt_degrees=math.degrees(tilt_of(pose.quaternion)),
+        jitter_mm_s=1000.0 * float(np.sqrt(np.mean(np.square(speeds)))),
+        lowest_mm=1000.0 * float(turned[:, 2].min()),
+    )

@@ -1,0 +1,92 @@
+"""Results of the asset certificate: one per check, and all of one asset; both have a JSON form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from betterbench.errors import InvalidInputError
+
+Outcome = Literal["passed", "failed", "not_applicable"]
+SCHEMA_VERSION = 1
+"""Version of the JSON form."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """Result of one check.
+
+    Attributes:
+        name: Name of the check ("rest_tilt").
+        outcome: "passed", "failed" or "not_applicable".
+        measured: The number that was compared, None if nothing was measured.
+        limit: The number that it was compared with, None likewise.
+        unit: Unit of both ("mm", "degrees", "share").
+        sentence: What was found; for a failed check also what to do.
+    """
+
+    name: str
+    outcome: Outcome
+    measured: float | None
+    limit: float | None
+    unit: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class AssetCertificate:
+    """All results of one asset.
+
+    Attributes:
+        asset: Name or file of the asset.
+        content_hash: Hash of the data that affect physics or images.
+        kind: Kind by which size, mass and use were judged, None if it is not known.
+        source: Source of the asset.
+        license: License of the asset.
+        checks: One result per registered check, in order.
+        refused: Message of the importer that made no asset of a file; there are no checks then.
+    """
+
+    asset: str
+    content_hash: str
+    kind: str | None
+    source: str
+    license: str
+    checks: tuple[CheckResult, ...]
+    refused: str | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed and the importer did not refuse the file."""
+        return self.refused is None and not self.failed
+
+    @property
+    def failed(self) -> tuple[CheckResult, ...]:
+        """The failed checks."""
+        return tuple(check for check in self.checks if check.outcome == "failed")
+
+    def check(self, name: str) -> CheckResult:
+        """Return the result of a check by name; an unknown one raises a KeyError."""
+        return {check.name: check for check in self.checks}[name]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {"version": SCHEMA_VERSION, "passed": self.passed, **asdict(self)}
+
+    @classmethod
+    def from_json(cls, form: Mapping[str, Any], where: str = "asset certificate") -> AssetCertificate:
+        """Return the certificate of a JSON form.
+
+        Raises:
+            InvalidInputError: If the form is not that of a certificate of this version.
+        """
+        try:
+            fields = {name: form[name] for name in cls.__dataclass_fields__ if name != "checks"}
+            version, checks = form["version"], tuple(CheckResult(**check) for check in form["checks"])
+        except (KeyError, TypeError) as error:
+            raise InvalidInputError(where, "it is not an asset certificate", "Make it again") from error
+        if version != SCHEMA_VERSION:
+            problem = f"it has version {version!r}, expected {SCHEMA_VERSION}"
+            raise InvalidInputError(where, problem, "Make it again")
+        return cls(**fields, checks=checks)

@@ -1,0 +1,95 @@
+"""The asset under test, with the measurements that several checks share."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from betterbench.sim.asset_checks.limits import CLOSED_WORDS
+from betterbench.sim.asset_checks.rest import Rest, settled
+from betterbench.sim.assets import Asset
+from betterbench.sim.assets.importing.cavity import Cavity, cavity_of
+from betterbench.sim.assets.importing.kinds import Kind
+from betterbench.sim.assets.importing.measures import (
+    Distances,
+    collision_distances,
+    corners_of,
+    surface_solid,
+    visual_surface,
+)
+from betterbench.sim.assets.importing.solid import Solid, solid_of
+
+
+class Subject:
+    """An asset and its kind; each measurement is made when a check first asks for it."""
+
+    def __init__(self, asset: Asset, kind: Kind | None) -> None:
+        self.asset, self.kind = asset, kind
+
+    @functools.cached_property
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """The visible surface: (n, 3) vertices [m] and (m, 3) vertex indices."""
+        return visual_surface(self.asset)
+
+    @functools.cached_property
+    def size_m(self) -> np.ndarray:
+        """(3,) extents of the visible surface [m]."""
+        vertices, faces = self.surface
+        return np.asarray(np.ptp(vertices[np.unique(faces)], axis=0))
+
+    @property
+    def longest_m(self) -> float:
+        """Longest side [m]."""
+        return float(self.size_m.max())
+
+    @property
+    def middle_m(self) -> float:
+        """Side of middle length [m]."""
+        return float(np.sort(self.size_m)[1])
+
+    @functools.cached_property
+    def solid(self) -> Solid:
+        """Cells of the visible surface."""
+        return solid_of(*self.surface)
+
+    @functools.cached_property
+    def cavity(self) -> Cavity | None:
+        """The visible hollow that is open at the top, None if there is none."""
+        return cavity_of(self.solid)
+
+    @functools.cached_property
+    def hulls(self) -> tuple[np.ndarray, ...]:
+        """Corners (n, 3) of each collision part [m]."""
+        return tuple(corners_of(part) for part in self.asset.collision)
+
+    @functools.cached_property
+    def touched_cavity(self) -> Cavity | None:
+        """The hollow that the collision parts leave, None if there is none."""
+        return cavity_of(surface_solid(self.hulls))
+
+    @functools.cached_property
+    def distances(self) -> Distances:
+        """Distances between what is touched and what is seen."""
+        return collision_distances(self.hulls, self.solid, filled=None if self.holds else self.cavity)
+
+    @functools.cached_property
+    def rest(self) -> Rest:
+        """How the asset comes to rest on a table."""
+        return settled(self.asset)
+
+    @property
+    def region_names(self) -> frozenset[str]:
+        """Names of the regions of the asset."""
+        return frozenset(region.name for region in self.asset.regions)
+
+    @property
+    def holds(self) -> bool:
+        """Whether tasks may put objects into it: it declares an inside and an opening."""
+        return {"inside", "opening"} <= self.region_names
+
+    @property
+    def is_open(self) -> bool:
+        """Whether its kind is hollow and open at the top, and nothing says that this one is full or covered."""
+        words = " ".join((self.asset.description, *self.asset.tags)).lower()
+        return self.kind is not None and self.kind.is_open and not any(word in words for word in CLOSED_WORDS)

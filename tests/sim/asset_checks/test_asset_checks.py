@@ -1,0 +1,217 @@
+"""The asset certificate: each check passes a good asset and fails the same asset with a planted fault."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from betterbench.cli.main import main
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.sim.asset_checks import AssetCertificate, certify_asset, check_names
+from betterbench.sim.asset_checks.check import run_check
+from betterbench.sim.asset_checks.job import certify_target, certify_targets, targets_of
+from betterbench.sim.asset_checks.subject import Subject
+from betterbench.sim.assets import build
+from betterbench.sim.assets.authoring.draft import Draft, block, grip, zone
+from betterbench.sim.assets.authoring.registry import asset_of
+from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.sim.assets.importing.kinds import kind_of
+
+TOOLS = Path(__file__).resolve().parents[3] / "tools"
+TUB = (0.16, 0.11, 0.06)
+"""Sides of the tub [m]."""
+
+
+@pytest.fixture(scope="module")
+def planted():
+    """The tool that plants faults."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(TOOLS))
+        return importlib.import_module("planted_assets")
+
+
+@pytest.fixture(scope="module")
+def tub():
+    """An open box with walls of 6 mm, which a jaw takes at a wall."""
+    x, y, z = (side / 2 for side in TUB)
+    z, wall = 2 * z, 0.006
+    boxes = [((-x, -y, 0), (x, y, wall))]
+    for sign in (-1, 1):
+        boxes.append((tuple(sorted((sign * x, sign * (x - wall)))), (-y, y), (wall, z)))
+        boxes.append(((-x + wall, x - wall), tuple(sorted((sign * y, sign * (y - wall)))), (wall, z)))
+    corners = [boxes[0], *(tuple(zip(*sides, strict=True)) for sides in boxes[1:])]
+    parts = [part for k, (low, high) in enumerate(corners) for part in block(f"b{k}", low, high, (0.2, 0.5, 0.8))]
+    draft = Draft(
+        shape="box",
+        description="A tub.",
+        tags=("tub",),
+        mass_kg=0.15,
+        parts=parts,
+        grasps=(grip("wall", z - 0.012, wall, x=x - wall / 2, across="x"),),
+        regions=(
+            zone("base", x, y),
+            zone("opening", x - wall, y - wall, z),
+            zone("inside", x - wall, y - wall, (z + wall) / 2, half_z=(z - wall) / 2),
+        ),
+        parameters={"kind": "lunchbox"},
+        license="CC0-1.0",
+    )
+    return asset_of(draft, "tub", color="blue")
+
+
+@pytest.fixture(scope="module")
+def good(tub):
+    """The certificate of the tub."""
+    return certify_asset(tub)
+
+
+def test_a_good_asset_passes_every_check_that_applies(good):
+    assert good.passed, good.failed
+    assert good.kind == "lunchbox"
+    assert tuple(check.name for check in good.checks) == check_names()
+    assert {check.name for check in good.checks if check.outcome == "not_applicable"} == {"carries_block"}
+    assert all(check.sentence.endswith(".") for check in good.checks)
+
+
+PLANTED = {
+    "scale x10": "size",
+    "scale x2.54": "size",
+    "upside down": "upright",
+    "on its side": "upright",
+    "inverted faces": "faces_outward",
+    "leaking": "holds_ball",
+    "lid closed": "opening_free",
+    "center of mass outside": "center_of_mass",
+    "too heavy": "mass",
+    "wrong grasps": "lift",
+    "far parts": "connected",
+    "missing texture": "textures",
+    "degenerate faces": "triangles",
+    "sinking": "rest_depth",
+    "fat collision": "collision_outside",
+    "thin collision": "collision_inside",
+    "no license": "license_known",
+}
+
+
+@pytest.mark.parametrize(("fault", "name"), PLANTED.items())
+def test_a_planted_fault_fails_its_check(planted, tub, good, fault, name):
+    bad = planted.ASSET_FAULTS[fault](tub, np.random.default_rng(3))
+    result = run_check(name, Subject(bad, kind_of("lunchbox")))
+    assert good.check(name).outcome == "passed"
+    assert result.outcome == "failed", result
+    assert result.sentence.count(". ") >= 1, "a failed check says what to do"
+
+
+def test_a_lid_also_keeps_the_ball_out(planted, tub):
+    lid = planted.ASSET_FAULTS["lid closed"](tub, np.random.default_rng(3))
+    assert run_check("holds_ball", Subject(lid, None)).outcome == "failed"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_asset_with_a_rocking_base_or_an_inertia_of_no_body_fails(planted, tub, seed):
+    subject = Subject(planted.ASSET_FAULTS["jittering"](tub, np.random.default_rng(seed)), None)
+    names = ("inertia", "rest_tilt", "rest_drift", "rest_jitter", "rest_depth", "collision_outside")
+    assert any(run_check(name, subject).outcome == "failed" for name in names)
+
+
+def test_a_support_carries_a_block_only_if_its_top_is_where_it_says():
+    asset = build("block")
+    assert run_check("carries_block", Subject(asset, None)).outcome == "passed"
+    top = asset.region("top")
+    raised = dataclasses.replace(top, position=(0.03, 0.0, top.position[2]))
+    beside = dataclasses.replace(asset, regions=(raised,))
+    assert run_check("carries_block", Subject(beside, None)).outcome == "failed"
+
+
+def test_an_object_that_its_kind_says_can_be_lifted_has_to_have_a_grasp():
+    fork = build("fork")
+    kind = kind_of("fork")
+    assert run_check("lift", Subject(fork, kind)).outcome == "passed"
+    without = dataclasses.replace(fork, grasps=())
+    assert run_check("lift", Subject(without, kind)).outcome == "failed"
+    assert run_check("lift", Subject(without, None)).outcome == "not_applicable"
+
+
+def test_an_asset_that_cannot_be_measured_fails_instead_of_raising(tub):
+    part = tub.visual[0]
+    vertices = part.vertices.copy()
+    vertices[0] = np.nan
+    broken = dataclasses.replace(tub, visual=(dataclasses.replace(part, vertices=vertices), *tub.visual[1:]))
+    certificate = certify_asset(broken)
+    assert not certificate.passed
+    assert certificate.check("triangles").outcome == "failed"
+
+
+def test_a_certificate_has_a_json_form_and_comes_back(good):
+    form = json.loads(json.dumps(good.to_json()))
+    assert form["passed"] is True
+    assert AssetCertificate.from_json(form) == good
+    with pytest.raises(InvalidInputError, match="version 99"):
+        AssetCertificate.from_json({**form, "version": 99})
+    with pytest.raises(InvalidInputError, match="is not an asset certificate"):
+        AssetCertificate.from_json({"asset": "mug"})
+
+
+def test_names_files_and_folders_are_told_apart(tmp_path):
+    trimesh.creation.box((0.05, 0.05, 0.05)).export(tmp_path / "block.stl")
+    (tmp_path / "notes.txt").write_text("no mesh")
+    wishes = Wishes(license="CC0-1.0")
+    folder, name, look = targets_of([str(tmp_path), "mug", "mug-red#3"], wishes)
+    assert (folder.file, folder.name) == (tmp_path / "block.stl", "block.stl")
+    assert (name.name, name.file, name.color) == ("mug", None, None)
+    assert (look.name, look.color, look.look) == ("mug", "red", 3)
+    with pytest.raises(InvalidInputError, match="no asset is given"):
+        targets_of([], wishes)
+    with pytest.raises(InvalidInputError, match="Check them one by one"):
+        targets_of(["mug", "can"], Wishes(size_m=0.1))
+    with pytest.raises(UnknownNameError, match="mug"):
+        certify_target(targets_of(["mugg"], wishes)[0])
+
+
+def test_certificates_are_kept_and_only_the_missing_ones_are_made(tmp_path, monkeypatch):
+    asked = []
+
+    def certify(target):
+        asked.append(target.name)
+        return AssetCertificate(target.name, "", None, "", "CC0-1.0", ())
+
+    monkeypatch.setattr("betterbench.sim.asset_checks.job.certify_target", certify)
+    first = certify_targets(targets_of(["mug"], Wishes()), tmp_path)
+    both = certify_targets(targets_of(["mug", "can"], Wishes()), tmp_path)
+    assert asked == ["mug", "can"]
+    assert [one.asset for one in both] == ["mug", "can"]
+    assert both[0] == first[0]
+
+
+def test_the_command_prints_what_failed_and_exits_with_one(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert main(["assets", "check", "block", "--kind", "block", "--json"]) == 0
+    (form,) = json.loads(capsys.readouterr().out)
+    assert (form["passed"], form["kind"]) == (True, "block")
+    with pytest.raises(SystemExit) as ended:
+        main(["assets", "check", "block", "--kind", "mug"])
+    assert ended.value.code == 1
+    assert "A mug is open at the top" in " ".join(capsys.readouterr().out.split())
+    path = tmp_path / "broken.glb"
+    path.write_bytes(b"nothing")
+    with pytest.raises(SystemExit):
+        main(["assets", "check", str(path)])
+    assert "not imported: broken.glb" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.slow
+def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, tmp_path):
+    out = tmp_path / "planted"
+    results = planted.measure(planted.make_plan(0, out, None, each=3), out, workers=2)
+    rates = planted.print_table(results)
+    assert sum(result.fault is not None for result in results) >= 60
+    assert rates["false_accepts"] <= 0.01
+    assert rates["good_kept"] >= 0.95
+    assert rates["still"] >= 0.99
