@@ -11,31 +11,55 @@ import os
 import resource
 import subprocess
 import sys
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
 import platformdirs
+from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, last_line, one_line
 from betterbench.jobs.durable import write_durably
-from betterbench.json_form import read_bounded
+from betterbench.json_form import dump_json, file_digest, read_bounded, read_form
 from betterbench.sim.assets.importing.importer import Imported, Wishes, import_mesh
-from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES
+from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderResolver
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
-VERSION = 1
+VERSION = 2
 """Raised when the same file would become another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120
 MAX_S = 900.0
 """Longest time of an import [s]; much more than the processor time, because a busy machine is slow."""
 
-_MOST_STORED_BYTES = 64 << 20
+MOST_STORED_BYTES = 64 << 20
+"""Largest file of an imported object."""
+_MOST_NOTE_BYTES = 1 << 20
+_FILES = TypeAdapter(dict[Literal["files"], dict[str, str]])
 _BROKEN, _MISSING = 3, 4
 
 
+@dataclass(frozen=True, slots=True)
+class Made:
+    """An imported object as bytes.
+
+    Attributes:
+        data: Its bytes, as :func:`~betterbench.sim.assets.importing.stored.to_bytes` makes them.
+        files: SHA-256 of each file that was read, by its path in the folder of the first one.
+    """
+
+    data: bytes
+    files: Mapping[str, str]
+
+
 def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B008 - frozen
-    """Make an asset of a mesh file in a limited process, or take it from the cache of the user.
+    """Make an asset of the object in a file; see :func:`import_bytes`."""
+    return from_bytes(import_bytes(path, wishes).data, one_line(path.name, most=120))
+
+
+def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 - frozen
+    """Make an asset of the object in a file in a limited process, or take it from the cache of the user.
 
     Raises:
         InvalidInputError: If the file cannot be read, no object of a table can be made of it, or it takes more memory
@@ -43,41 +67,54 @@ def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B
         MissingDependencyError: If a package that its format needs is not installed.
     """
     where = one_line(path.name, most=120)
-    data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor")
-    file = cache_folder() / f"{_key(path, data, wishes)}.npz"
-    if file.is_file():
-        try:
-            return from_bytes(read_bounded(file, max_bytes=_MOST_STORED_BYTES, cure="Delete it"), where)
-        except InvalidInputError:
-            pass  # a damaged file of the cache is made again
+    digest = hashlib.sha256(read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor"))
+    place = cache_folder() / _key(path, digest.hexdigest(), wishes)
+    kept = _kept(path, place, where)
+    if kept is not None:
+        return kept
     made = _in_child(path, wishes, where)
-    imported = from_bytes(made, where)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    write_durably(file, made)
-    return imported
+    from_bytes(made.data, where)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    content = _content(made.files)
+    write_durably(place.with_suffix(f".{content}.npz"), made.data)
+    write_durably(place.with_suffix(".json"), dump_json({"files": dict(made.files)}))
+    return made
 
 
 def cache_folder() -> Path:
     """Return the folder in which imported objects are kept; deleting it loses nothing but time."""
-    return platformdirs.user_cache_path("betterbench") / "assets"
+    return platformdirs.user_cache_path("betterbench") / "imported"
 
 
-def _key(path: Path, data: bytes, wishes: Wishes) -> str:
-    """Return a digest of what an import depends on: the file, the files beside it that it may use, and the wishes."""
-    digest = hashlib.sha256(
-        f"{VERSION}|{json.dumps(asdict(wishes), sort_keys=True)}|{path.parent.name}|{path.name}|".encode()
-    )
-    digest.update(hashlib.sha256(data).digest())
-    if path.suffix.lower() in (".obj", ".gltf"):
-        # Materials, textures and buffers: by name, size and time, since a scan has megabytes of them.
-        for other in sorted(path.parent.iterdir()):
-            if other.is_file() and other != path:
-                known = other.stat()
-                digest.update(f"{other.name}|{known.st_size}|{known.st_mtime_ns}|".encode())
-    return digest.hexdigest()[:32]
+def _key(path: Path, digest: str, wishes: Wishes) -> str:
+    """Return a digest of what is known before an import: the file, the names that tell its kind, and the wishes."""
+    named = "/".join(path.absolute().parts[-4:])
+    known = f"{VERSION}|{json.dumps(asdict(wishes), sort_keys=True)}|{named}|{digest}"
+    return hashlib.sha256(known.encode()).hexdigest()[:32]
 
 
-def _in_child(path: Path, wishes: Wishes, where: str) -> bytes:
+def _content(files: Mapping[str, str]) -> str:
+    return hashlib.sha256(json.dumps(dict(files), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _kept(path: Path, place: Path, where: str) -> Made | None:
+    """Return what the cache has, if the files that were read then are the same now."""
+    note = place.with_suffix(".json")
+    try:
+        files = read_form(_FILES, read_bounded(note, max_bytes=_MOST_NOTE_BYTES, cure=""), where=where, cure="")[
+            "files"
+        ]
+        if any(file_digest(path.parent / name) != known for name, known in files.items()):
+            return None
+        stored = place.with_suffix(f".{_content(files)}.npz")
+        data = read_bounded(stored, max_bytes=MOST_STORED_BYTES, cure="Delete it")
+        from_bytes(data, where)
+    except (InvalidInputError, OSError):  # missing or damaged: it is made again
+        return None
+    return Made(data, files)
+
+
+def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
     asked = json.dumps({"path": str(path.absolute()), "wishes": asdict(wishes)})
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", f"from {__name__} import import_for_parent; import_for_parent()"]
@@ -89,7 +126,8 @@ def _in_child(path: Path, wishes: Wishes, where: str) -> bytes:
     except subprocess.TimeoutExpired as error:
         raise InvalidInputError(where, too_much, "Reduce the mesh in a mesh editor") from error
     if done.returncode == 0:
-        return done.stdout
+        head, _, data = done.stdout.partition(b"\n")
+        return Made(data, json.loads(head))
     if done.returncode == _MISSING:
         raise MissingDependencyError(*json.loads(done.stdout))
     if done.returncode == _BROKEN:
@@ -106,8 +144,11 @@ def import_for_parent() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S + 5))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    path = Path(asked["path"])
+    files = FolderResolver(path.parent, one_line(path.name, most=120))
     try:
-        answers.write(to_bytes(import_mesh(Path(asked["path"]), Wishes(**asked["wishes"]))))
+        data = to_bytes(import_mesh(path, Wishes(**asked["wishes"]), files))
+        answers.write(json.dumps(files.digests).encode() + b"\n" + data)
     except InvalidInputError as error:
         code, told = _BROKEN, [error.where, error.problem, error.cure]
     except MissingDependencyError as error:
