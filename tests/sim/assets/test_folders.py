@@ -29,7 +29,7 @@ def clean(tmp_path, monkeypatch):
     """Leave the registry, the loaded files and the user's cache as they were."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.delenv(user_files.VARIABLE, raising=False)
+    monkeypatch.setenv(user_files.VARIABLE, "")  # restored afterwards
     before = dict(registry._REGISTER)
     monkeypatch.setattr(user_files, "_files", dict(user_files._files))
     monkeypatch.setattr(registry, "_folders_read", set())
@@ -283,6 +283,6 @@ def test_a_row_of_the_catalogue_brings_its_name_license_and_author(clean, capsys
     status, _, err = run(capsys, "assets", "import", "kitchen/x7.stl", "--out", str(clean / "mine"), *where)
     assert status == 0, err
     (asset,) = manifest_of(clean / "mine").assets.values()
-    assert (asset.license, asset.author, asset.color, asset.kind) == ("CC-BY-4.0", "Ada L.", "red", "block")
+    assert (asset.license, asset.author, asset.color, asset.kind) == ("CC-BY-4.0", "Ada", "red", "block")
     status, _, err = run(capsys, "assets", "import", "procedural/mug-red", "--out", str(clean / "mine"), *where)
     assert status == 2

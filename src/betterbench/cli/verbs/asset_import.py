@@ -63,7 +63,7 @@ def import_command(
     }
     for option, value in one_only.items():
         if value is not None and len(given) > 1:
-            raise InvalidInputError(option, f"{len(given)} files are given", "Import that file alone")
+            raise InvalidInputError(f"--{option}", f"{len(given)} files are given", "Import that file alone")
     for option, number in (("--size-m", options.size_m), ("--mass-kg", options.mass_kg)):
         if number is not None and not 0.0 < number < 100.0:
             raise InvalidInputError(option, f"{number:g} is out of range", "Give meters and kilograms, more than 0")

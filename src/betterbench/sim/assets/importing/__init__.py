@@ -1,7 +1,7 @@
 """Import of meshes: from a file that a program for three-dimensional models wrote to an asset.
 
-- ``raw``, ``object_file``: one object of a file of any format. ``mesh_file`` reads GLB, glTF, OBJ, STL and PLY with what
-  they refer to, ``urdf`` and ``mjcf`` read rigid bodies (``rigid``).
+- ``raw``, ``object_file``: one object of a file of any format. ``mesh_file`` reads GLB, glTF, OBJ, STL and PLY with
+  what they refer to, ``urdf`` and ``mjcf`` read rigid bodies (``rigid``).
 - ``kinds``: usual size, mass and use of kinds of objects, told from their names.
 - ``upright``: unit, up axis and origin.
 - ``solid``, ``cavity``: what is inside, what is hollow, which surfaces are level.
