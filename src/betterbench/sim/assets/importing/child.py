@@ -7,20 +7,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import resource
-import subprocess
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import platformdirs
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, MissingDependencyError, last_line, one_line
+from betterbench.errors import InvalidInputError, described, one_line
 from betterbench.jobs.durable import write_durably
+from betterbench.jobs.limited_process import LimitedProcess, LimitedProcessError, RefusedError, answer_requests
 from betterbench.json_form import dump_json, file_digest, read_bounded, read_form
 from betterbench.sim.assets.importing.importer import Imported, Wishes, import_mesh
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderResolver
@@ -29,7 +26,7 @@ from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 VERSION = 2
 """Raised when the same file would become another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
-MAX_CPU_S = 120
+MAX_CPU_S = 120.0
 MAX_S = 900.0
 """Longest time of an import [s]; much more than the processor time, because a busy machine is slow."""
 
@@ -37,7 +34,7 @@ MOST_STORED_BYTES = 64 << 20
 """Largest file of an imported object."""
 _MOST_NOTE_BYTES = 1 << 20
 _FILES = TypeAdapter(dict[Literal["files"], dict[str, str]])
-_BROKEN, _MISSING = 3, 4
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,47 +112,35 @@ def _kept(path: Path, place: Path, where: str) -> Made | None:
 
 
 def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
-    asked = json.dumps({"path": str(path.absolute()), "wishes": asdict(wishes)})
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", f"from {__name__} import import_for_parent; import_for_parent()"]
-    too_much = f"its import takes more than {MAX_CPU_S} s or {MAX_MEMORY_BYTES >> 30} GB"
+    asked = {"path": str(path.absolute()), "wishes": asdict(wishes)}
+    process = LimitedProcess(f"{__name__}:import_for_parent", cpu_s=MAX_CPU_S, environment=_ONE_THREAD)
     try:
-        done = subprocess.run(  # noqa: S603 - our own Python, with our own words
-            command, check=False, input=asked.encode(), capture_output=True, timeout=MAX_S, env=environment
-        )
-    except subprocess.TimeoutExpired as error:
-        raise InvalidInputError(where, too_much, "Reduce the mesh in a mesh editor") from error
-    if done.returncode == 0:
-        head, _, data = done.stdout.partition(b"\n")
-        return Made(data, json.loads(head))
-    if done.returncode == _MISSING:
-        raise MissingDependencyError(*json.loads(done.stdout))
-    if done.returncode == _BROKEN:
-        raise InvalidInputError(*json.loads(done.stdout))
-    said = last_line(done.stderr.decode("utf-8", "replace")) or f"status {done.returncode}"
-    raise InvalidInputError(where, f"{too_much}, or its reader broke off ({said})", "Reduce it or export it again")
+        process.send(asked, b"", within_s=MAX_S)
+        files = json.loads(process.receive(most=_MOST_NOTE_BYTES, within_s=MAX_S))
+        return Made(bytes(process.receive(most=MOST_STORED_BYTES, within_s=MAX_S)), files)
+    except RefusedError as error:
+        raise InvalidInputError(where, str(error), "Export the object again, or leave it out") from error
+    except LimitedProcessError as error:
+        problem = f"its import takes more than {MAX_CPU_S:g} s or {MAX_MEMORY_BYTES >> 30} GB, or breaks off ({error})"
+        raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor, or export it again") from error
+    finally:
+        process.close()
 
 
 def import_for_parent() -> None:
-    """Import the mesh that standard input names and write it to standard output: the main function of the child."""
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print must not stand in the answer
-    asked = json.loads(sys.stdin.read())
-    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S + 5))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    """Import the object that a request names: the main function of the child."""
+    answer_requests(_answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=MAX_CPU_S, unexpected=_unexpected)
+
+
+def _answers(asked: Mapping[str, Any], _data: bytes) -> Iterator[bytes]:
     path = Path(asked["path"])
     files = FolderResolver(path.parent, one_line(path.name, most=120))
-    try:
-        data = to_bytes(import_mesh(path, Wishes(**asked["wishes"]), files))
-        answers.write(json.dumps(files.digests).encode() + b"\n" + data)
-    except InvalidInputError as error:
-        code, told = _BROKEN, [error.where, error.problem, error.cure]
-    except MissingDependencyError as error:
-        code, told = _MISSING, [str(error)]
-    else:
-        code, told = 0, []
-    if told:
-        answers.write(json.dumps(told).encode())
-    answers.flush()
-    os._exit(code)
+    data = to_bytes(import_mesh(path, Wishes(**asked["wishes"]), files))
+    yield json.dumps(files.digests).encode()
+    yield data
+
+
+def _unexpected(problem: Exception) -> str:
+    if isinstance(problem, MemoryError):
+        return f"its import takes more than {MAX_MEMORY_BYTES >> 30} GB"
+    return f"it cannot be imported ({described(problem)})"
