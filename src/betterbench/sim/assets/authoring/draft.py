@@ -9,7 +9,7 @@ import numpy as np
 
 from betterbench.geometry import Pose, Vector, multiply, normalize
 from betterbench.interface.state import Region
-from betterbench.sim.assets.asset import CollisionPart, Grasp, Texture, VisualPart
+from betterbench.sim.assets.asset import LIBRARY_LICENSE, LIBRARY_SOURCE, CollisionPart, Grasp, Texture, VisualPart
 from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.authoring.mesh import Mesh, box, mapped
 from betterbench.sim.assets.authoring.paint import Canvas, Rgb
@@ -54,8 +54,8 @@ class Draft:
     regions: tuple[Region, ...] = ()
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     body: MassProperties | None = None
-    source: str = "betterbench procedural library"
-    license: str = "Apache-2.0"
+    source: str = LIBRARY_SOURCE
+    license: str = LIBRARY_LICENSE
 
 
 def part(
