@@ -9,6 +9,7 @@ LONGEST_WORD = 40
 """Longest word of a name; longer ones are not words [characters]."""
 
 _WORD = re.compile(r"[^\W\d_]+")
+_NUMBER = re.compile(r"\d{1,40}")
 _CASE = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 _GENERIC = """
@@ -22,10 +23,10 @@ _WITHOUT_A_NAME = frozenset(_GENERIC.split())
 def words_of(text: str) -> tuple[str, ...]:
     """Return the words of a name in small letters: "burgerCheese", "025_mug" and "red-mug" have two, one and two.
 
-    Digits separate words and are left out, and so are single letters unless there is nothing else.
+    Digits separate words and are left out, as single letters are, unless there is nothing else.
     """
     words = [word.lower() for word in _WORD.findall(_CASE.sub(" ", text)) if len(word) <= LONGEST_WORD]
-    return tuple(word for word in words if len(word) > 1) or tuple(words)
+    return tuple(word for word in words if len(word) > 1) or tuple(words) or tuple(_NUMBER.findall(text))
 
 
 def named_by(file: Path, root: Path) -> tuple[Path, str | None]:

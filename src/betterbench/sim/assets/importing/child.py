@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 from betterbench.errors import InvalidInputError, described, one_line
 from betterbench.jobs.durable import write_durably
 from betterbench.jobs.limited_process import LimitedProcess, LimitedProcessError, RefusedError, answer_requests
-from betterbench.json_form import dump_json, file_digest, read_bounded, read_form
+from betterbench.json_form import dump_json, file_digest, open_ordinary, read_bounded, read_form
 from betterbench.sim.assets.importing.importer import Imported, Wishes, import_mesh
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderResolver
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
@@ -64,8 +64,7 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
         MissingDependencyError: If a package that its format needs is not installed.
     """
     where = one_line(path.name, most=120)
-    digest = hashlib.sha256(read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor"))
-    place = cache_folder() / _key(path, digest.hexdigest(), wishes)
+    place = cache_folder() / _key(path, _digest(path, where), wishes)
     kept = _kept(path, place, where)
     if kept is not None:
         return kept
@@ -76,6 +75,21 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
     write_durably(place.with_suffix(f".{content}.npz"), made.data)
     write_durably(place.with_suffix(".json"), dump_json({"files": dict(made.files)}))
     return made
+
+
+def _digest(path: Path, where: str) -> str:
+    """Return the SHA-256 of a file that an import may read; the file is not held in memory."""
+    try:
+        with open_ordinary(path) as file:
+            size = file.seek(0, 2)
+            if size > MAX_FILE_BYTES:
+                problem = f"it has {size >> 20:,} MB, expected at most {MAX_FILE_BYTES >> 20}"
+                raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor")
+            file.seek(0)
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        problem = f"it cannot be read ({error.strerror or error})"
+        raise InvalidInputError(where, problem, "Give the path of a file") from error
 
 
 def cache_folder() -> Path:

@@ -6,9 +6,11 @@ places, links out of the folder and addresses are refused, not left out.
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import io
 import os
+import struct
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -35,6 +37,7 @@ _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf":
 """Up axis and unit [m] that a format lays down (glTF 2.0, section 3.4); the others leave both open."""
 
 _CURE = "Export the object again, or leave it out"
+_PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(
     (
         "KHR_draco_mesh_compression",
@@ -85,6 +88,8 @@ class FolderResolver(trimesh.resolvers.Resolver):
         if not path.is_file():
             raise InvalidInputError(self._where, f"it refers to {shown}, which does not exist", _CURE)
         found = read_bounded(path, max_bytes=MAX_FILE_BYTES - self._total(), cure=_CURE)
+        if path.suffix.lower() in _PICTURES:
+            check_picture(found, one_line(path.name, most=80), self._where)
         self._count(len(found))
         self.digests[inside] = hashlib.sha256(found).hexdigest()
         return found
@@ -120,6 +125,26 @@ class FolderResolver(trimesh.resolvers.Resolver):
         return self
 
 
+def check_picture(data: bytes, name: str, where: str) -> None:
+    """Check that a picture can be unpacked; trimesh leaves out a texture that cannot, without a word.
+
+    Raises:
+        InvalidInputError: If it is damaged or has too many pixels.
+    """
+    Image.MAX_IMAGE_PIXELS = None  # counted here, before anything is unpacked
+    try:
+        with Image.open(io.BytesIO(data)) as opened:
+            pixels = opened.width * opened.height
+            if pixels <= MAX_IMAGE_PIXELS:
+                opened.load()
+    except Exception as error:  # whatever Pillow raises about a broken picture
+        problem = f"its texture {name} cannot be read ({one_line(error, most=120)})"
+        raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
+    if pixels > MAX_IMAGE_PIXELS:
+        problem = f"its texture {name} has {pixels:,} pixels, expected at most {MAX_IMAGE_PIXELS:,}"
+        raise InvalidInputError(where, problem, f"Reduce it to {LARGEST_IMAGE} pixels a side")
+
+
 def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
     """Read a mesh file.
 
@@ -143,7 +168,6 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
         raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
     if kind in ("glb", "gltf"):
         _require_readable(data, kind, where)
-    Image.MAX_IMAGE_PIXELS = MAX_IMAGE_PIXELS
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=files, process=False)
         parts = tuple(_parts(scene, where))
@@ -183,7 +207,9 @@ def checked(mesh: RawMesh, where: str) -> RawMesh:
 
 def _require_readable(data: bytes, kind: str, where: str) -> None:
     """Check the header of a glTF file for what trimesh would leave out without a word."""
-    asked = description_of(io.BytesIO(data), where, binary=kind == "glb").get("extensionsRequired", [])
+    form = description_of(io.BytesIO(data), where, binary=kind == "glb")
+    _check_embedded_pictures(data, form, where)
+    asked = form.get("extensionsRequired", [])
     if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
         raise InvalidInputError(where, "it does not list its extensions as glTF does", _CURE)
     unknown = sorted(set(asked) - _READABLE_EXTENSIONS)
@@ -195,6 +221,28 @@ def _require_readable(data: bytes, kind: str, where: str) -> None:
             import DracoPy  # noqa: F401, PLC0415 - trimesh finds it by itself
         except ImportError as error:
             raise missing_extra(f"{where} is compressed with Draco, which needs DracoPy", "assets") from error
+
+
+def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> None:
+    """Check the pictures that a glTF file holds itself: in its binary chunk, or in base64."""
+    listed = form.get("images", [])
+    for number, image in enumerate(listed if isinstance(listed, list) else []):
+        found = _embedded(data, form, image) if isinstance(image, dict) else None
+        if found is not None:
+            check_picture(found, f"number {number}", where)
+
+
+def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes | None:
+    """Return the bytes of a picture in a glTF file, None if it is another file; damaged references are empty."""
+    uri = image.get("uri")
+    try:
+        if isinstance(uri, str):
+            return base64.b64decode(uri.partition(",")[2]) if uri.startswith("data:") else None
+        view = form["bufferViews"][image["bufferView"]]
+        start = data.index(b"BIN\0", 12 + struct.unpack("<I", data[12:16])[0]) + 4 + int(view.get("byteOffset", 0))
+        return data[start : start + int(view["byteLength"])]
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error):
+        return b""
 
 
 def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene of trimesh

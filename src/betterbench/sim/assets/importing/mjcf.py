@@ -19,7 +19,7 @@ from PIL import Image
 
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.sim.assets.importing import rigid
-from betterbench.sim.assets.importing.mesh_file import LARGEST_IMAGE, MAX_FACES, MAX_IMAGE_PIXELS, FolderResolver
+from betterbench.sim.assets.importing.mesh_file import LARGEST_IMAGE, MAX_FACES, FolderResolver, check_picture
 from betterbench.sim.assets.importing.raw import RawMesh, RawPart, Rgba, Stated
 from betterbench.sim.assets.importing.rigid import PointMass, combined, pose
 
@@ -117,17 +117,8 @@ def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str
 
 def _png(data: bytes, name: str, where: str) -> bytes:
     """Return a picture as a PNG that is not larger than a texture may be."""
-    Image.MAX_IMAGE_PIXELS = MAX_IMAGE_PIXELS
-    shown = one_line(name, most=80)
-    try:
-        with Image.open(io.BytesIO(data)) as opened:
-            if opened.width * opened.height > MAX_IMAGE_PIXELS:
-                problem = f"its texture {shown} has {opened.width} x {opened.height} pixels"
-                raise InvalidInputError(where, problem, f"Reduce it to {LARGEST_IMAGE} pixels a side")
-            picture = opened.convert("RGB")
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        problem = f"its texture {shown} cannot be read ({one_line(error, most=120)})"
-        raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
+    check_picture(data, one_line(name, most=80), where)
+    picture = Image.open(io.BytesIO(data)).convert("RGB")
     picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
     written = io.BytesIO()
     picture.save(written, "PNG")
