@@ -114,13 +114,14 @@ def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
 def _of_file(path: Path, options: ImportOptions) -> ImportRequest:
     from betterbench.sim.assets.folders.job import ImportRequest
     from betterbench.sim.assets.importing.importer import Wishes
+    from betterbench.sim.assets.licenses import license_name
 
     wishes = Wishes(
         name=options.kind,
         size_m=options.size_m,
         mass_kg=options.mass_kg,
         up=options.up,
-        license=options.license or "unknown",
+        license=license_name(options.license or "unknown"),
         author=options.author,
         freeze=options.freeze,
     )
@@ -133,6 +134,8 @@ def _of_row(entry: CatalogueEntry, options: ImportOptions) -> ImportRequest:
     """Return the request for a row of the catalogue, which knows name, license and author; options come first."""
     from dataclasses import replace
 
+    from betterbench.sim.assets.licenses import license_name
+
     if entry.source == "procedural":
         name = entry.id.removeprefix("procedural/").rpartition("-")[0]
         raise InvalidInputError(entry.id, "it is in the library already", f"Use the category {name} in your task")
@@ -143,7 +146,7 @@ def _of_row(entry: CatalogueEntry, options: ImportOptions) -> ImportRequest:
     wishes = replace(
         made.wishes,
         name=options.kind or " ".join(part for part in (entry.category, entry.name) if part) or None,
-        license=options.license or entry.license or "unknown",
+        license=license_name(options.license or entry.license or "unknown"),
         author=options.author or entry.author or None,
         source=one_line(entry.id, most=200),
     )

@@ -302,6 +302,21 @@ def test_physics_that_does_not_fit_is_replaced_and_told(folder):
     assert np.ptp(hull.vertices, axis=0) == pytest.approx((0.06, 0.04, 0.1), abs=0.002)
 
 
+def test_an_object_that_would_tip_over_gets_the_center_of_its_solid(folder):
+    """A table with a foot of 2 cm: a center of mass 2 cm beside the middle is inside its box, but not over the foot."""
+    top, foot = trimesh.creation.box((0.06, 0.06, 0.02)), trimesh.creation.box((0.02, 0.02, 0.06))
+    top.apply_translation((0, 0, 0.04))
+    trimesh.util.concatenate([top, foot]).export(folder / "table.obj")
+    visual = '<visual><geometry><mesh filename="table.obj"/></geometry></visual>'
+    inertia = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
+    for x, kept in ((0.005, True), (0.02, False)):
+        inertial = f'<inertial><origin xyz="{x} 0 0.03"/><mass value="0.3"/>{inertia}</inertial>'
+        path = write(folder / "block.urdf", urdf(f'<link name="a">{inertial}{visual}</link>'))
+        found = import_mesh(path, Wishes())
+        assert any("it would tip over" in note for note in found.notes) is not kept
+        assert found.draft.body.center_of_mass[0] == pytest.approx(x if kept else 0.0, abs=1e-3)
+
+
 def test_collision_shapes_that_fill_a_hollow_are_made_anew(folder):
     r, h, w = 0.04, 0.09, 0.004
     cup = trimesh.creation.revolve([(0, 0), (r, 0), (r, h), (r - w, h), (r - w, w), (0, w)], sections=32)

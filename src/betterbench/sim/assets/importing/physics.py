@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from betterbench.sim.assets.importing.hulls import MOST_HULLS, fit_of, hull_corners
 from betterbench.sim.assets.importing.solid import mass_of_cells
@@ -40,7 +40,8 @@ class Body:
 def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, tuple[str, ...]]:
     """Return the stated mass, center and inertia of an object, and notes; None if the mass is not stated or not usable.
 
-    A center outside of the object and an inertia that no such object has are replaced by those of its solid.
+    A center outside of the object or beside its base, and an inertia that no such object has, are replaced by those of
+    its solid.
 
     Args:
         placed: The object.
@@ -57,6 +58,11 @@ def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, t
     low, high = placed.mesh.bounds()
     if not ((stated.center > low) & (stated.center < high)).all():
         return Body(mass, center, inertia), (said, "the stated center of mass is outside the object: that of its solid")
+    if _is_over_base(center, placed) and not _is_over_base(stated.center, placed):
+        return Body(mass, center, inertia), (
+            said,
+            "with the stated center of mass it would tip over: that of its solid",
+        )
     theirs = stated.inertia * (mass / stated.mass_kg)
     if not _is_plausible(theirs, inertia):
         return Body(mass, stated.center, inertia), (
@@ -64,6 +70,18 @@ def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, t
             "the stated inertia does not fit the shape: that of its solid",
         )
     return Body(mass, stated.center, theirs), (said,)
+
+
+def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
+    """Tell whether a center of mass is above the points on which the object stands."""
+    solid = placed.solid
+    base = solid.points[solid.points[:, 2] < 1.5 * solid.pitch_m][:, :2]
+    try:
+        hull = ConvexHull(base)
+    except (QhullError, ValueError):
+        return False
+    sides = hull.equations[:, :2] @ center[:2] + hull.equations[:, 2]
+    return bool(sides.max() < 0.0)
 
 
 def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:

@@ -149,7 +149,8 @@ def _check(draft: Draft) -> None:
         raise ValueError("a hull of too many corners")
     for part in visual:
         _check_rows(part.faces, len(part.vertices))
-        if len(part.rgba) != 4 or not all(0.0 <= float(v) <= 1.0 for v in part.rgba):
+        rgba = [float(v) for v in part.rgba]
+        if len(rgba) != 4 or not 0.0 <= min(rgba) <= max(rgba) <= 1.0:
             raise ValueError("a color that is none")
         if part.texture is not None:
             _check_texture(part.texture, part)
