@@ -114,6 +114,8 @@ _UNREADABLE = (
 
 def _arrays(data: bytes) -> dict[str, np.ndarray]:
     """Return the arrays of an archive, whose stated sizes are checked before anything is unpacked."""
+    if not data.startswith(b"PK\x03\x04"):  # zipfile would also find an archive behind other bytes
+        raise ValueError("it does not begin as an archive")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
         if len(members) > 8 * (_MOST_HULLS + 64) or sum(m.file_size for m in members) > MAX_UNPACKED_BYTES:
