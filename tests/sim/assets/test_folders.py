@@ -283,6 +283,6 @@ def test_a_row_of_the_catalogue_brings_its_name_license_and_author(clean, capsys
     status, _, err = run(capsys, "assets", "import", "kitchen/x7.stl", "--out", str(clean / "mine"), *where)
     assert status == 0, err
     (asset,) = manifest_of(clean / "mine").assets.values()
-    assert (asset.license, asset.author, asset.color, asset.kind) == ("CC-BY-4.0", "Ada", "red", "block")
+    assert (asset.license, asset.author, asset.color, asset.kind) == ("CC-BY-4.0", "Ada L.", "red", "block")
     status, _, err = run(capsys, "assets", "import", "procedural/mug-red", "--out", str(clean / "mine"), *where)
     assert status == 2
