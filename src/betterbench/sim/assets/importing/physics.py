@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from betterbench.sim.assets.importing.hulls import MOST_HULLS, fit_of, hull_corners
 from betterbench.sim.assets.importing.solid import mass_of_cells
 from betterbench.sim.assets.importing.upright import Placed
+from betterbench.statistics.wording import plural
 
 _LIGHTEST_KG, _HEAVIEST_KG = 0.001, 20.0
 """Stated masses outside of these limits are placeholders or belong to no object on a table."""
@@ -117,7 +118,7 @@ def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
         return [], (f"the collision shapes of the file are {1000 * farthest:.0f} mm off the surface: made anew",)
     if _filled(hulls, placed) > _MOST_FILLED:
         return [], ("the collision shapes of the file fill its hollow: made anew",)
-    return hulls, (f"{len(hulls)} collision shapes of the file",)
+    return hulls, (f"{plural(len(hulls), 'collision shape')} of the file",)
 
 
 def _filled(hulls: list[np.ndarray], placed: Placed) -> float:
