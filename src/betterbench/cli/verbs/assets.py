@@ -31,7 +31,7 @@ def assets_command(
     color: str | None = None,
     size_m: float | None = None,
     mass_kg: float | None = None,
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
+    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto",
     freeze: bool = False,
     license: str | None = None,  # noqa: A002 - the name of the option
     any_license: bool = False,
@@ -67,7 +67,7 @@ def assets_command(
         color: With import: word for its color; that of most of its surface if not given.
         size_m: With import: longest side in meters; by its format and kind if not given.
         mass_kg: With import: mass in kilograms; as the file states or by its kind if not given.
-        up: With import: axis of the file that points up.
+        up: With import: axis of the file that points up, as --up=-z; auto decides by format and kind.
         freeze: With import: fix the movable joints of a URDF or MJCF file, which are refused otherwise.
         license: With index and import: license of files that name none. With search: free (the default) or any.
         any_license: With import: also import what forbids commercial use or changes, or whose license is not known.
@@ -96,7 +96,7 @@ def assets_command(
         from betterbench.cli.verbs.asset_import import ImportOptions, import_command
 
         options = ImportOptions(
-            name=name, kind=kind, color=color, size_m=size_m, mass_kg=mass_kg, up=up, freeze=freeze, license=license,
+            name=name, kind=kind, color=color, size_m=size_m, mass_kg=mass_kg, up=None if up == "auto" else up, freeze=freeze, license=license,
             any_license=any_license, author=author,
         )  # fmt: skip
         import_command(folder, given, options, out=out, workers=workers, overwrite=overwrite, json=json)
