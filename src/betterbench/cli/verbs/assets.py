@@ -96,9 +96,17 @@ def assets_command(
         from betterbench.cli.verbs.asset_import import ImportOptions, import_command
 
         options = ImportOptions(
-            name=name, kind=kind, color=color, size_m=size_m, mass_kg=mass_kg, up=None if up == "auto" else up, freeze=freeze, license=license,
-            any_license=any_license, author=author,
-        )  # fmt: skip
+            name=name,
+            kind=kind,
+            color=color,
+            size_m=size_m,
+            mass_kg=mass_kg,
+            up=None if up == "auto" else up,
+            freeze=freeze,
+            license=license,
+            any_license=any_license,
+            author=author,
+        )
         import_command(folder, given, options, out=out, workers=workers, overwrite=overwrite, json=json)
         return
     from betterbench.sim.assets.catalogue.encoders import open_encoder
