@@ -14,7 +14,7 @@ from betterbench.lazy_names import lazy_names
 from betterbench.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from betterbench.api.environments import load_task_files, make_env
+    from betterbench.api.environments import load_asset_folders, load_task_files, make_env
     from betterbench.api.registration import register_environments
     from betterbench.api.report import write_report
     from betterbench.api.runs import compare, diagnose, evaluate, load_run
@@ -32,6 +32,7 @@ __all__ = [
     "compare",
     "diagnose",
     "evaluate",
+    "load_asset_folders",
     "load_run",
     "load_task_files",
     "make_env",
@@ -44,7 +45,7 @@ if not TYPE_CHECKING:
     __getattr__ = lazy_names(
         __name__,
         {
-            "api.environments": ("load_task_files", "make_env"),
+            "api.environments": ("load_asset_folders", "load_task_files", "make_env"),
             "api.registration": ("register_environments",),
             "api.report": ("write_report",),
             "api.runs": ("compare", "diagnose", "evaluate", "load_run"),

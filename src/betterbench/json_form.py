@@ -393,5 +393,6 @@ def dump_json(form: object) -> bytes:
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, as stored in journals."""
-    return hashlib.sha256(read_ordinary(path)).hexdigest()
+    """Return the SHA-256 of a file, as stored in journals; the file is read in pieces."""
+    with open_ordinary(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

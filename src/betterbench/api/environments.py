@@ -58,3 +58,14 @@ def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
         from betterbench.api.registration import register_environments  # noqa: PLC0415 - it imports Gymnasium
 
         register_environments()
+
+
+def load_asset_folders(folders: Path | str | Iterable[Path | str]) -> None:
+    """Load folders that ``better assets import`` has written, like ``--asset-dir``.
+
+    Each is loaded once, also in worker processes. Tasks then use their assets by name.
+
+    Raises:
+        InvalidInputError: If a folder is missing or holds no imported assets.
+    """
+    user_files.load_asset_folders([folders] if isinstance(folders, str | Path) else folders)

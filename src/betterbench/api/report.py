@@ -18,6 +18,7 @@ from betterbench.evaluation import Panel, Shot, render_paths, render_shots, rend
 from betterbench.jobs import OnCount
 from betterbench.jobs.outputs import OutputFolder
 from betterbench.records import RunFolder, run_names
+from betterbench.records.credits import credits_of_runs
 from betterbench.report.figures.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
 from betterbench.report.figures.media import Media, Thumbnails
 from betterbench.report.headline import headline_of, verdict_line
@@ -110,8 +111,9 @@ def build_report(
     stored = [(read_knowledge(run), name) for run, name in zip(runs, called, strict=True)]
     knowledge = [replace(known, policy=name) for known, name in stored if known is not None]
     page = write_page(
-        diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses), knowledge=knowledge
-    )
+        diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses),
+        knowledge=knowledge, assets=credits_of_runs(runs),
+    )  # fmt: skip
     verdicts = []
     for diagnosis in diagnoses:
         claim = headline_of(diagnosis).claim

@@ -55,7 +55,7 @@ class Verb:
 
     Attributes:
         function: Its "module:name" in the package of verbs, or the full name of a function of betterbench-calibration.
-        takes_tasks: Whether it accepts ``--task-file``.
+        takes_tasks: Whether it accepts ``--task-file`` and ``--asset-dir``.
         takes_run_file: Whether its options may be given in a run file.
     """
 
@@ -241,16 +241,26 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
 
 
 def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a verb that also takes ``--task-file``, and loads these files before it does anything else."""
+    """Return a verb that also takes ``--task-file`` and ``--asset-dir``, and loads both before anything else."""
 
-    def verb(*args: object, task_file: tyro.conf.UseAppendAction[tuple[Path, ...]] = (), **options: object) -> None:
-        from betterbench.tasks.user_files import load_task_files
+    def verb(
+        *args: object,
+        task_file: tyro.conf.UseAppendAction[tuple[Path, ...]] = (),
+        asset_dir: tyro.conf.UseAppendAction[tuple[Path, ...]] = (),
+        **options: object,
+    ) -> None:
+        from betterbench.tasks.user_files import load_asset_folders, load_task_files
 
+        load_asset_folders(asset_dir)
         load_task_files(task_file)
         function(*args, **options)
 
-    text = "Python file that defines tasks, assets or learners of your own; may be given several times."
-    return _with_options(verb, function, task_file=text)
+    return _with_options(
+        verb,
+        function,
+        task_file="Python file that defines tasks, assets or learners of your own; may be given several times.",
+        asset_dir="Folder of assets that better assets import has written; may be given several times.",
+    )
 
 
 def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:

@@ -49,6 +49,7 @@ class RunFile:
     uncertified: bool | None = None
     explain_power: bool | None = None
     task_file: tuple[Name, ...] = ()
+    asset_dir: tuple[Name, ...] = ()
 
 
 _FORM = TypeAdapter(RunFile)
@@ -150,7 +151,7 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
     for text in values:
         if text.startswith("-") and isinstance(value, str | tuple):
             raise InvalidInputError(f"{path}: {name}", f"{text!r} begins with a dash", "Write ./NAME for a path")
-    if name == "task_file":  # this option is repeated for each file
+    if name in ("task_file", "asset_dir"):  # these options are repeated for each path
         yield from (word for text in values for word in (option, text))
     else:
         yield from (option, *values)

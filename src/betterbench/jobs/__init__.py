@@ -6,6 +6,7 @@
 - ``line_journal``, ``durable``: one synced line per finished item, and files that are complete or absent.
 - ``lock``, ``places``, ``outputs``: one writer per folder or file, no link out of it, and nothing of others replaced.
 - ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their end with the parent.
+- ``limited_process``: child processes with limits of memory and time, which read files from strangers.
 - ``ahead``: items that a thread makes before they are needed.
 """
 

@@ -85,6 +85,16 @@ class _VersionOnly(BaseModel):
     metadata: _Version
 
 
+class _AssetOnly(BaseModel, strict=True):
+    asset: str
+    source: str = ""
+    license: str = ""
+
+
+class _SceneOnly(BaseModel, strict=True):
+    objects: tuple[_AssetOnly, ...]
+
+
 class _TrialOnly(BaseModel, strict=True):
     task: str
     condition: str
@@ -95,10 +105,11 @@ class _TrialOnly(BaseModel, strict=True):
     scene_hash: str
     task_version: int
     suite_version: str
+    scene: _SceneOnly = _SceneOnly(objects=())
 
 
 class RecordBrief(BaseModel):
-    """Trial and outcome of a record, which a run compares without reading the columns."""
+    """Trial, assets and outcome of a record, which a run compares without reading the columns."""
 
     metadata: _TrialOnly
     outcome: Outcome

@@ -1,8 +1,9 @@
 """User files and plugins: tasks, assets and other items registered by a user's file or an installed package.
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
-inherit. Packages name a module under the entry point group ``betterbench.plugins``. A file in the folder of a run is
-never executed automatically, because it may be untrusted.
+inherit. A folder of imported assets (``--asset-dir``) is such a file too: its manifest is read, nothing is executed.
+Packages name a module under the entry point group ``betterbench.plugins``. A file in the folder of a run is never
+executed automatically, because it may be untrusted.
 """
 
 from __future__ import annotations
@@ -42,6 +43,9 @@ COMPANION_SUFFIX = ".demonstrations.json"
 COPIES = "task_files"
 """Folder within a run with a copy of each task file."""
 
+ASSET_MANIFEST = "asset-manifest.json"
+"""File in a folder of imported assets that lists them."""
+
 _MAX_SOURCE_BYTES = 64 << 20
 
 P = ParamSpec("P")
@@ -50,7 +54,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """User file as loaded. Workers get the same text even if the file changes meanwhile.
+    """User file as loaded: Python, or the manifest of a folder of assets.
+
+    Workers get the same text even if the file changes meanwhile.
 
     The path is absolute, on the machine that first loaded it. ``demonstrations`` is the text of its companion file, if
     there is one.
@@ -75,6 +81,34 @@ class TaskFile:
         except (InvalidInputError, ValueError) as error:
             problem = error.problem if isinstance(error, InvalidInputError) else "it is not UTF-8 text"
             raise InvalidInputError(f"--task-file {path}", problem, cure) from None
+
+    @classmethod
+    def read_folder(cls, folder: Path | str) -> TaskFile:
+        """Read the manifest of a folder of assets.
+
+        Raises:
+            InvalidInputError: If the folder does not exist, or holds no imported assets.
+        """
+        cure = "Name a folder that better assets import has written"
+        found = Path(os.path.realpath(folder))
+        where = f"--asset-dir {folder}"
+        if not found.is_dir():
+            raise InvalidInputError(where, "the folder does not exist", cure)
+        if not (found / ASSET_MANIFEST).is_file():
+            raise InvalidInputError(where, f"it has no {ASSET_MANIFEST}", cure)
+        return cls.read(found / ASSET_MANIFEST)
+
+    @property
+    def is_asset_folder(self) -> bool:
+        """Whether this is the manifest of a folder of assets."""
+        return Path(self.path).name == ASSET_MANIFEST
+
+    @property
+    def option(self) -> str:
+        """Option that loads the file, for messages."""
+        if self.is_asset_folder:
+            return f"--asset-dir {shell_word(str(Path(self.path).parent))}"
+        return f"--task-file {shell_word(self.path)}"
 
     @property
     def sha256(self) -> str:
@@ -175,17 +209,30 @@ def load_task_files(paths: Iterable[Path | str]) -> None:
     Raises:
         InvalidInputError: If a file is missing, raises an error or takes a name that exists.
     """
+    files: list[Path | str] = []
+    for path in paths:
+        if is_suite_folder(path):
+            suite = read_suite_folder(path)
+            _suites.update(dict.fromkeys(map(os.path.realpath, map(str, suite.files)), str(Path(path).absolute())))
+            files += suite.files
+        else:
+            files.append(path)
+    _load_read([TaskFile.read(file) for file in files])
+
+
+def load_asset_folders(folders: Iterable[Path | str]) -> None:
+    """Load folders of imported assets, each once, and pass their names on to child processes.
+
+    Raises:
+        InvalidInputError: If a folder is missing or holds no imported assets.
+    """
+    _load_read([TaskFile.read_folder(folder) for folder in folders])
+
+
+def _load_read(files: Iterable[TaskFile]) -> None:
     with _lock:
         load_declared()
-        files: list[Path | str] = []
-        for path in paths:
-            if is_suite_folder(path):
-                suite = read_suite_folder(path)
-                _suites.update(dict.fromkeys(map(os.path.realpath, map(str, suite.files)), str(Path(path).absolute())))
-                files += suite.files
-            else:
-                files.append(path)
-        load_sources([TaskFile.read(file) for file in files])
+        load_sources(files)
         if _files:
             os.environ[VARIABLE] = os.pathsep.join(_files)
 
@@ -199,6 +246,9 @@ def load_sources(files: Iterable[TaskFile]) -> None:
     with _lock:
         for file in files:
             if file.path in _files or file.sha256 in {f.sha256 for f in _files.values()}:
+                continue
+            if file.is_asset_folder:  # the registry of assets reads it when an asset is first looked up
+                _files[file.path] = file
                 continue
             with _registering(_Origin(file.path, file.path)):
                 READERS.get(Path(file.path).suffix.lower(), _execute)(file)
@@ -317,8 +367,11 @@ def options_for(tasks: Iterable[str]) -> str:
 
 def loading_options() -> str:
     """Return the options that load all files loaded in this process, with a leading space."""
-    named = dict.fromkeys(_suites.get(path, path) for path in _files)
-    return "".join(f" --task-file {shell_word(path)}" for path in named)
+    named = {_suites.get(file.path, file.path): file for file in _files.values()}
+    return "".join(
+        f" --task-file {shell_word(_suites[file.path])}" if file.path in _suites else f" {file.option}"
+        for file in named.values()
+    )
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
@@ -334,6 +387,11 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
     for name, sha256 in _pairs(plan, "task_files", "sha256"):
         if sha256 not in hashes:
             copy = run / COPIES / _copy_name(name, sha256)
+            if name == ASSET_MANIFEST:
+                raise RecordError(
+                    f"{run}: tasks of this run use a folder of assets (manifest sha256 {_safe(sha256)[:12]}) that is "
+                    "not loaded, or has changed: then give a new --out. Pass the folder with --asset-dir."
+                )
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "

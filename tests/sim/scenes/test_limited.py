@@ -16,6 +16,7 @@ import pytest
 from betterbench.errors import RecordError
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interface.state import NO_JITTER
+from betterbench.jobs import limited_process
 from betterbench.records.modalities.spec import ViewSpec
 from betterbench.sim.scenes import Scene, StoredView, limited, load_model
 from betterbench.sim.scenes.limited import LimitedView
@@ -90,7 +91,7 @@ def test_a_scene_that_ends_each_process_is_one_clear_line(how, said, monkeypatch
         started.append(command)
         return ordinary([sys.executable, "-c", CRASHING.format(how=how)], **options)
 
-    monkeypatch.setattr(limited.subprocess, "Popen", crashing)
+    monkeypatch.setattr(limited_process.subprocess, "Popen", crashing)
     with LimitedView(quality="fast", size=64) as view:
         with pytest.raises(RecordError, match=re.escape(said) + ".*damaged or forged"):
             view.open({"model.mjb": b"x"})
@@ -120,7 +121,7 @@ def test_each_answer_has_its_own_time_on_whatever_clock_the_kernel_counts(lag, m
     def working(command, **options):
         return ordinary([sys.executable, "-c", WORKING.format(lag=lag)], **options)
 
-    monkeypatch.setattr(limited.subprocess, "Popen", working)
+    monkeypatch.setattr(limited_process.subprocess, "Popen", working)
     with LimitedView(quality="fast", size=64) as view:
         first = view.process_id
         for _ in range(4):  # 1.2 s of processor time in all
@@ -191,7 +192,7 @@ def test_a_process_that_hangs_is_one_clear_line(scene, monkeypatch):
 
 def test_time_in_which_both_processes_were_stopped_does_not_count(scene, monkeypatch):
     """Ctrl-Z for an hour, in the midst of a wait: the clock has gone on and nothing has come, once it goes on."""
-    late, waits, real = [0.0], [], limited.select.select
+    late, waits, real = [0.0], [], limited_process.select.select
     clock = time.monotonic
 
     def select_after_an_hour(*given):
@@ -204,8 +205,8 @@ def test_time_in_which_both_processes_were_stopped_does_not_count(scene, monkeyp
     with LimitedView(quality="fast", size=64) as view:
         view.open(scene.files())
         expected = view.draw(scene.data.qpos, "front", jitter=NO_JITTER)
-        monkeypatch.setattr(limited.select, "select", select_after_an_hour)
-        monkeypatch.setattr(limited.time, "monotonic", lambda: clock() + late[0])
+        monkeypatch.setattr(limited_process.select, "select", select_after_an_hour)
+        monkeypatch.setattr(limited_process.time, "monotonic", lambda: clock() + late[0])
         for _ in range(3):
             np.testing.assert_array_equal(view.draw(scene.data.qpos, "front", jitter=NO_JITTER), expected)
     assert late[0] > 3600.0

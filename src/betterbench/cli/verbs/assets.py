@@ -1,4 +1,4 @@
-"""``better assets``: the catalogue of assets over several sources, and its search."""
+"""``better assets``: the catalogue of assets over several sources, its search, and the import of files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
     from betterbench.sim.assets.catalogue.sources import SourceOptions
 
-What = Literal["index", "search", "show", "licenses", "check"]
+What = Literal["index", "search", "show", "licenses", "import", "check"]
 
 
 def assets_command(
@@ -27,7 +27,14 @@ def assets_command(
     *,
     catalogue: Path | None = None,
     name: str | None = None,
+    kind: str | None = None,
+    color: str | None = None,
+    size_m: float | None = None,
+    mass_kg: float | None = None,
+    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto",
+    freeze: bool = False,
     license: str | None = None,  # noqa: A002 - the name of the option
+    any_license: bool = False,
     author: str | None = None,
     encoder: str = "minilm",
     limit: int = 10,
@@ -37,32 +44,38 @@ def assets_command(
     max_faces: int | None = None,
     max_size: float | None = None,
     min_size: float | None = None,
-    kind: str | None = None,
-    size_m: float | None = None,
-    mass_kg: float | None = None,
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
-    color: str | None = None,
     picture: Path | None = None,
+    workers: int = 1,
     out: Path | None = None,
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Index sources of assets, search them by words and meaning, show one, list their licenses, or check assets.
+    """Index sources of assets, search them by words and meaning, show one, list licenses, import or check assets.
 
     index reads sources into the catalogue: procedural (our generators, the default), a folder of meshes, objaverse.
     search takes a description, show the id of an asset. Assets whose license forbids commercial use or changes, or is
-    not known, are left out unless --license any is given. check certifies mesh files, folders of them and registered
-    assets, and exits with status 1 if one fails.
+    not known, are left out unless --license any is given. import makes assets of GLB, glTF, OBJ, STL, PLY, URDF and
+    MJCF files, or of ids of the catalogue, in the folder --out, which --asset-dir of other verbs loads. check certifies
+    files, folders of them and registered assets, and exits with status 1 if one fails.
 
     Example: better assets search "a shiny red apple" --out sheet.png
 
     Args:
-        what: index, search, show, licenses or check.
-        given: Sources to index, the description to search, the id to show, or the files, folders and assets to check.
+        what: index, search, show, licenses, import or check.
+        given: Sources to index, the description to search, the id to show, the files and ids to import, or the files,
+            folders and assets to check.
         catalogue: Folder of the catalogue; in the user's cache if not given.
-        name: With index: name of the source in the catalogue.
-        license: With index and check: license of files that name none. With search: free (the default) or any.
-        author: With index: author of files that name none.
+        name: With index: name of the source in the catalogue. With import: name of the one asset in tasks.
+        kind: With import and check: name or description that tells its kind, as "coffee mug"; by the file name if not
+            given.
+        color: With import and check: word for its color; that of most of its surface if not given.
+        size_m: With import and check: longest side in meters; by its format and kind if not given.
+        mass_kg: With import and check: mass in kilograms; as the file states or by its kind if not given.
+        up: With import and check: axis of the file that points up, as --up=-z; auto decides by format and kind.
+        freeze: With import and check: fix the movable joints of a URDF or MJCF file, which are refused otherwise.
+        license: With index, import and check: license of files that name none. With search: free (the default) or any.
+        any_license: With import: also import what forbids commercial use or changes, or whose license is not known.
+        author: With index and import: author of files that name none.
         encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words alone.
         limit: Most assets to list.
         num: Number of assets to choose for one description, which differ in shape and color.
@@ -71,23 +84,36 @@ def assets_command(
         max_faces: Most triangles of an asset.
         max_size: Largest extent of an asset in meters.
         min_size: Least extent of the largest side in meters.
-        kind: With check: name or description that tells its kind, as "coffee mug"; by the file name if not given.
-        size_m: With check: longest side in meters; by its format and kind if not given.
-        mass_kg: With check: mass in kilograms; by its kind if not given.
-        up: With check: axis of the file that points up.
-        color: With check: color word.
         picture: With check: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.
-        out: PNG or JPEG file for a sheet of pictures with scores and licenses. With check: folder that keeps the
-            certificates; the same command goes on with those that are left.
-        overwrite: Replace a file that better assets did not write.
+        workers: With import: number of files imported at once.
+        out: PNG or JPEG file for a sheet of pictures with scores and licenses. With import: folder of the assets. With
+            check: folder that keeps the certificates; the same command goes on with those that are left.
+        overwrite: Replace files that better assets did not write.
         json: Print one JSON document instead of a table.
     """
     folder = catalogue or _usual_folder()
     if what == "index":
         from betterbench.sim.assets.catalogue.sources import SourceOptions
 
-        options = SourceOptions(name=name or "", license=license or "", author=author or "")
-        _index(folder, given, options, encoder=encoder, json=json)
+        source_options = SourceOptions(name=name or "", license=license or "", author=author or "")
+        _index(folder, given, source_options, encoder=encoder, json=json)
+        return
+    if what == "import":
+        from betterbench.cli.verbs.asset_import import ImportOptions, import_command
+
+        options = ImportOptions(
+            name=name,
+            kind=kind,
+            color=color,
+            size_m=size_m,
+            mass_kg=mass_kg,
+            up=None if up == "auto" else up,
+            freeze=freeze,
+            license=license,
+            any_license=any_license,
+            author=author,
+        )
+        import_command(folder, given, options, out=out, workers=workers, overwrite=overwrite, json=json)
         return
     from betterbench.sim.assets.catalogue.encoders import open_encoder
     from betterbench.sim.assets.catalogue.search import Catalogue, Filters
@@ -96,7 +122,8 @@ def assets_command(
         from betterbench.cli.verbs.asset_check import check_assets
         from betterbench.sim.assets.importing.importer import Wishes
 
-        wishes = Wishes(kind, size_m, mass_kg, up, license or "unknown", None)
+        axis = None if up == "auto" else up
+        wishes = Wishes(kind, size_m, mass_kg, axis, license or "unknown", freeze=freeze)
         check_assets(given, wishes, color=color, out=out, picture=picture, overwrite=overwrite, json=json)
         return
     if license not in (None, "free", "any"):
@@ -249,7 +276,7 @@ def _show(opened: Catalogue, given: Sequence[str], out: Path | None, *, overwrit
 
 def _licenses(opened: Catalogue, given: Sequence[str], *, json: bool) -> None:
     """Print how many assets of each source have which license."""
-    from betterbench.sim.assets.catalogue.entry import license_kind
+    from betterbench.sim.assets.licenses import license_kind
 
     if given:
         raise InvalidInputError("assets licenses", f"{given[0]!r} is one word too many", "Leave it out")

@@ -31,7 +31,7 @@ def show_command(
         overwrite: Replace a file that better show did not write.
     """
     from betterbench.evaluation import show_comparison, show_training
-    from betterbench.evaluation.figures.show import image_file
+    from betterbench.evaluation.figures.show import image_file, shown_credits
     from betterbench.jobs import write_durably
     from betterbench.jobs.outputs import OutputFile, mark_of
 
@@ -40,5 +40,8 @@ def show_command(
     task, _, name = what.partition("/")
     with OutputFile(out, "show", overwrite=overwrite):
         image = show_comparison(task, name, seed=seed, size=size) if name else show_training(task, seed=seed, size=size)
-        write_durably(out, image_file(image, out.suffix, remark=mark_of("show")))
+        lines = shown_credits(task, name or None)
+        write_durably(out, image_file(image, out.suffix, remark="\n".join([mark_of("show"), *lines])))
     say(f"wrote {out}", whole=True)
+    for line in lines:
+        say(f"assets: {line}")

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from betterbench.interface.actions import EE_DELTA
+from betterbench.records.credits import credit_lines
+from betterbench.sim.assets import build
+from betterbench.sim.assets.asset import origin_of
 from betterbench.sim.scenes import Renderer, Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, get_task
@@ -78,6 +82,24 @@ def show_training(task_id: str, *, seed: int = 0, size: int = 512) -> Image.Imag
     task = get_task(task_id)
     panels = [(c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size)) for c in task.training]
     return _side_by_side(f"{task.title} · training distribution", *panels)
+
+
+def shown_credits(task_id: str, name: str | None) -> tuple[str, ...]:
+    """Return one line for each source of the objects in the scenes of a variation, or of all training conditions."""
+    task = get_task(task_id)
+    conditions = task.training
+    if name is not None:
+        conditions = (task.train(task.variation(name).base), resolve_condition(task_id, name).condition)
+    specs = {(o.category, o.color) for condition in conditions for o in condition.objects}
+    assets = [build(category, color=color) for category, color in sorted(specs, key=str)]
+    return credit_lines([_Credited(a.identity, *origin_of(a)) for a in assets])
+
+
+@dataclass(frozen=True, slots=True)
+class _Credited:
+    asset: str
+    source: str
+    license: str
 
 
 def _outline(rgb: np.ndarray, mask: np.ndarray, width: int) -> np.ndarray:

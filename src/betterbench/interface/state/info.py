@@ -44,6 +44,8 @@ class ObjectInfo:
         role: "item", "distractor", "container" or "fixture".
         size_m: Extents of the bounding box in the object frame [m]; the origin is the center of its bottom face.
         slot: Name of the object's start slot, or None.
+        source: Origin of the asset, with its author; empty for the procedural library.
+        license: License of the asset, empty in the same case.
     """
 
     name: str
@@ -58,6 +60,8 @@ class ObjectInfo:
     size_m: Vector
     regions: tuple[Region, ...] = ()
     slot: str | None = None
+    source: str = ""
+    license: str = ""
 
     def region(self, name: str) -> Region:
         """Return a region by name. Raises UnknownNameError if it does not exist."""
@@ -131,6 +135,9 @@ class SceneInfo:
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
         objects = [{**_form(o), "regions": [_form(region) for region in o.regions]} for o in self.objects]
+        for form in objects:
+            if not form["source"]:  # of the procedural library
+                del form["source"], form["license"]
         form = {**_form(self), "objects": objects, "slots": [_form(slot) for slot in self.slots]}
         del form["_index"]
         return form

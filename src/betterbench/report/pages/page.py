@@ -112,13 +112,15 @@ def write_report(
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
     knowledge: Sequence[Knowledge] = (),
+    assets: Sequence[str] = (),
 ) -> Path:
     """Write the report of one policy, or of several side by side, and return the path of ``index.html``.
 
     The page needs no network and no other file. The same tables are written next to it as ``tables/NAME.csv`` and
     optionally ``tables/NAME.tex``, and the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
     ``films`` defaults to the films of ``media``. ``machine`` and ``trust`` are texts by name ("processor",
-    "Calibration"). ``knowledge`` contains answers of models to questions on the same trials.
+    "Calibration"). ``knowledge`` contains answers of models to questions on the same trials, ``assets`` the sources and
+    licenses of the objects.
 
     Raises:
         InvalidInputError: If no diagnosis is given, two have the same policy, or a film does not belong to a trial.
@@ -136,7 +138,7 @@ def write_report(
     charts = _shown_charts(charts_of([d.even() for d in diagnoses]))
     page = render_page(
         diagnoses, exports, charts, films=shown, media=media, latex=latex, machine=machine, trust=trust,
-        knowledge=knowledge,
+        knowledge=knowledge, assets=assets,
     )  # fmt: skip
     folder, figures = out / "tables", out / "figures"
     for shown_chart in charts:
@@ -159,6 +161,7 @@ def render_page(
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
     knowledge: Sequence[Knowledge] = (),
+    assets: Sequence[str] = (),
 ) -> str:
     """Return the page as HTML, with tables to download, including LaTeX if ``latex`` is set."""
     pages = environment()
@@ -187,6 +190,7 @@ def render_page(
         openings=[_opening(headline, films) if len(diagnoses) > 1 else None for headline in headlines],
         training=(_training_title(headlines), _training_note(diagnoses, headlines)),
         trust=dict(trust or {}),
+        assets=assets,
         knowledge=[knowledge_view(known) for known in knowledge],
         matrices=matrices,
         unfilled=unfilled,

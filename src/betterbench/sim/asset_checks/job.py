@@ -16,9 +16,12 @@ from betterbench.sim.asset_checks.result import SCHEMA_VERSION, AssetCertificate
 from betterbench.sim.assets import Asset, build
 from betterbench.sim.assets.authoring.registry import asset_of
 from betterbench.sim.assets.importing.child import VERSION, import_safely
-from betterbench.sim.assets.importing.importer import GENERIC_STEMS, Wishes
+from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.kinds import kind_of
-from betterbench.sim.assets.importing.mesh_file import FORMATS, MAX_FILE_BYTES
+from betterbench.sim.assets.importing.mesh_file import FORMATS as MESH_FORMATS
+from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES
+from betterbench.sim.assets.importing.object_file import FORMATS
+from betterbench.sim.assets.names import named_by
 
 OnCertificate = Callable[[JobProgress[tuple[str, AssetCertificate]]], None]
 
@@ -77,9 +80,11 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
     for text in given:
         path = Path(text).expanduser()
         if path.is_dir():
-            files = sorted(f for f in path.rglob("*") if f.suffix.lower() in FORMATS and f.is_file())
+            files = sorted(f for f in path.rglob("*") if f.suffix.lower() in MESH_FORMATS and f.is_file())
             if not files:
-                raise InvalidInputError(text, "this folder has no mesh file", f"Give files of {', '.join(FORMATS)}")
+                raise InvalidInputError(
+                    text, "this folder has no mesh file", f"Give files of {', '.join(MESH_FORMATS)}"
+                )
             found += [Target(str(file.relative_to(path)), file, wishes, color) for file in files]
         elif path.is_file() or path.suffix.lower() in FORMATS:
             found.append(Target(_name_of(path), path, wishes, color))
@@ -93,7 +98,8 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
 
 def _name_of(path: Path) -> str:
     """Return the name of a file for people; scans are often called "textured.obj" in a folder with their name."""
-    return f"{path.parent.name}/{path.name}" if path.stem.lower() in GENERIC_STEMS else path.name
+    place, stem = named_by(path.absolute(), Path(path.absolute().anchor))
+    return path.name if stem is not None else f"{place.name}/{path.name}"
 
 
 def _registered(text: str, wishes: Wishes, color: str | None) -> Target:

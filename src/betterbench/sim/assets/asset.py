@@ -11,6 +11,10 @@ from betterbench.errors import find_named
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 from betterbench.interface.state import Region
 
+LIBRARY_SOURCE = "betterbench procedural library"
+LIBRARY_LICENSE = "Apache-2.0"
+"""License of the project, and so of what its generators make."""
+
 CollisionShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
 
 
@@ -130,8 +134,8 @@ class Asset:
     collision: tuple[CollisionPart, ...]
     grasps: tuple[Grasp, ...] = ()
     regions: tuple[Region, ...] = ()
-    source: str = "betterbench procedural library"
-    license: str = "Apache-2.0"
+    source: str = LIBRARY_SOURCE
+    license: str = LIBRARY_LICENSE
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
@@ -177,3 +181,8 @@ class Asset:
             if shape.vertices is not None:
                 digest.update(shape.vertices.tobytes())
         return digest.hexdigest()[:16]
+
+
+def origin_of(asset: Asset) -> tuple[str, str]:
+    """Return source and license of an asset as records list them: empty texts for the procedural library."""
+    return ("", "") if asset.source == LIBRARY_SOURCE else (asset.source, asset.license)

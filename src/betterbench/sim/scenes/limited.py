@@ -10,29 +10,27 @@ a process ended is therefore repeated once in a new process; it is refused only 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
-import os
-import resource
-import select
-import signal
-import struct
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, BinaryIO, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, TypeAdapter
 
-from betterbench.errors import BetterError, MissingDependencyError, RecordError, one_line
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.geometry import Vector
 from betterbench.interface.state import ViewJitter
+from betterbench.jobs.limited_process import (
+    LONGEST_REASON,
+    LimitedProcess,
+    LimitedProcessError,
+    ProcessEndedError,
+    ProcessLateError,
+    RefusedError,
+    answer_requests,
+)
 from betterbench.json_form import read_form, strict_form
 from betterbench.records import Record, RunFolder
 from betterbench.records.modalities.spec import ViewSpec
@@ -50,18 +48,7 @@ REQUEST_CPU_S = 60.0
 REQUEST_S = 900.0
 """Maximum wall-clock time of the same [s], including the start of the process: much more, for busy machines."""
 
-_PIXELS, _BROKEN, _MISSING = range(3)
-_QUESTION = struct.Struct("!QQ")
-_HEADER = struct.Struct("!BQ")
 _JITTER = TypeAdapter(ViewJitter)
-_LONGEST_REASON = 2000
-_SLICE_S = 10.0
-"""Longest slice of a wait [s]."""
-_ENDS_WITHIN_S = 5.0
-"""Time for a process to end after it has closed its pipe [s]."""
-_BLOCK = 1 << 16
-_PIPE_BYTES = 1 << 20
-"""Size of the pipe for images, the largest that Linux allows without privileges [byte]."""
 _MOST_FACTS_BYTES = 1 << 22
 
 _AnswerT = TypeVar("_AnswerT")
@@ -88,32 +75,6 @@ class _EndedError(RecordError):
     """The process has ended without a request to end."""
 
 
-@dataclass(slots=True)
-class _Patience:
-    """Remaining time to wait for a process [s].
-
-    It waits in slices, and a slice counts no more than its nominal duration: Ctrl-Z stops both processes for any time
-    while the clock continues.
-
-    It is waited for in slices, and a slice counts no more than it should have taken: with Ctrl-Z both processes stop,
-    for as long as somebody likes, and the clock goes on.
-    """
-
-    left_s: float
-
-    def lasts_until_ready(self, pipe: BinaryIO, *, to_write: bool) -> bool:
-        """Wait until a pipe can be written or read; False if no time is left."""
-        pipes: list[BinaryIO] = [pipe]
-        while True:
-            slice_s, began = min(_SLICE_S, max(0.0, self.left_s)), time.monotonic()
-            ready = select.select([] if to_write else pipes, pipes if to_write else [], [], slice_s)
-            self.left_s -= min(slice_s, time.monotonic() - began)
-            if ready[0] or ready[1]:
-                return True
-            if self.left_s <= 0.0:
-                return False
-
-
 class LimitedView:
     """Renderer of recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
@@ -123,7 +84,7 @@ class LimitedView:
         GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
         """
         self._quality, self._size = quality, size
-        self._told_to_end = self._is_closed = False
+        self._told_to_end = False
         self._types: list[np.dtype[np.void]] = []
         self._opened: tuple[str, str] | None = None
         self._files: Mapping[str, bytes] | None = None
@@ -131,21 +92,15 @@ class LimitedView:
         self._start()
 
     def _start(self) -> None:
-        paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
-        self._process = subprocess.Popen(  # noqa: S603 - our own module
-            [sys.executable, "-m", __name__, self._quality, str(self._size)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            cwd=tempfile.gettempdir(),  # a folder where MuJoCo may write its log
-            env={**os.environ, "PYTHONPATH": paths, **next_device_variables()},
+        self._process = LimitedProcess(
+            f"{__name__}:draw_for_parent",
+            self._quality,
+            self._size,
+            cpu_s=REQUEST_CPU_S,
+            environment=next_device_variables(),
         )
-        os.set_blocking(_opened(self._process.stdin).fileno(), False)
-        with contextlib.suppress(OSError):  # the size may exceed the user's limit
-            fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-        self._is_closed = False
         if self._told_to_end:  # another thread has called stop() meanwhile
-            self._process.kill()
+            self._process.stop()
 
     def __enter__(self) -> Self:
         return self
@@ -243,8 +198,6 @@ class LimitedView:
         Rows are rendered ahead, up to the size of the pipe. Consume all of them, or close the view. Raises the errors
         of :meth:`open`.
 
-        Rows are drawn ahead, as far as the pipe holds them. Read all of them, or close the view. Raises what
-        :meth:`open` raises.
         """
         drawn, failed_at = 0, -1
         while True:
@@ -266,7 +219,7 @@ class LimitedView:
         for _ in range(len(qpos)):
             row = []
             for kind in self._types:
-                answer = self._receive(max(kind.itemsize, 4 * _LONGEST_REASON))
+                answer = self._receive(max(kind.itemsize, 4 * LONGEST_REASON))
                 if len(answer) != kind.itemsize:
                     raise self._refused("it returned an image of another size")
                 row.append(np.frombuffer(answer, kind)[0])
@@ -285,71 +238,45 @@ class LimitedView:
     @property
     def is_closed(self) -> bool:
         """Whether the process has ended, or was asked to end."""
-        return self._is_closed or self._told_to_end or self._process.poll() is not None
+        return self._process.is_closed
 
     def stop(self) -> None:
         """End the process from another thread; a waiting thread then gets a RecordError."""
         self._told_to_end = True
-        self._process.kill()
+        self._process.stop()
 
     def close(self) -> None:
         """End the process."""
-        self._is_closed = True
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
+        self._process.close()
 
     def _ask(self, request: Mapping[str, object], data: bytes, *, most: int = 0) -> bytes | bytearray:
         self._send(request, data)
-        return self._receive(max(3 * self._size**2, 4 * _LONGEST_REASON, len(data), most))
+        return self._receive(max(3 * self._size**2, 4 * LONGEST_REASON, len(data), most))
 
     def _send(self, request: Mapping[str, object], data: bytes) -> None:
-        text = json.dumps(request).encode()
-        try:
-            self._write(_QUESTION.pack(len(text), len(data)) + text + data)
-        except (OSError, EOFError):
-            raise self._ended() from None
+        with self._told_plainly():
+            self._process.send(request, data, within_s=REQUEST_S)
 
     def _receive(self, most: int) -> bytes | bytearray:
         """Return an answer of at most ``most`` bytes; raise the error that it describes, if any."""
+        with self._told_plainly():
+            return self._process.receive(most=most, within_s=REQUEST_S)
+
+    @contextlib.contextmanager
+    def _told_plainly(self) -> Iterator[None]:
+        """Turn the errors of the process into those of a stored scene."""
         try:
-            patience = _Patience(REQUEST_S)
-            kind, size = _HEADER.unpack(self._read(_HEADER.size, patience))
-            if size > most:
-                raise self._refused("its answer is too long")
-            answer = self._read(size, patience)
-        except (OSError, EOFError):
-            raise self._ended() from None
-        if kind == _PIXELS:
-            return answer
-        reason = one_line(answer.decode("utf-8", "replace"), most=_LONGEST_REASON)
-        raise (MissingDependencyError if kind == _MISSING else RecordError)(reason)
-
-    def _write(self, data: bytes) -> None:
-        pipe, left, patience = _opened(self._process.stdin), memoryview(data), _Patience(REQUEST_S)
-        while left:
-            self._wait(patience, to_write=True)
-            left = left[os.write(pipe.fileno(), left[:_BLOCK]) :]
-
-    def _wait(self, patience: _Patience, *, to_write: bool) -> None:
-        """Wait until the pipe can be written or read."""
-        pipe = _opened(self._process.stdin if to_write else self._process.stdout)
-        if not patience.lasts_until_ready(pipe, to_write=to_write):
-            raise self._refused(f"it did not answer within {REQUEST_S:g} s", "The machine is too busy, or its file")
-
-    def _read(self, count: int, patience: _Patience) -> bytearray:
-        pipe, answer = _opened(self._process.stdout), bytearray(count)
-        left = memoryview(answer)
-        while left:
-            self._wait(patience, to_write=False)
-            got = os.readv(pipe.fileno(), [left])
-            if not got:
-                raise EOFError
-            left = left[got:]
-        return answer
+            yield
+        except RefusedError as problem:
+            raise RecordError(str(problem)) from None
+        except InvalidInputError as problem:
+            raise RecordError(str(problem)) from None
+        except ProcessEndedError as problem:
+            raise _EndedError(str(self._refused(str(problem)))) from None
+        except ProcessLateError as problem:
+            raise self._refused(str(problem), "The machine is too busy, or its file") from None
+        except LimitedProcessError as problem:
+            raise self._refused(str(problem)) from None
 
     def _at_most_twice(self, ask: Callable[[], _AnswerT]) -> _AnswerT:
         """Return an answer, from a new process if the first one ends during the request."""
@@ -368,35 +295,11 @@ class LimitedView:
             views, modalities, gripper = self._prepared[0]
             self._prepare(views, modalities, gripper=gripper)
 
-    def _ended(self) -> RecordError:
-        """Return the error for an ended process: it can be restarted, unless it was asked to end."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_ENDS_WITHIN_S)
-        problem = self._refused(_end_in_words(self._process.returncode))
-        return problem if self._told_to_end else _EndedError(str(problem))
-
     def _refused(self, what: str, whose: str = "Its file") -> RecordError:
         self.close()
         return RecordError(
             f"stored scene: {what}. {whose} is damaged or forged; run the trial again to store it, or leave films out."
         )
-
-
-def _end_in_words(status: int | None) -> str:
-    """Return a description of a process's exit status; a negative one is a signal."""
-    if status is None or status >= 0:
-        return f"its process ended (exit status {status})"
-    if -status == signal.SIGPROF:
-        return f"its process took more than {REQUEST_CPU_S:g} s of processor time"
-    if -status == signal.SIGKILL:
-        return "its process was killed, perhaps because memory ran out"
-    return f"its process crashed ({signal.Signals(-status).name})"
-
-
-def _opened(pipe: object) -> BinaryIO:
-    if pipe is None:
-        raise EOFError
-    return pipe  # type: ignore[return-value]
 
 
 class _Drawer:
@@ -461,45 +364,14 @@ class _Drawer:
         self._model = self._view = self._sights = None
 
 
-def draw_for_parent(quality: str, size: int) -> None:
+def draw_for_parent(quality: str, size: int | str) -> None:
     """Answer requests from standard input on standard output until the input ends: the main function."""
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # other output must not mix with the answers
-    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)  # independent of the parent's handler
-    drawer = _Drawer(quality, size)
-    asked = sys.stdin.buffer
-    while header := asked.read(_QUESTION.size):
-        text, data = (asked.read(size) for size in _QUESTION.unpack(header))
-        reason, kind = "", _BROKEN
-        try:
-            _limit_time()
-            for answer in drawer.answers(json.loads(text), data):
-                answers.write(_HEADER.pack(_PIXELS, len(answer)))
-                answers.write(answer)
-                answers.flush()
-                _limit_time()
-        except MissingDependencyError as problem:
-            reason, kind = str(problem), _MISSING
-        except BetterError as problem:
-            reason = str(problem)
-        except Exception as problem:  # noqa: BLE001 - whatever a forged scene breaks is told to the parent
-            reason = f"stored scene: it cannot be rendered ({type(problem).__name__}: {problem})"
-        if reason:
-            said = reason.encode()[:_LONGEST_REASON]
-            answers.write(_HEADER.pack(kind, len(said)) + said)
-            answers.flush()
+    drawer = _Drawer(quality, int(size))
+    answer_requests(drawer.answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=REQUEST_CPU_S, unexpected=_unexpected)
 
 
-def _limit_time() -> None:
-    """Set the processor time limit for the next answer; SIGPROF ends this process when it is used up.
-
-    RLIMIT_CPU, a limit on the total processor time, cannot be advanced exactly: the kernel compares it with ticks,
-    which for a rendering process are up to 6 % more than :func:`time.process_time`, a minute after a quarter of an
-    hour.
-    """
-    signal.setitimer(signal.ITIMER_PROF, REQUEST_CPU_S)
+def _unexpected(problem: Exception) -> str:
+    return f"stored scene: it cannot be rendered ({type(problem).__name__}: {problem})"
 
 
 def _jitter_of(request: Mapping[str, Any]) -> ViewJitter:
@@ -520,7 +392,3 @@ def _pixels(view: StoredView, qpos: np.ndarray, camera: str, jitter: ViewJitter)
     if rgb is None:
         raise AssertionError("colors were requested")
     return np.ascontiguousarray(rgb).tobytes()
-
-
-if __name__ == "__main__":
-    draw_for_parent(sys.argv[1], int(sys.argv[2]))

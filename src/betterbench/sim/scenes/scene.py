@@ -16,6 +16,7 @@ from betterbench.geometry import Pose, distance, unit_quaternion
 from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
+from betterbench.sim.assets.asset import origin_of
 from betterbench.sim.robots import ArmController
 from betterbench.sim.robots.control import ControllerState
 from betterbench.sim.robots.physics import PHYSICS
@@ -365,6 +366,7 @@ class Scene:
 
 def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
     spec, asset = placement.spec, placement.asset
+    source, license_name = origin_of(asset)
     return ObjectInfo(
         name=spec.name,
         kind=spec.kind,
@@ -378,4 +380,6 @@ def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
         size_m=asset.size_m,
         regions=asset.regions,
         slot=slot,
+        source=source,
+        license=license_name,
     )

@@ -10,11 +10,12 @@ import struct
 import pytest
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
-from betterbench.sim.assets.catalogue.entry import license_kind, license_name
 from betterbench.sim.assets.catalogue.sources import SOURCES, SourceOptions, open_source
 from betterbench.sim.assets.catalogue.sources.mesh_facts import mesh_facts
 from betterbench.sim.assets.catalogue.sources.procedural import asset_address
-from betterbench.sim.assets.catalogue.terms import spoken, terms
+from betterbench.sim.assets.catalogue.terms import terms
+from betterbench.sim.assets.licenses import license_kind, license_name
+from betterbench.sim.assets.names import words_of
 
 CUBE_OBJ = "".join(f"v {x} {y} {z}\n" for x in (0, 0.2) for y in (0, 0.1) for z in (0, 0.3)) + "f 1 2 3 4\nf 5 6 7\n"
 
@@ -71,10 +72,10 @@ def test_licenses_have_one_name_and_a_kind(said, name, kind):
 
 
 def test_names_of_files_are_said_as_people_say_them():
-    assert spoken("burgerCheeseDouble") == "burger cheese double"
-    assert spoken("025_mug") == "mug"
-    assert spoken("065-a_cups") == "cups"
-    assert spoken("1234") == "1234"
+    assert " ".join(words_of("burgerCheeseDouble")) == "burger cheese double"
+    assert " ".join(words_of("025_mug")) == "mug"
+    assert " ".join(words_of("065-a_cups")) == "cups"
+    assert " ".join(words_of("1234")) == "1234"
 
 
 def test_terms_are_singular_and_without_accents():

@@ -9,7 +9,7 @@ import numpy as np
 
 from betterbench.geometry import Pose, Vector, multiply, normalize
 from betterbench.interface.state import Region
-from betterbench.sim.assets.asset import CollisionPart, Grasp, Texture, VisualPart
+from betterbench.sim.assets.asset import LIBRARY_LICENSE, LIBRARY_SOURCE, CollisionPart, Grasp, Texture, VisualPart
 from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.authoring.mesh import Mesh, box, mapped
 from betterbench.sim.assets.authoring.paint import Canvas, Rgb
@@ -54,8 +54,8 @@ class Draft:
     regions: tuple[Region, ...] = ()
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     body: MassProperties | None = None
-    source: str = "betterbench procedural library"
-    license: str = "Apache-2.0"
+    source: str = LIBRARY_SOURCE
+    license: str = LIBRARY_LICENSE
 
 
 def part(
@@ -76,16 +76,16 @@ def part(
     mesh = mesh if view is None else mapped(mesh, *view)
     color, texture = (1.0, 1.0, 1.0), None
     if isinstance(paint, Canvas):
-        texture = Texture(_frozen(paint.pixels()), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
+        texture = Texture(frozen(paint.pixels()), frozen(np.round(mesh.uv, 6).astype(np.float32)))
     else:
         color = paint
     r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in color)
-    vertices = _frozen((np.round(mesh.vertices, 7) + 0.0).astype(np.float32))
-    faces = _frozen(mesh.faces.astype(np.int32))
+    vertices = frozen((np.round(mesh.vertices, 7) + 0.0).astype(np.float32))
+    faces = frozen(mesh.faces.astype(np.int32))
     return VisualPart(name, vertices, faces, (r, g, b, opacity), specular, shininess, texture)
 
 
-def _frozen(array: np.ndarray) -> np.ndarray:
+def frozen(array: np.ndarray) -> np.ndarray:
     """Return a contiguous, read-only array: assets are cached and shared."""
     array = np.ascontiguousarray(array)
     array.setflags(write=False)

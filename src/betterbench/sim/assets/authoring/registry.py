@@ -13,7 +13,7 @@ from betterbench.sim.assets.asset import Asset, CollisionPart, VisualPart
 from betterbench.sim.assets.authoring.draft import Draft
 from betterbench.sim.assets.authoring.mass import mass_properties
 from betterbench.sim.assets.authoring.solids import surfaced
-from betterbench.tasks.user_files import load_declared, registered
+from betterbench.tasks.user_files import TaskFile, load_declared, loaded_files, registered
 
 Generator = Callable[[np.random.Generator, str], Draft]
 
@@ -30,6 +30,23 @@ class _Entry:
 
 
 _REGISTER: dict[str, _Entry] = {}
+_FOLDER_READERS: list[Callable[[TaskFile], None]] = []
+_folders_read: set[str] = set()
+
+
+def read_folders_with(reader: Callable[[TaskFile], None]) -> None:
+    """Let a function register the assets of each loaded folder, which is given by its manifest."""
+    _FOLDER_READERS.append(reader)
+
+
+def _load_declared() -> None:
+    """Load what the user has declared: plugins, task files and folders of assets."""
+    load_declared()
+    for file in loaded_files():
+        if file.is_asset_folder and file.path not in _folders_read:
+            for reader in _FOLDER_READERS:
+                reader(file)
+            _folders_read.add(file.path)
 
 
 def generator(
@@ -93,13 +110,13 @@ def generator_of(category: str) -> Generator:
 
 def categories() -> tuple[str, ...]:
     """Return the names of all categories, sorted."""
-    load_declared()
+    _load_declared()
     return tuple(sorted(_REGISTER))
 
 
 def _entry(category: str) -> _Entry:
     """Look a category up."""
-    load_declared()
+    _load_declared()
     if category not in _REGISTER:
         raise UnknownNameError("asset category", category, _REGISTER)
     return _REGISTER[category]

@@ -17,10 +17,11 @@ from betterbench.jobs.durable import on_disk, remove_parts
 from betterbench.jobs.lock import LOCK_NAME, RunLock
 from betterbench.jobs.places import open_in_place
 from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
-from betterbench.sim.assets.catalogue.entry import CatalogueEntry, license_kind
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.sources.source import AssetSource
 from betterbench.sim.assets.catalogue.store import FILE, Store
 from betterbench.sim.assets.catalogue.vectors import FILES, VectorIndex, columns_of, quantized, write_vectors
+from betterbench.sim.assets.licenses import license_kind
 
 LICENSE_KINDS = ("free", "restricted", "unknown")
 """Kinds of licenses by the number that the columns hold."""

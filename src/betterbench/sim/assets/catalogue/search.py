@@ -13,11 +13,12 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
-from betterbench.sim.assets.catalogue.entry import CatalogueEntry, LicenseFilter, license_kind
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import Concept, Expander, Query, understood
 from betterbench.sim.assets.catalogue.indexing import LICENSE_KINDS
 from betterbench.sim.assets.catalogue.store import Store
 from betterbench.sim.assets.catalogue.vectors import VectorIndex
+from betterbench.sim.assets.licenses import LicenseFilter, license_kind
 
 LONGEST_QUERY = 1_000
 """Most characters of a query."""

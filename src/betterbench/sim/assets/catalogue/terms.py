@@ -55,11 +55,3 @@ def singular(word: str) -> str:
     if word.endswith(("ches", "shes", "sses", "xes", "zes")):
         return word[:-2]
     return word[:-1]
-
-
-def spoken(stem: str) -> str:
-    """Return a file name as people would say it: "burgerCheeseDouble" as "burger cheese double", "025_mug" as "mug"."""
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", stem)
-    words = [word for word in _WORD.findall(apart) if not any(c.isdigit() for c in word) and len(word) <= LONGEST_TERM]
-    kept = [word.lower() for word in words if len(word) > 1] or [word.lower() for word in _WORD.findall(apart)]
-    return " ".join(kept)

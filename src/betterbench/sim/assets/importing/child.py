@@ -7,35 +7,56 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import resource
-import subprocess
-import sys
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, Literal
 
 import platformdirs
+from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, MissingDependencyError, last_line, one_line
+from betterbench.errors import InvalidInputError, described, one_line
 from betterbench.jobs.durable import write_durably
-from betterbench.json_form import read_bounded
+from betterbench.jobs.limited_process import LimitedProcess, LimitedProcessError, RefusedError, answer_requests
+from betterbench.json_form import dump_json, file_digest, open_ordinary, read_bounded, read_form
 from betterbench.sim.assets.importing.importer import Imported, Wishes, import_mesh
-from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES
+from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderResolver
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
-VERSION = 3
+VERSION = 4
 """Raised when the same file would become another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
-MAX_CPU_S = 120
+MAX_CPU_S = 120.0
 MAX_S = 900.0
 """Longest time of an import [s]; much more than the processor time, because a busy machine is slow."""
 
-_MOST_STORED_BYTES = 64 << 20
-_BROKEN, _MISSING = 3, 4
+MOST_STORED_BYTES = 64 << 20
+"""Largest file of an imported object."""
+_MOST_NOTE_BYTES = 1 << 20
+_FILES = TypeAdapter(dict[Literal["files"], dict[str, str]])
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """An imported object as bytes.
+
+    Attributes:
+        data: Its bytes, as :func:`~betterbench.sim.assets.importing.stored.to_bytes` makes them.
+        files: SHA-256 of each file that was read, by its path in the folder of the first one.
+    """
+
+    data: bytes
+    files: Mapping[str, str]
 
 
 def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B008 - frozen
-    """Make an asset of a mesh file in a limited process, or take it from the cache of the user.
+    """Make an asset of the object in a file; see :func:`import_bytes`."""
+    return from_bytes(import_bytes(path, wishes).data, one_line(path.name, most=120))
+
+
+def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 - frozen
+    """Make an asset of the object in a file in a limited process, or take it from the cache of the user.
 
     Raises:
         InvalidInputError: If the file cannot be read, no object of a table can be made of it, or it takes more memory
@@ -43,78 +64,97 @@ def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B
         MissingDependencyError: If a package that its format needs is not installed.
     """
     where = one_line(path.name, most=120)
-    data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor")
-    file = cache_folder() / f"{_key(path, data, wishes)}.npz"
-    if file.is_file():
-        try:
-            return from_bytes(read_bounded(file, max_bytes=_MOST_STORED_BYTES, cure="Delete it"), where)
-        except InvalidInputError:
-            pass  # a damaged file of the cache is made again
+    place = cache_folder() / _key(path, _digest(path, where), wishes)
+    kept = _kept(path, place, where)
+    if kept is not None:
+        return kept
     made = _in_child(path, wishes, where)
-    imported = from_bytes(made, where)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    write_durably(file, made)
-    return imported
+    from_bytes(made.data, where)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    content = _content(made.files)
+    write_durably(place.with_suffix(f".{content}.npz"), made.data)
+    write_durably(place.with_suffix(".json"), dump_json({"files": dict(made.files)}))
+    return made
+
+
+def _digest(path: Path, where: str) -> str:
+    """Return the SHA-256 of a file that an import may read; the file is not held in memory."""
+    try:
+        with open_ordinary(path) as file:
+            size = file.seek(0, 2)
+            if size > MAX_FILE_BYTES:
+                problem = f"it has {size >> 20:,} MB, expected at most {MAX_FILE_BYTES >> 20}"
+                raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor")
+            file.seek(0)
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        problem = f"it cannot be read ({error.strerror or error})"
+        raise InvalidInputError(where, problem, "Give the path of a file") from error
 
 
 def cache_folder() -> Path:
     """Return the folder in which imported objects are kept; deleting it loses nothing but time."""
-    return platformdirs.user_cache_path("betterbench") / "assets"
+    return platformdirs.user_cache_path("betterbench") / "imported"
 
 
-def _key(path: Path, data: bytes, wishes: Wishes) -> str:
-    """Return a digest of what an import depends on: the file, the files beside it that it may use, and the wishes."""
-    digest = hashlib.sha256(
-        f"{VERSION}|{json.dumps(asdict(wishes), sort_keys=True)}|{path.parent.name}|{path.name}|".encode()
-    )
-    digest.update(hashlib.sha256(data).digest())
-    if path.suffix.lower() in (".obj", ".gltf"):
-        # Materials, textures and buffers: by name, size and time, since a scan has megabytes of them.
-        for other in sorted(path.parent.iterdir()):
-            if other.is_file() and other != path:
-                known = other.stat()
-                digest.update(f"{other.name}|{known.st_size}|{known.st_mtime_ns}|".encode())
-    return digest.hexdigest()[:32]
+def _key(path: Path, digest: str, wishes: Wishes) -> str:
+    """Return a digest of what is known before an import: the file, the names that tell its kind, and the wishes."""
+    named = "/".join(path.absolute().parts[-4:])
+    known = f"{VERSION}|{json.dumps(asdict(wishes), sort_keys=True)}|{named}|{digest}"
+    return hashlib.sha256(known.encode()).hexdigest()[:32]
 
 
-def _in_child(path: Path, wishes: Wishes, where: str) -> bytes:
-    asked = json.dumps({"path": str(path.absolute()), "wishes": asdict(wishes)})
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", f"from {__name__} import import_for_parent; import_for_parent()"]
-    too_much = f"its import takes more than {MAX_CPU_S} s or {MAX_MEMORY_BYTES >> 30} GB"
+def _content(files: Mapping[str, str]) -> str:
+    return hashlib.sha256(json.dumps(dict(files), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _kept(path: Path, place: Path, where: str) -> Made | None:
+    """Return what the cache has, if the files that were read then are the same now."""
+    note = place.with_suffix(".json")
     try:
-        done = subprocess.run(  # noqa: S603 - our own Python, with our own words
-            command, check=False, input=asked.encode(), capture_output=True, timeout=MAX_S, env=environment
-        )
-    except subprocess.TimeoutExpired as error:
-        raise InvalidInputError(where, too_much, "Reduce the mesh in a mesh editor") from error
-    if done.returncode == 0:
-        return done.stdout
-    if done.returncode == _MISSING:
-        raise MissingDependencyError(*json.loads(done.stdout))
-    if done.returncode == _BROKEN:
-        raise InvalidInputError(*json.loads(done.stdout))
-    said = last_line(done.stderr.decode("utf-8", "replace")) or f"status {done.returncode}"
-    raise InvalidInputError(where, f"{too_much}, or its reader broke off ({said})", "Reduce it or export it again")
+        files = read_form(_FILES, read_bounded(note, max_bytes=_MOST_NOTE_BYTES, cure=""), where=where, cure="")[
+            "files"
+        ]
+        if any(file_digest(path.parent / name) != known for name, known in files.items()):
+            return None
+        stored = place.with_suffix(f".{_content(files)}.npz")
+        data = read_bounded(stored, max_bytes=MOST_STORED_BYTES, cure="Delete it")
+        from_bytes(data, where)
+    except (InvalidInputError, OSError):  # missing or damaged: it is made again
+        return None
+    return Made(data, files)
+
+
+def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
+    asked = {"path": str(path.absolute()), "wishes": asdict(wishes)}
+    process = LimitedProcess(f"{__name__}:import_for_parent", cpu_s=MAX_CPU_S, environment=_ONE_THREAD)
+    try:
+        process.send(asked, b"", within_s=MAX_S)
+        files = json.loads(process.receive(most=_MOST_NOTE_BYTES, within_s=MAX_S))
+        return Made(bytes(process.receive(most=MOST_STORED_BYTES, within_s=MAX_S)), files)
+    except RefusedError as error:
+        raise InvalidInputError(where, str(error), "Export the object again, or leave it out") from error
+    except LimitedProcessError as error:
+        problem = f"its import takes more than {MAX_CPU_S:g} s or {MAX_MEMORY_BYTES >> 30} GB, or breaks off ({error})"
+        raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor, or export it again") from error
+    finally:
+        process.close()
 
 
 def import_for_parent() -> None:
-    """Import the mesh that standard input names and write it to standard output: the main function of the child."""
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print must not stand in the answer
-    asked = json.loads(sys.stdin.read())
-    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S + 5))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    try:
-        answers.write(to_bytes(import_mesh(Path(asked["path"]), Wishes(**asked["wishes"]))))
-    except InvalidInputError as error:
-        code, told = _BROKEN, [error.where, error.problem, error.cure]
-    except MissingDependencyError as error:
-        code, told = _MISSING, [str(error)]
-    else:
-        code, told = 0, []
-    if told:
-        answers.write(json.dumps(told).encode())
-    answers.flush()
-    os._exit(code)
+    """Import the object that a request names: the main function of the child."""
+    answer_requests(_answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=MAX_CPU_S, unexpected=_unexpected)
+
+
+def _answers(asked: Mapping[str, Any], _data: bytes) -> Iterator[bytes]:
+    path = Path(asked["path"])
+    files = FolderResolver(path.parent, one_line(path.name, most=120))
+    data = to_bytes(import_mesh(path, Wishes(**asked["wishes"]), files))
+    yield json.dumps(files.digests).encode()
+    yield data
+
+
+def _unexpected(problem: Exception) -> str:
+    if isinstance(problem, MemoryError):
+        return f"its import takes more than {MAX_MEMORY_BYTES >> 30} GB"
+    return f"it cannot be imported ({described(problem)})"

@@ -17,18 +17,19 @@ from betterbench.sim.assets.importing.appearance import visual_parts
 from betterbench.sim.assets.importing.cavity import columns_box, floor_square, highest_level, tops_of
 from betterbench.sim.assets.importing.foot import foot_under
 from betterbench.sim.assets.importing.grasping import proposals
-from betterbench.sim.assets.importing.hulls import Fit, convex_hulls
-from betterbench.sim.assets.importing.kinds import Kind, kind_of, words_of
+from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of
+from betterbench.sim.assets.importing.kinds import Kind, kind_of
 from betterbench.sim.assets.importing.measures import share_from_behind
-from betterbench.sim.assets.importing.mesh_file import read_mesh_file
+from betterbench.sim.assets.importing.mesh_file import FolderResolver
+from betterbench.sim.assets.importing.object_file import read_object
+from betterbench.sim.assets.importing.physics import Body, stated_body, stated_hulls
 from betterbench.sim.assets.importing.raw import RawMesh
 from betterbench.sim.assets.importing.solid import mass_of_cells
 from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, place
+from betterbench.sim.assets.names import file_words, words_of
 
 DENSITY = 500.0
 """Mass of an object of unknown kind per volume of its solid [kg/m^3]: between foam and water."""
-GENERIC_STEMS = frozenset({"textured", "model", "mesh", "scene"})
-"""Names of files that say nothing about the object; their folder is named after it."""
 _MOSTLY = 0.5
 """Share of an image seen from behind, above which a mesh is inside out rather than open."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
@@ -65,6 +66,8 @@ class Wishes:
         up: Axis of the file that points up: x, y, z, -x, -y or -z.
         license: License of the mesh.
         source: Where it comes from.
+        author: Person or group to name.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are refused.
     """
 
     name: str | None = None
@@ -73,35 +76,48 @@ class Wishes:
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     license: str = "unknown"
     source: str | None = None
+    author: str | None = None
+    freeze: bool = False
 
 
-def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
-    """Make an asset of a mesh file.
+def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | None = None) -> Imported:
+    """Make an asset of the object in a file.
+
+    Args:
+        path: The file.
+        wishes: What the user says about it.
+        files: Resolver of its references, which notes what was read; one of its folder if not given.
 
     Raises:
         InvalidInputError: If the file cannot be read, or no object of a table can be made of it.
         MissingDependencyError: If a package that its format needs is not installed.
     """
     where = one_line(path.name, most=120)
-    named = wishes.name or (path.parent.name if path.stem.lower() in GENERIC_STEMS else path.stem)
+    whole = path.absolute()
+    raw = read_object(path, files or FolderResolver(path.parent, where), freeze=wishes.freeze)
+    stated = raw.stated
+    named = wishes.name or " ".join(file_words(whole, Path(whole.anchor)))
+    if wishes.name is None and kind_of(named) is None and stated is not None and kind_of(stated.name) is not None:
+        named = " ".join(words_of(stated.name))
     kind = kind_of(named)
-    raw = read_mesh_file(path)
-    placed = place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
+    placed = _placed(raw, kind, where, wishes)
     seen, turned_out = _facing_outward(placed.mesh)
     size = np.ptp(placed.mesh.bounds(), axis=0)
     longest = float(size.max())
     if not LEAST_M <= longest <= MOST_M:
         problem = f"its longest side is {100.0 * longest:.3g} cm, expected {100 * LEAST_M:g} to {100 * MOST_M:g} cm"
-        raise InvalidInputError(where, problem, "Give its longest side with --size, in meters")
-    mass, said = _mass(placed, kind, longest, wishes)
-    center, inertia = mass_of_cells(placed.solid, mass)
-    surface = placed.mesh.surface()
-    hulls, fit = convex_hulls(placed.solid, surface, placed.cavity)
+        raise InvalidInputError(where, problem, "Give its longest side with --size-m")
+    body, said = _body(placed, kind, longest, wishes)
+    hulls, by_file = stated_hulls(placed)
+    if hulls:
+        fit = fit_of(hulls, placed.solid.points)
+    else:
+        hulls, fit = convex_hulls(placed.solid, placed.mesh.surface(), placed.cavity)
     if not hulls:
         raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
-    foot = foot_under(hulls, center)
-    grasps = tuple(p.grasp for p in proposals(placed.solid, center))
-    notes = (*placed.notes, *turned_out, said)
+    foot = foot_under(hulls, body.center)
+    grasps = tuple(p.grasp for p in proposals(placed.solid, body.center))
+    notes = (*placed.notes, *turned_out, *said, *by_file, *(() if stated is None else stated.notes))
     if kind is not None and kind.is_open and placed.cavity is None:
         notes = (*notes, f"no hollow was found, though a {kind.name} is open at the top")
     if foot is not None:
@@ -110,9 +126,9 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
         shape=_shape(placed, size),
         description=f"{named} imported from a mesh.".replace("_", " "),
         tags=tuple(dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])),
-        mass_kg=mass,
+        mass_kg=body.mass_kg,
         parts=(*visual_parts(seen), *map(_shape_of, [*hulls, *([] if foot is None else [foot])])),
-        body=_properties(mass, center, inertia),
+        body=_properties(body),
         grasps=grasps,
         regions=tuple(_regions(placed, size)),
         parameters={
@@ -122,7 +138,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
             "unit_m": placed.scale,
             "hulls": len(hulls),
         },
-        source=wishes.source or where,
+        source=", ".join(part for part in (wishes.source or where, wishes.author and f"by {wishes.author}") if part),
         license=wishes.license,
     )
     return Imported(draft, fit, kind, notes)
@@ -134,6 +150,27 @@ def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
         return mesh, ()
     flipped = tuple(replace(part, faces=np.ascontiguousarray(part.faces[:, ::-1])) for part in mesh.parts)
     return RawMesh(flipped, mesh.up, mesh.unit_m), ("its triangles faced inward, and were turned around",)
+
+
+def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Placed:
+    """Bring a mesh to meters and upright; URDF and MJCF files state both, and are believed."""
+    if raw.stated is None:
+        return place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
+    longest = float(np.ptp(raw.bounds(), axis=0).max())
+    placed = place(raw, kind, where, up=wishes.up or "z", size_m=wishes.size_m or longest)
+    if wishes.size_m is None:
+        said = f"longest side {100 * longest:.3g} cm, as the file states"
+        placed = replace(placed, notes=(said, *placed.notes[1:]))
+    return placed
+
+
+def _body(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[Body, tuple[str, ...]]:
+    """Return the mass of an object and where it is, and by what each was decided."""
+    mass, said = _mass(placed, kind, longest, wishes)
+    body, notes = stated_body(placed, wishes.mass_kg)
+    if body is not None:
+        return body, notes
+    return Body(mass, *mass_of_cells(placed.solid, mass)), (said, *notes)
 
 
 def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[float, str]:
@@ -149,7 +186,8 @@ def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> 
     return mass, f"mass {1000 * mass:.3g} g, {why}"
 
 
-def _properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> MassProperties:
+def _properties(body: Body) -> MassProperties:
+    mass, center, inertia = body.mass_kg, body.center, body.inertia
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
     ixx, iyy, izz, ixy, ixz, iyz = (float(f"{v:.6g}") for v in six)
     x, y, z = (float(f"{v:.6g}") for v in center)

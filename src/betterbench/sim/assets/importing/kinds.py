@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import functools
-import re
 from dataclasses import dataclass
 from importlib import resources
 
-_WORD = re.compile(r"[a-z]+")
-_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+from betterbench.sim.assets.names import words_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +51,6 @@ def _kind(line: str) -> Kind:
     name = " ".join(words)
     names = tuple(dict.fromkeys((name, *(other.strip() for other in others.split(",") if other.strip()))))
     return Kind(name, 0.01 * float(low), 0.01 * float(high), 0.001 * float(mass), hollow == "open", names)
-
-
-def words_of(text: str) -> tuple[str, ...]:
-    """Return the words of a name as files have them: "burgerCheese", "025_mug" and "red-mug" have two, one and two."""
-    return tuple(_WORD.findall(_CAMEL.sub(" ", text).lower()))
 
 
 def kind_of(text: str) -> Kind | None:

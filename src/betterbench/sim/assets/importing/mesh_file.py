@@ -6,8 +6,10 @@ places, links out of the folder and addresses are refused, not left out.
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import io
-import json
+import os
 import struct
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -21,6 +23,7 @@ from PIL import Image
 from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.installation import missing_extra
 from betterbench.json_form import read_bounded
+from betterbench.sim.assets.gltf import description_of
 from betterbench.sim.assets.importing.raw import RawMesh, RawPart, Rgba
 
 MAX_FILE_BYTES = 256 << 20
@@ -34,6 +37,7 @@ _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf":
 """Up axis and unit [m] that a format lays down (glTF 2.0, section 3.4); the others leave both open."""
 
 _CURE = "Export the object again, or leave it out"
+_PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(
     (
         "KHR_draco_mesh_compression",
@@ -46,15 +50,22 @@ _READABLE_EXTENSIONS = frozenset(
 
 
 class FolderResolver(trimesh.resolvers.Resolver):
-    """Files that a mesh file refers to, from its own folder alone.
+    """Files that a file refers to, from the folder of that file alone.
 
     trimesh leaves a material out whose file it cannot get; so the first refusal is kept in ``problem``.
+
+    Attributes:
+        problem: The first refusal, None if there was none.
+        digests: SHA-256 of each file that was read, by its path in the folder.
     """
 
-    def __init__(self, folder: Path, where: str) -> None:
-        self._folder, self._where = folder.resolve(), where
+    def __init__(self, folder: Path, where: str, *, at: str = "", above: FolderResolver | None = None) -> None:
+        """Resolve names against a folder, or against the folder ``at`` in that of the resolver ``above``."""
+        self._folder, self._where, self._at = folder.resolve(), where, at
+        self._above = above
         self.problem: BetterError | None = None
-        self._left = MAX_FILE_BYTES
+        self.digests: dict[str, str] = {} if above is None else above.digests
+        self._read_bytes = 0
 
     def get(self, name: str) -> bytes:
         """Return the bytes of a file; raise InvalidInputError if it lies elsewhere, is missing or is too large."""
@@ -68,16 +79,38 @@ class FolderResolver(trimesh.resolvers.Resolver):
         asked = PurePosixPath(unquote(str(name).strip()).replace("\\", "/"))
         shown = one_line(repr(str(name)), most=120)
         problem = f"it refers to {shown}, which is outside its folder"
-        if asked.is_absolute() or ".." in asked.parts or ":" in str(asked):
+        inside = os.path.normpath(PurePosixPath(self._at) / asked)
+        if asked.is_absolute() or inside.startswith("..") or ":" in str(asked) or "\0" in str(asked):
             raise InvalidInputError(self._where, problem, "Put the file beside the mesh and refer to it by name")
-        path = (self._folder / asked).resolve()
+        path = (self._folder / inside).resolve()
         if not path.is_relative_to(self._folder):
             raise InvalidInputError(self._where, problem, "Put the file itself beside the mesh, not a link")
         if not path.is_file():
             raise InvalidInputError(self._where, f"it refers to {shown}, which does not exist", _CURE)
-        found = read_bounded(path, max_bytes=self._left, cure=_CURE)
-        self._left -= len(found)
+        found = read_bounded(path, max_bytes=MAX_FILE_BYTES - self._total(), cure=_CURE)
+        if path.suffix.lower() in _PICTURES:
+            check_picture(found, one_line(path.name, most=80), self._where)
+        self._count(len(found))
+        self.digests[inside] = hashlib.sha256(found).hexdigest()
         return found
+
+    def holds(self, name: str) -> bool:
+        """Tell whether a name is that of a file in the folder."""
+        inside = os.path.normpath(PurePosixPath(self._at) / name)
+        return not inside.startswith(("..", "/")) and "\0" not in inside and (self._folder / inside).is_file()
+
+    def _total(self) -> int:
+        return self._read_bytes if self._above is None else self._above._total()
+
+    def _count(self, size: int) -> None:
+        if self._above is not None:
+            self._above._count(size)
+        self._read_bytes += size
+
+    def below(self, name: str, where: str) -> FolderResolver:
+        """Return the resolver for what a file in the folder refers to, relative to that file."""
+        at = os.path.normpath(PurePosixPath(self._at) / PurePosixPath(name).parent)
+        return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
 
     def keys(self) -> list[str]:
         """Return no names: nothing is looked for by pattern."""
@@ -92,35 +125,62 @@ class FolderResolver(trimesh.resolvers.Resolver):
         return self
 
 
-def read_mesh_file(path: Path) -> RawMesh:
+def check_picture(data: bytes, name: str, where: str) -> None:
+    """Check that a picture can be unpacked; trimesh leaves out a texture that cannot, without a word.
+
+    Raises:
+        InvalidInputError: If it is damaged or has too many pixels.
+    """
+    Image.MAX_IMAGE_PIXELS = None  # counted here, before anything is unpacked
+    try:
+        with Image.open(io.BytesIO(data)) as opened:
+            pixels = opened.width * opened.height
+            if pixels <= MAX_IMAGE_PIXELS:
+                opened.load()
+    except Exception as error:  # whatever Pillow raises about a broken picture
+        problem = f"its texture {name} cannot be read ({one_line(error, most=120)})"
+        raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
+    if pixels > MAX_IMAGE_PIXELS:
+        problem = f"its texture {name} has {pixels:,} pixels, expected at most {MAX_IMAGE_PIXELS:,}"
+        raise InvalidInputError(where, problem, f"Reduce it to {LARGEST_IMAGE} pixels a side")
+
+
+def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
     """Read a mesh file.
+
+    Args:
+        path: The file.
+        files: Resolver of its references, which notes what was read; one of its folder if not given.
 
     Raises:
         InvalidInputError: If the file cannot be read, holds no triangle, or refers to a file outside its folder.
         MissingDependencyError: If it is compressed with Draco and DracoPy is not installed.
     """
     where = one_line(path.name, most=120)
-    kind = FORMATS.get(path.suffix.lower())
+    data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor")
+    return read_mesh(data, path.name, files or FolderResolver(path.parent, where), where)
+
+
+def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawMesh:
+    """Return the mesh in the bytes of a file, whose name tells its format; raises as :func:`read_mesh_file`."""
+    kind = FORMATS.get(PurePosixPath(name).suffix.lower())
     if kind is None:
         raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
-    data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor")
     if kind in ("glb", "gltf"):
         _require_readable(data, kind, where)
-    resolver = FolderResolver(path.parent, where)
-    Image.MAX_IMAGE_PIXELS = MAX_IMAGE_PIXELS
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=resolver, process=False)
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=files, process=False)
         parts = tuple(_parts(scene, where))
     except BetterError:
         raise
     except Exception as error:
         # Whatever trimesh or Pillow raises about a broken file is one line for the user.
-        if resolver.problem is not None:
-            raise resolver.problem from None
+        if files.problem is not None:
+            raise files.problem from None
         problem = f"it cannot be read ({type(error).__name__}: {one_line(error, most=200)})"
         raise InvalidInputError(where, problem, _CURE) from error
-    if resolver.problem is not None:
-        raise resolver.problem
+    if files.problem is not None:
+        raise files.problem
     up, unit_m = _RULES.get(kind, (None, None))
     return checked(RawMesh(parts, up, unit_m), where)  # type: ignore[arg-type]
 
@@ -147,19 +207,9 @@ def checked(mesh: RawMesh, where: str) -> RawMesh:
 
 def _require_readable(data: bytes, kind: str, where: str) -> None:
     """Check the header of a glTF file for what trimesh would leave out without a word."""
-    text = data
-    if kind == "glb":
-        if len(data) < 20 or data[:4] != b"glTF":
-            raise InvalidInputError(where, "it does not begin as a GLB file does", _CURE)
-        total, length = struct.unpack("<I", data[8:12])[0], struct.unpack("<I", data[12:16])[0]
-        if total > len(data) or 20 + length > len(data):
-            raise InvalidInputError(where, f"it ends after {len(data):,} of {total:,} bytes", "Copy the file again")
-        text = data[20 : 20 + length]
-    try:
-        form = json.loads(text)
-        asked = form.get("extensionsRequired", []) if isinstance(form, dict) else None
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(where, f"its JSON cannot be read ({one_line(error, most=120)})", _CURE) from error
+    form = description_of(io.BytesIO(data), where, binary=kind == "glb")
+    _check_embedded_pictures(data, form, where)
+    asked = form.get("extensionsRequired", [])
     if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
         raise InvalidInputError(where, "it does not list its extensions as glTF does", _CURE)
     unknown = sorted(set(asked) - _READABLE_EXTENSIONS)
@@ -171,6 +221,28 @@ def _require_readable(data: bytes, kind: str, where: str) -> None:
             import DracoPy  # noqa: F401, PLC0415 - trimesh finds it by itself
         except ImportError as error:
             raise missing_extra(f"{where} is compressed with Draco, which needs DracoPy", "assets") from error
+
+
+def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> None:
+    """Check the pictures that a glTF file holds itself: in its binary chunk, or in base64."""
+    listed = form.get("images", [])
+    for number, image in enumerate(listed if isinstance(listed, list) else []):
+        found = _embedded(data, form, image) if isinstance(image, dict) else None
+        if found is not None:
+            check_picture(found, f"number {number}", where)
+
+
+def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes | None:
+    """Return the bytes of a picture in a glTF file, None if it is another file; damaged references are empty."""
+    uri = image.get("uri")
+    try:
+        if isinstance(uri, str):
+            return base64.b64decode(uri.partition(",")[2]) if uri.startswith("data:") else None
+        view = form["bufferViews"][image["bufferView"]]
+        start = data.index(b"BIN\0", 12 + struct.unpack("<I", data[12:16])[0]) + 4 + int(view.get("byteOffset", 0))
+        return data[start : start + int(view["byteLength"])]
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, struct.error):
+        return b""
 
 
 def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene of trimesh

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -64,17 +64,48 @@ class RawPart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Stated:
+    """Physics of an object as a URDF or MJCF file states it, in the frame and the unit of the mesh.
+
+    Attributes:
+        mass_kg: Mass, None if it is not stated.
+        center: (3,) float64 center of mass.
+        inertia: (3, 3) float64 inertia about the center of mass [kg unit^2].
+        hulls: Points (n, 3) whose convex hulls are the collision shapes; empty if there are none.
+        name: Name of the model, empty if it has none.
+        notes: What was decided about the file.
+    """
+
+    mass_kg: float | None = None
+    center: np.ndarray | None = None
+    inertia: np.ndarray | None = None
+    hulls: tuple[np.ndarray, ...] = ()
+    name: str = ""
+    notes: tuple[str, ...] = ()
+
+    def moved(self, transform: np.ndarray) -> Stated:
+        """Return the same after a (4, 4) transform: a rotation, a uniform scale and a shift."""
+        linear, shift = transform[:3, :3], transform[:3, 3]
+        center = None if self.center is None else linear @ self.center + shift
+        inertia = None if self.inertia is None else linear @ self.inertia @ linear.T
+        hulls = tuple(points @ linear.T + shift for points in self.hulls)
+        return replace(self, center=center, inertia=inertia, hulls=hulls)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RawMesh:
     """The parts of one object.
 
     Attributes:
         up: Axis that points up by the rules of the file format, None if the format has no rule.
         unit_m: Length of a unit in meters by the rules of the file format, None if it has no rule.
+        stated: Physics that the file states, None for a plain mesh.
     """
 
     parts: tuple[RawPart, ...]
     up: Literal["y", "z"] | None
     unit_m: float | None
+    stated: Stated | None = None
 
     @property
     def face_count(self) -> int:
@@ -83,7 +114,8 @@ class RawMesh:
 
     def moved(self, transform: np.ndarray) -> RawMesh:
         """Return the mesh after a (4, 4) transform."""
-        return RawMesh(tuple(part.moved(transform) for part in self.parts), self.up, self.unit_m)
+        stated = None if self.stated is None else self.stated.moved(transform)
+        return RawMesh(tuple(part.moved(transform) for part in self.parts), self.up, self.unit_m, stated)
 
     def bounds(self) -> np.ndarray:
         """Return the lowest and the highest corner of the bounding box, (2, 3)."""

@@ -11,6 +11,7 @@ from betterbench.sim.assets.authoring.draft import Draft
 from betterbench.sim.assets.authoring.registry import generator
 from betterbench.sim.assets.importing.child import import_safely
 from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.sim.assets.licenses import require_license
 from betterbench.tasks.user_files import loading_folder
 
 
@@ -25,14 +26,17 @@ def imported(
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
     license: str = "unknown",  # noqa: A002 - the word of assets
     source: str | None = None,
+    author: str | None = None,
+    any_license: bool = False,
+    freeze: bool = False,
 ) -> None:
-    """Register a mesh file as a category of assets; the file is imported when the category is first built.
+    """Register the object of a file as a category of assets; the file is imported when the category is first built.
 
     All looks of the category are this one object. In a task file, a relative path starts at the folder of that file.
 
     Args:
         category: Name that tasks use, which no other asset has.
-        path: File with the mesh: GLB, glTF, OBJ, STL or PLY.
+        path: File of the object: GLB, glTF, OBJ, STL, PLY, URDF or MJCF.
         color: Word that a person would use for its color.
         name: Name or description, from which its kind is told ("coffee mug"); the category if not given.
         size_m: Longest side [m]; otherwise from the unit of the format and the usual sizes of its kind.
@@ -40,12 +44,21 @@ def imported(
         up: Axis of the file that points up; otherwise by the rule of the format, or the way it stands best.
         license: License of the mesh, for the list of sources.
         source: Origin of the mesh, for the same; the name of the file if not given.
+        author: Person or group to name, for the same.
+        any_license: Whether a license that forbids commercial use or changes, or is not known, is allowed.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are refused.
 
     Raises:
-        InvalidInputError: If another asset has the name.
+        InvalidInputError: If another asset has the name, or the license is not free and ``any_license`` is False.
     """
+    require_license(
+        f"asset category {category!r}",
+        license,
+        any_license=any_license,
+        option='Give license="CC BY 4.0" or another name, or any_license=True to use it all the same',
+    )
     file = ((loading_folder() or Path.cwd()) / Path(path).expanduser()).absolute()
-    wishes = Wishes(name or category, size_m, mass_kg, up, license, source)
+    wishes = Wishes(name or category, size_m, mass_kg, up, license, source, author, freeze)
 
     def make(_rng: np.random.Generator, _color: str) -> Draft:
         return import_safely(file, wishes).draft

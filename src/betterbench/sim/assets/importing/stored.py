@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
+import zlib
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose
 from betterbench.interface.state import Region
 from betterbench.json_form import dump_json, parse_json
 from betterbench.sim.assets.asset import CollisionPart, Grasp, Texture, VisualPart
-from betterbench.sim.assets.authoring.draft import Draft
+from betterbench.sim.assets.authoring.draft import Draft, frozen
 from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.importing.hulls import Fit
 from betterbench.sim.assets.importing.importer import Imported
 from betterbench.sim.assets.importing.kinds import kind_of
 
 _HEAD = "head"
-_CURE = "Delete the file; the object is imported again"
+_CURE = "Delete the file and import the object again"
+MAX_UNPACKED_BYTES = 256 << 20
+"""Most bytes of all arrays of one file."""
+_MOST_FACES, _MOST_HULLS, _MOST_CORNERS = 20_000, 64, 256
+_LARGEST_TEXTURE = 1024
+_FARTHEST_M = 10.0
 
 
 def to_bytes(imported: Imported) -> bytes:
@@ -90,12 +97,101 @@ def from_bytes(data: bytes, where: str) -> Imported:
         InvalidInputError: If they do not.
     """
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {name: _frozen(archive[name]) for name in archive.files}
-        return _imported(parse_json(arrays.pop(_HEAD).tobytes()), arrays)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        arrays = _arrays(data)
+        found = _imported(parse_json(arrays.pop(_HEAD).tobytes()), arrays)
+        _check(found.draft)
+    except _UNREADABLE as error:
         problem = f"it is not an imported object ({type(error).__name__})"
         raise InvalidInputError(where, problem, _CURE) from error
+    return found
+
+
+_UNREADABLE = (
+    OSError, ValueError, KeyError, TypeError, IndexError, EOFError, AttributeError, NotImplementedError, MemoryError,
+    RecursionError, OverflowError, zipfile.BadZipFile, zlib.error, UnknownNameError,
+)  # fmt: skip
+
+
+def _arrays(data: bytes) -> dict[str, np.ndarray]:
+    """Return the arrays of an archive, whose stated sizes are checked before anything is unpacked."""
+    if not data.startswith(b"PK\x03\x04"):  # zipfile would also find an archive behind other bytes
+        raise ValueError("it does not begin as an archive")
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+        if len(members) > 8 * (_MOST_HULLS + 64) or sum(m.file_size for m in members) > MAX_UNPACKED_BYTES:
+            raise ValueError("it is too large when unpacked")
+        found = {}
+        for member in members:
+            with archive.open(member) as file:
+                stream = io.BytesIO(file.read(member.file_size))
+            if np.lib.format.read_magic(stream) != (1, 0):
+                raise ValueError("an array of another version")
+            shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+            if dtype.hasobject or math.prod(shape) * dtype.itemsize != member.file_size - stream.tell():
+                raise ValueError("an array of another size")
+            stream.seek(0)
+            array = np.lib.format.read_array(stream, allow_pickle=False)
+            found[member.filename.removesuffix(".npy")] = frozen(array)
+        return found
+
+
+def _check(draft: Draft) -> None:
+    """Raise ValueError if a part has another form than the simulator expects: the file may be a stranger's."""
+    visual = [part for part in draft.parts if isinstance(part, VisualPart)]
+    hulls = [part for part in draft.parts if isinstance(part, CollisionPart)]
+    if not visual or not hulls or len(hulls) > _MOST_HULLS or sum(len(p.faces) for p in visual) > _MOST_FACES:
+        raise ValueError("too many parts, or none")
+    for part in draft.parts:
+        points = part.vertices
+        if points is None or points.dtype != np.float32 or points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:
+            raise ValueError("vertices of another form")
+        if not np.isfinite(points).all() or np.abs(points).max() > _FARTHEST_M:
+            raise ValueError("vertices that are not near the origin")
+    if any(part.vertices is None or not 4 <= len(part.vertices) <= _MOST_CORNERS for part in hulls):
+        raise ValueError("a hull of too many corners")
+    for part in visual:
+        _check_rows(part.faces, len(part.vertices))
+        rgba = [float(v) for v in part.rgba]
+        if len(rgba) != 4 or not 0.0 <= min(rgba) <= max(rgba) <= 1.0:
+            raise ValueError("a color that is none")
+        if part.texture is not None:
+            _check_texture(part.texture, part)
+    _check_body(draft)
+
+
+def _check_rows(rows: np.ndarray, count: int) -> None:
+    if rows.dtype != np.int32 or rows.ndim != 2 or rows.shape[1] != 3 or len(rows) == 0:
+        raise ValueError("triangles of another form")
+    if rows.min() < 0 or rows.max() >= count:
+        raise ValueError("triangles of vertices that do not exist")
+
+
+def _check_texture(texture: Texture, part: VisualPart) -> None:
+    pixels, uv = texture.pixels, texture.uv
+    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
+        raise ValueError("a texture of another form")
+    if not 1 <= min(pixels.shape[:2]) <= max(pixels.shape[:2]) <= _LARGEST_TEXTURE:
+        raise ValueError("a texture of another size")
+    if uv.dtype != np.float32 or uv.ndim != 2 or uv.shape[1] != 2 or not np.isfinite(uv).all():
+        raise ValueError("texture coordinates of another form")
+    if texture.corners is None:
+        if len(uv) != len(part.vertices):
+            raise ValueError("texture coordinates of another number")
+    else:
+        _check_rows(texture.corners, len(uv))
+        if len(texture.corners) != len(part.faces):
+            raise ValueError("texture coordinates of another number")
+
+
+def _check_body(draft: Draft) -> None:
+    body = draft.body
+    if body is None:
+        raise ValueError("no mass")
+    numbers = [float(v) for v in (body.mass_kg, draft.mass_kg, *body.center_of_mass, *body.inertia)]
+    ixx, iyy, izz, ixy, ixz, iyz = (float(v) for v in body.inertia)
+    moments = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
+    if not all(map(math.isfinite, numbers)) or min(numbers[:2]) <= 0.0 or moments[0] <= 0.0:
+        raise ValueError("a mass that no body has")
 
 
 def _imported(head: dict[str, Any], arrays: dict[str, np.ndarray]) -> Imported:
@@ -144,8 +240,3 @@ def _imported(head: dict[str, Any], arrays: dict[str, np.ndarray]) -> Imported:
 def _grasp(form: dict[str, Any]) -> Grasp:
     pose = Pose(tuple(form["pose"]["position"]), tuple(form["pose"]["quaternion"]))
     return Grasp(**{**form, "pose": pose})
-
-
-def _frozen(array: np.ndarray) -> np.ndarray:
-    array.setflags(write=False)
-    return array

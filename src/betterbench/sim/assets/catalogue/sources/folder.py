@@ -14,10 +14,11 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.json_form import dump_json, file_digest, read_bounded, read_form, strict_form
-from betterbench.sim.assets.catalogue.entry import CatalogueEntry, license_name
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.sources.mesh_facts import ENDINGS, MeshFacts, mesh_facts
 from betterbench.sim.assets.catalogue.sources.source import SourceItem, SourceKind, SourceOptions, register
-from betterbench.sim.assets.catalogue.terms import spoken
+from betterbench.sim.assets.licenses import license_name
+from betterbench.sim.assets.names import file_words, named_by, words_of
 
 SIDECARS = ("assets.json", "assets.csv")
 """Files in the folder that describe its assets."""
@@ -26,13 +27,6 @@ MAX_FILE_BYTES = 512 << 20
 """Largest file that is taken up."""
 _MAX_SIDECAR_BYTES = 64 << 20
 _CURE = "See docs/asset-catalogue.md for its fields"
-
-_GENERIC = """
-asset base base_link collision google_16k google_512k google_64k main mesh meshes model models nontextured obj object
-poisson scene textured textured_simple textured_vhacd texture tsdf untitled urdf visual visuals
-"""
-_WITHOUT_A_NAME = frozenset(_GENERIC.split())
-"""Names of files and folders that say nothing about the object; the folder around them names it."""
 
 _Text = Annotated[str, Field(max_length=2000)]
 
@@ -94,7 +88,7 @@ def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -
         return CatalogueEntry(
             id=f"{folder.name}/{inside}",
             source=folder.name,
-            name=named.name or _spoken_name(file, folder.root),
+            name=named.name or " ".join(file_words(file, folder.root)),
             content_hash=file_digest(file),
             path=str(file),
             description=named.description,
@@ -143,23 +137,8 @@ def _preference(file: Path) -> tuple[int, str]:
 
 def _object_of(file: Path, root: Path) -> tuple[Path, str]:
     """Return what two files of the same object share: the folder that names it, or the folder and the stem."""
-    place, stem = _named_by(file, root)
+    place, stem = named_by(file, root)
     return (place, "") if stem is None else (file.parent, stem)
-
-
-def _named_by(file: Path, root: Path) -> tuple[Path, str | None]:
-    """Return the folder and the stem that name an object; no stem where the folder names it."""
-    if file.stem.lower() not in _WITHOUT_A_NAME:
-        return file.parent, file.stem
-    place = file.parent
-    while place != root and place.name.lower() in _WITHOUT_A_NAME:
-        place = place.parent
-    return (file.parent, file.stem) if place == root else (place, None)
-
-
-def _spoken_name(file: Path, root: Path) -> str:
-    place, stem = _named_by(file, root)
-    return spoken(stem if stem is not None else place.name) or file.stem.lower()
 
 
 def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
@@ -198,7 +177,7 @@ def _open(target: str, options: SourceOptions) -> _Folder:
     root = Path(target).absolute()
     if not target or not root.is_dir():
         raise InvalidInputError(target or "folder:", "is not a folder", "Name a folder of meshes, as folder:PATH")
-    name = options.name or "_".join(spoken(root.name).split()) or "folder"
+    name = options.name or "_".join(words_of(root.name)) or "folder"
     if "/" in name or not name.isprintable() or name in ("procedural", "objaverse"):
         raise InvalidInputError(
             "name", f"{one_line(name)!r} cannot name a source", "Give --name a word without slashes"

@@ -12,20 +12,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Vector
-from betterbench.json_form import open_ordinary, parse_json, read_bounded
+from betterbench.json_form import open_ordinary, read_bounded
+from betterbench.sim.assets.gltf import description_of
+from betterbench.sim.assets.xml_file import MAX_XML_BYTES, parse_xml
 
 MAX_TEXT_BYTES = 64 << 20
 """Largest OBJ or text STL that is read for its facts; those of a larger file are unknown."""
-MAX_JSON_BYTES = 32 << 20
-"""Largest description in a glTF file."""
-MAX_XML_BYTES = 8 << 20
-"""Largest URDF or MJCF file."""
 _MOST_NODES = 20_000
 _CURE = "Repair the file or remove it"
 
@@ -77,31 +74,12 @@ def _size(low: np.ndarray, high: np.ndarray) -> Vector | None:
 # ------------------------------------------------------------------------------------------------------------- glTF
 
 
-def _glb(path: Path) -> MeshFacts:
-    with open_ordinary(path) as file:
-        head = file.read(20)
-        if len(head) < 20 or head[:4] != b"glTF":
-            raise _wrong(path, "is not a GLB file")
-        _, version, total, length, kind = struct.unpack("<4sIII4s", head)
-        actual = file.seek(0, 2)
-        if version != 2 or kind != b"JSON":
-            raise _wrong(path, f"is GLB version {version}, and version 2 is expected")
-        if total > actual or length > actual - 20:
-            raise _wrong(path, f"is cut off: it states {total} bytes and has {actual}")
-        if length > MAX_JSON_BYTES:
-            raise _wrong(path, f"has a description of more than {MAX_JSON_BYTES} bytes")
-        file.seek(20)
-        return _gltf_facts(path, file.read(length))
-
-
 def _gltf(path: Path) -> MeshFacts:
-    return _gltf_facts(path, read_bounded(path, max_bytes=MAX_JSON_BYTES, cure=_CURE))
-
-
-def _gltf_facts(path: Path, text: bytes) -> MeshFacts:
+    with open_ordinary(path) as file:
+        form = description_of(file, str(path), binary=path.suffix.lower() == ".glb")
     try:
         with np.errstate(all="ignore"):
-            return _GltfScene(parse_json(text)).facts()
+            return _GltfScene(form).facts()
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise _wrong(path, f"its glTF description is damaged ({error})") from error
 
@@ -242,13 +220,7 @@ def _stl(path: Path) -> MeshFacts:
 
 
 def _xml(path: Path) -> MeshFacts:
-    text = read_bounded(path, max_bytes=MAX_XML_BYTES, cure=_CURE)
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text or text.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise _wrong(path, "declares entities or an encoding that is not read")
-    try:
-        root = ET.fromstring(text)  # noqa: S314 - without entities, and of bounded size
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise _wrong(path, f"is not XML ({error})") from error
+    root = parse_xml(read_bounded(path, max_bytes=MAX_XML_BYTES, cure=_CURE), str(path))
     if root.tag not in ("robot", "mujoco"):
         return MeshFacts(is_asset=False)
     folder = ""
@@ -261,7 +233,7 @@ def _xml(path: Path) -> MeshFacts:
 
 
 _READERS: dict[str, Callable[[Path], MeshFacts]] = {
-    ".glb": _glb,
+    ".glb": _gltf,
     ".gltf": _gltf,
     ".obj": _obj,
     ".stl": _stl,

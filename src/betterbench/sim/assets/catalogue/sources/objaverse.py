@@ -18,8 +18,9 @@ from typing import Any
 from betterbench.errors import InvalidInputError, described
 from betterbench.installation import missing_packages
 from betterbench.json_form import file_digest, open_ordinary, parse_json
-from betterbench.sim.assets.catalogue.entry import CatalogueEntry, license_name
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.sources.source import SourceItem, SourceKind, SourceOptions, register
+from betterbench.sim.assets.licenses import license_name
 
 NAME = "objaverse"
 MAX_JSON_BYTES = 512 << 20

@@ -1,0 +1,189 @@
+"""``better assets import``: files and rows of the catalogue become a folder of assets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from betterbench.cli.console import OUT, print_json, print_listing, progress_bar, say
+from betterbench.errors import InvalidInputError, one_line
+
+if TYPE_CHECKING:
+    from betterbench.jobs import JobProgress
+    from betterbench.sim.assets.catalogue.entry import CatalogueEntry
+    from betterbench.sim.assets.folders.job import ImportReport, ImportRequest
+    from betterbench.sim.assets.folders.manifest import FolderAsset
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportOptions:
+    """Options that say something about the imported objects; None where nothing is said."""
+
+    name: str | None
+    kind: str | None
+    color: str | None
+    size_m: float | None
+    mass_kg: float | None
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None
+    freeze: bool
+    license: str | None
+    any_license: bool
+    author: str | None
+
+
+def import_command(
+    catalogue: Path,
+    given: Sequence[str],
+    options: ImportOptions,
+    *,
+    out: Path | None,
+    workers: int,
+    overwrite: bool,
+    json: bool,
+) -> None:
+    """Import files and ids of the catalogue into the folder ``out``.
+
+    Raises:
+        InvalidInputError: If an option does not fit, or no file could be imported.
+    """
+    from betterbench.sim.assets.folders.job import import_assets
+    from betterbench.sim.assets.folders.manifest import manifest_of
+
+    if out is None:
+        raise InvalidInputError("--out", "the folder for the assets is missing", "Write --out my_assets")
+    if not given:
+        raise InvalidInputError("assets import", "no file is given", "Name mesh, URDF or MJCF files")
+    one_only = {
+        "--name": options.name,
+        "--size-m": options.size_m,
+        "--mass-kg": options.mass_kg,
+        "--kind": options.kind,
+    }
+    for option, value in one_only.items():
+        if value is not None and len(given) > 1:
+            raise InvalidInputError(f"--{option}", f"{len(given)} files are given", "Import that file alone")
+    for option, number in (("--size-m", options.size_m), ("--mass-kg", options.mass_kg)):
+        if number is not None and not 0.0 < number < 100.0:
+            raise InvalidInputError(option, f"{number:g} is out of range", "Give meters and kilograms, more than 0")
+    requests = _requests(catalogue, given, options)
+    with progress_bar("import", len(requests)) as (bar, task):
+
+        def on_progress(progress: JobProgress[object]) -> None:
+            bar.update(task, completed=progress.done, total=progress.planned)
+
+        report = import_assets(requests, out, workers=workers, overwrite=overwrite, on_progress=on_progress)
+    assets = manifest_of(out).assets
+    for file, problem in report.failed:
+        say(f"skipped {problem}" if problem.startswith(file) else f"skipped {file}: {problem}")
+    if json:
+        print_json(_document(out, report, assets))
+    else:
+        _print(out, report, assets)
+    if report.failed and not (report.made or report.kept):
+        raise InvalidInputError("assets import", "no file could be imported", "See the reasons above")
+
+
+def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> list[ImportRequest]:
+    from betterbench.sim.assets.importing.object_file import FORMATS
+
+    # The id of a row ends as a file does ("kitchen/mug.glb"); a name without a slash can be a file alone.
+    ids = [text for text in given if not Path(text).exists() and ("/" in text or Path(text).suffix not in FORMATS)]
+    rows = _rows(catalogue, ids)
+    return [_of_row(rows[text], options) if text in rows else _of_file(Path(text), options) for text in given]
+
+
+def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
+    """Return rows of the catalogue by id; a path that does not exist is told as such if there is no catalogue."""
+    from betterbench.sim.assets.catalogue.search import Catalogue
+
+    if not ids:
+        return {}
+    try:
+        with Catalogue(catalogue) as opened:
+            return {one: opened.entry(one) for one in ids}
+    except InvalidInputError as error:
+        if Path(ids[0]).suffix:
+            raise InvalidInputError(
+                ids[0], "the file does not exist", "Name a file, or an id of the catalogue"
+            ) from error
+        raise
+
+
+def _of_file(path: Path, options: ImportOptions) -> ImportRequest:
+    from betterbench.sim.assets.folders.job import ImportRequest
+    from betterbench.sim.assets.importing.importer import Wishes
+    from betterbench.sim.assets.licenses import license_name
+
+    wishes = Wishes(
+        name=options.kind,
+        size_m=options.size_m,
+        mass_kg=options.mass_kg,
+        up=options.up,
+        license=license_name(options.license or "unknown"),
+        author=options.author,
+        freeze=options.freeze,
+    )
+    return ImportRequest(
+        path=path, wishes=wishes, name=options.name, color=options.color, any_license=options.any_license
+    )
+
+
+def _of_row(entry: CatalogueEntry, options: ImportOptions) -> ImportRequest:
+    """Return the request for a row of the catalogue, which knows name, license and author; options come first."""
+    from dataclasses import replace
+
+    from betterbench.sim.assets.licenses import license_name
+
+    if entry.source == "procedural":
+        name = entry.id.removeprefix("procedural/").rpartition("-")[0]
+        raise InvalidInputError(entry.id, "it is in the library already", f"Use the category {name} in your task")
+    if not entry.path:
+        cure = "Download it first, with objaverse.load_objects, then index the source again"
+        raise InvalidInputError(entry.id, "its mesh is not on this machine", cure)
+    made = _of_file(Path(entry.path), options)
+    wishes = replace(
+        made.wishes,
+        name=options.kind or " ".join(part for part in (entry.category, entry.name) if part) or None,
+        license=license_name(options.license or entry.license or "unknown"),
+        author=options.author or entry.author or None,
+        source=one_line(entry.id, most=200),
+    )
+    return replace(made, wishes=wishes, color=options.color or entry.color or None)
+
+
+def _document(out: Path, report: ImportReport, assets: dict[str, FolderAsset]) -> dict[str, object]:
+    listed = [
+        {
+            "name": name,
+            "kept": name in report.kept,
+            "color": assets[name].color,
+            "kind": assets[name].kind,
+            "size_m": list(assets[name].size_m),
+            "mass_kg": assets[name].mass_kg,
+            "license": assets[name].license,
+            "notes": list(assets[name].notes),
+        }
+        for name in (*report.kept, *report.made)
+    ]
+    return {
+        "folder": str(out),
+        "assets": listed,
+        "failed": [{"file": file, "reason": reason} for file, reason in report.failed],
+    }
+
+
+def _print(out: Path, report: ImportReport, assets: dict[str, FolderAsset]) -> None:
+    rows = []
+    for name in (*report.kept, *report.made):
+        asset = assets[name]
+        size = " x ".join(f"{100 * side:.3g}" for side in asset.size_m)
+        rows.append(
+            [name, asset.color, asset.license, f"{size} cm, {1000 * asset.mass_kg:.3g} g; {'; '.join(asset.notes)}"]
+        )
+    if rows:
+        print_listing(["asset", "color", "license", ""], rows)
+    OUT.print(f"{len(report.made)} imported, {len(report.kept)} kept, {len(report.failed)} skipped")
+    if rows:
+        OUT.print(f"Load them with --asset-dir {out}", soft_wrap=True)

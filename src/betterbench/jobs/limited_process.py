@@ -1,0 +1,291 @@
+"""Child processes with limits of memory and time that read files from strangers and answer with bytes.
+
+Readers of meshes, images and binary models are C++ that a forged file can crash, hang or let fill the memory. They run
+in such a process; its answers are bytes or a text, never an object.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import resource
+import select
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError, one_line
+
+LONGEST_REASON = 2000
+"""Longest text of a refusal [characters]."""
+
+_ANSWER, _REFUSED, _WRONG_INPUT, _MISSING = range(4)
+_QUESTION = struct.Struct("!QQ")
+_HEADER = struct.Struct("!BQ")
+_SLICE_S = 10.0
+"""Longest slice of a wait [s]."""
+_ENDS_WITHIN_S = 5.0
+"""Time for a process to end after it has closed its pipe [s]."""
+_BLOCK = 1 << 16
+_PIPE_BYTES = 1 << 20
+"""Size of the pipe for answers, the largest that Linux allows without privileges [byte]."""
+
+
+class LimitedProcessError(BetterError):
+    """A limited process has not answered; the message is a clause that says why ("it took more than 60 s")."""
+
+
+class ProcessEndedError(LimitedProcessError):
+    """The process has ended without a request to end: it crashed, used up a limit or was killed."""
+
+
+class ProcessLateError(LimitedProcessError):
+    """The process has not answered within its time."""
+
+
+class RefusedError(LimitedProcessError):
+    """The process has answered that it cannot do what was requested; the message is its reason."""
+
+
+class LimitedProcess:
+    """A process of ours that answers one request after the other within limits; its parent talks to it by pipes."""
+
+    def __init__(
+        self, main: str, *arguments: object, cpu_s: float, environment: Mapping[str, str] | None = None
+    ) -> None:
+        """Start a process.
+
+        Args:
+            main: Function that the process calls with the arguments as texts ("module:function"); it ends with
+                :func:`answer_requests`.
+            arguments: Its arguments.
+            cpu_s: Processor time of an answer, for messages [s]; :func:`answer_requests` sets the limit.
+            environment: Variables besides those of this process.
+        """
+        module, _, function = main.partition(":")
+        paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
+        self._cpu_s, self._told_to_end, self._is_closed = cpu_s, False, False
+        self._process = subprocess.Popen(  # noqa: S603 - our own module
+            [sys.executable, "-c", _MAIN.format(module=module, function=function), *map(str, arguments)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            cwd=tempfile.gettempdir(),  # a folder where libraries may write a log
+            env={**os.environ, "PYTHONPATH": paths, **(environment or {})},
+        )
+        os.set_blocking(_opened(self._process.stdin).fileno(), False)
+        with contextlib.suppress(OSError):  # the size may exceed the user's limit
+            fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit status, None while it runs."""
+        return self._process.returncode
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the process has ended, or was asked to end."""
+        return self._is_closed or self._told_to_end or self._process.poll() is not None
+
+    def stop(self) -> None:
+        """End the process from another thread; a waiting thread then gets a LimitedProcessError."""
+        self._told_to_end = True
+        self._process.kill()
+
+    def close(self) -> None:
+        """End the process."""
+        self._is_closed = True
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
+
+    def send(self, request: Mapping[str, object], data: bytes, *, within_s: float) -> None:
+        """Send a request and its data, within a time [s]; raises the errors of :meth:`receive`."""
+        text = json.dumps(request).encode()
+        left, patience = memoryview(_QUESTION.pack(len(text), len(data)) + text + data), _Patience(within_s)
+        try:
+            pipe = _opened(self._process.stdin)
+            while left:
+                self._wait(patience, within_s, to_write=True)
+                left = left[os.write(pipe.fileno(), left[:_BLOCK]) :]
+        except (OSError, EOFError):
+            raise self._ended() from None
+
+    def receive(self, *, most: int, within_s: float) -> bytes | bytearray:
+        """Return an answer of at most ``most`` bytes, which comes within a time [s].
+
+        Raises:
+            LimitedProcessError: If the process has ended, is late, refuses the request or sends too much; it is closed
+                then unless it has refused.
+            InvalidInputError: If the process has raised this error.
+            MissingDependencyError: The same.
+        """
+        patience = _Patience(within_s)
+        try:
+            kind, size = _HEADER.unpack(self._read(_HEADER.size, patience, within_s))
+            if size > most:
+                self.close()
+                raise LimitedProcessError("its answer is too long")
+            answer = self._read(size, patience, within_s)
+        except (OSError, EOFError):
+            raise self._ended() from None
+        if kind == _ANSWER:
+            return answer
+        raise _error_of(kind, bytes(answer))
+
+    def _wait(self, patience: _Patience, within_s: float, *, to_write: bool) -> None:
+        """Wait until the pipe can be written or read."""
+        pipe = _opened(self._process.stdin if to_write else self._process.stdout)
+        if not patience.lasts_until_ready(pipe, to_write=to_write):
+            self.close()
+            raise ProcessLateError(f"it did not answer within {within_s:g} s")
+
+    def _read(self, count: int, patience: _Patience, within_s: float) -> bytearray:
+        pipe, answer = _opened(self._process.stdout), bytearray(count)
+        left = memoryview(answer)
+        while left:
+            self._wait(patience, within_s, to_write=False)
+            got = os.readv(pipe.fileno(), [left])
+            if not got:
+                raise EOFError
+            left = left[got:]
+        return answer
+
+    def _ended(self) -> LimitedProcessError:
+        """Return the error for an ended process: it can be restarted, unless it was asked to end."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_ENDS_WITHIN_S)
+        said = _end_in_words(self._process.returncode, self._cpu_s)
+        self.close()
+        return LimitedProcessError(said) if self._told_to_end else ProcessEndedError(said)
+
+
+_MAIN = "import sys; from {module} import {function}; {function}(*sys.argv[1:])"
+
+
+@dataclass(slots=True)
+class _Patience:
+    """Remaining time to wait for a process [s].
+
+    It waits in slices, and a slice counts no more than its nominal duration: Ctrl-Z stops both processes for any time
+    while the clock continues.
+    """
+
+    left_s: float
+
+    def lasts_until_ready(self, pipe: BinaryIO, *, to_write: bool) -> bool:
+        """Wait until a pipe can be written or read; False if no time is left."""
+        pipes: list[BinaryIO] = [pipe]
+        while True:
+            slice_s, began = min(_SLICE_S, max(0.0, self.left_s)), time.monotonic()
+            ready = select.select([] if to_write else pipes, pipes if to_write else [], [], slice_s)
+            self.left_s -= min(slice_s, time.monotonic() - began)
+            if ready[0] or ready[1]:
+                return True
+            if self.left_s <= 0.0:
+                return False
+
+
+def _error_of(kind: int, said: bytes) -> BetterError:
+    text = said.decode("utf-8", "replace")
+    if kind == _WRONG_INPUT:
+        with contextlib.suppress(ValueError, TypeError):
+            where, problem, cure = (one_line(part, most=LONGEST_REASON) for part in json.loads(text))
+            return InvalidInputError(where, problem, cure)
+    reason = one_line(text, most=LONGEST_REASON)
+    return MissingDependencyError(reason) if kind == _MISSING else RefusedError(reason)
+
+
+def _end_in_words(status: int | None, cpu_s: float) -> str:
+    """Return a description of a process's exit status; a negative one is a signal."""
+    if status is None or status >= 0:
+        return f"its process ended (exit status {status})"
+    if -status == signal.SIGPROF:
+        return f"its process took more than {cpu_s:g} s of processor time"
+    if -status == signal.SIGKILL:
+        return "its process was killed, perhaps because memory ran out"
+    return f"its process crashed ({signal.Signals(-status).name})"
+
+
+def _opened(pipe: object) -> BinaryIO:
+    if pipe is None:
+        raise EOFError
+    return pipe  # type: ignore[return-value]
+
+
+# ------------------------------------------------------------------------------------------------- in the process
+
+
+def answer_requests(
+    answers: Callable[[Mapping[str, Any], bytes], Iterator[bytes]],
+    *,
+    memory_bytes: int,
+    cpu_s: float,
+    unexpected: Callable[[Exception], str],
+) -> None:
+    """Answer requests from standard input on standard output until the input ends: the rest of the main function.
+
+    Args:
+        answers: Yields the answers to a request and its data.
+        memory_bytes: Most address space of this process [byte].
+        cpu_s: Most processor time of each answer [s].
+        unexpected: Returns the reason that is sent for an error that is not a BetterError.
+    """
+    written = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what libraries print must not mix with the answers
+    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)  # independent of the parent's handler
+    asked = sys.stdin.buffer
+
+    def send(kind: int, parts: Sequence[bytes]) -> None:
+        written.write(_HEADER.pack(kind, sum(map(len, parts))))
+        for part in parts:
+            written.write(part)
+        written.flush()
+
+    while header := asked.read(_QUESTION.size):
+        text, data = (asked.read(size) for size in _QUESTION.unpack(header))
+        try:
+            _limit_time(cpu_s)
+            for answer in answers(json.loads(text), data):
+                send(_ANSWER, [answer])
+                _limit_time(cpu_s)
+        except InvalidInputError as problem:
+            parts = (
+                one_line(part, most=LONGEST_REASON // 4) for part in (problem.where, problem.problem, problem.cure)
+            )
+            send(_WRONG_INPUT, [json.dumps([*parts]).encode()])
+        except MissingDependencyError as problem:
+            send(_MISSING, [str(problem).encode()[:LONGEST_REASON]])
+        except BetterError as problem:
+            send(_REFUSED, [str(problem).encode()[:LONGEST_REASON]])
+        except Exception as problem:  # noqa: BLE001 - whatever a forged file breaks is told to the parent
+            send(_REFUSED, [unexpected(problem).encode("utf-8", "replace")[:LONGEST_REASON]])
+
+
+def _limit_time(cpu_s: float) -> None:
+    """Set the processor time limit for the next answer; SIGPROF ends this process when it is used up.
+
+    RLIMIT_CPU, a limit on the total processor time, cannot be advanced exactly: the kernel compares it with ticks,
+    which for a rendering process are up to 6 % more than :func:`time.process_time`, a minute after a quarter of an
+    hour.
+    """
+    signal.setitimer(signal.ITIMER_PROF, cpu_s)

@@ -1,0 +1,79 @@
+"""Sources and licenses of the assets that the trials of runs have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from betterbench.records.run import RunFolder
+
+LIBRARY_CREDIT = "betterbench procedural library, Apache-2.0"
+"""Credit of all objects that our generators make, as the license file of the project says."""
+
+
+class CreditedObject(Protocol):
+    """Object of a scene with the origin of its asset; empty texts for the procedural library."""
+
+    @property
+    def asset(self) -> str:
+        """Identity of the asset ("my_mug-red#0")."""
+
+    @property
+    def source(self) -> str:
+        """Origin of the asset."""
+
+    @property
+    def license(self) -> str:
+        """Name of its license."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class AssetCredit:
+    """Source and license of one asset.
+
+    Attributes:
+        asset: Name and color of the asset ("my_mug-red").
+    """
+
+    asset: str
+    source: str
+    license: str
+
+    @property
+    def text(self) -> str:
+        """Credit in one line."""
+        return f"{self.asset}: {self.source}; license {self.license}"
+
+
+def credits_of(objects: Iterable[CreditedObject]) -> tuple[AssetCredit, ...]:
+    """Return the credits of assets that are not from the procedural library, each once, sorted."""
+    found = {
+        AssetCredit(each.asset.partition("#")[0], each.source, each.license or "unknown")
+        for each in objects
+        if each.source
+    }
+    return tuple(sorted(found))
+
+
+def credit_lines(objects: Sequence[CreditedObject]) -> tuple[str, ...]:
+    """Return one line for each asset of a source of its own, and one for all objects of the procedural library."""
+    lines = [credit.text for credit in credits_of(objects)]
+    return (*lines, LIBRARY_CREDIT) if any(not each.source for each in objects) else tuple(lines)
+
+
+def credits_of_runs(runs: Sequence[RunFolder]) -> tuple[str, ...]:
+    """Return the credit lines of the finished trials of runs in scenes of our own.
+
+    Raises:
+        RecordError: If a record cannot be read.
+    """
+    found: dict[tuple[str, str, str], CreditedObject] = {}
+    for run in runs:
+        if not run.world.measured:  # its objects are of another benchmark
+            continue
+        for entry in run.entries():
+            if entry.status == "done":
+                for each in run.read_brief(entry.key, entry=entry).metadata.scene.objects:
+                    found.setdefault((each.asset.partition("#")[0], each.source, each.license), each)
+    return credit_lines(list(found.values()))

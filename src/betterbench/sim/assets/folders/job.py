@@ -1,0 +1,246 @@
+"""The import job: many files become the assets of a folder. A killed job goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import BetterError, InvalidInputError, StorageError, one_line
+from betterbench.jobs.durable import write_durably
+from betterbench.jobs.item_threads import NoResource, in_threads
+from betterbench.jobs.job import JobProgress, run_items
+from betterbench.jobs.outputs import OutputFolder
+from betterbench.json_form import file_digest
+from betterbench.sim.assets.asset import VisualPart
+from betterbench.sim.assets.authoring.registry import categories
+from betterbench.sim.assets.folders.manifest import FolderAsset, is_asset_name, manifest_bytes, manifest_of
+from betterbench.sim.assets.importing.child import VERSION, Made, import_bytes
+from betterbench.sim.assets.importing.coloring import color_word
+from betterbench.sim.assets.importing.importer import Imported, Wishes
+from betterbench.sim.assets.importing.stored import from_bytes
+from betterbench.sim.assets.licenses import require_license
+from betterbench.sim.assets.names import file_words
+from betterbench.tasks.user_files import ASSET_MANIFEST
+
+VERB = "assets"
+"""Verb that writes folders of assets."""
+LICENSE_OPTIONS = "Give --license with its name, or add --any-license to import it all the same"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportRequest:
+    """One file to import.
+
+    Attributes:
+        path: The file.
+        wishes: What the user says about the object.
+        name: Name of the asset in tasks; by the name of the file if not given.
+        color: Word for its color; that of most of its surface if not given.
+        any_license: Whether a license that forbids commercial use or changes, or is not known, is allowed.
+    """
+
+    path: Path
+    wishes: Wishes = field(default_factory=Wishes)
+    name: str | None = None
+    color: str | None = None
+    any_license: bool = False
+
+
+@dataclass(slots=True)
+class ImportReport:
+    """Outcome of an import job.
+
+    Attributes:
+        made: Names of the assets that were imported now.
+        kept: Names of those that were there already.
+        failed: Files that could not be imported, with the reason.
+    """
+
+    made: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+    failed: list[tuple[str, str]] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Result:
+    request: ImportRequest
+    made: Made | None = None
+    problem: str = ""
+
+
+def import_assets(
+    requests: Sequence[ImportRequest],
+    out: Path,
+    *,
+    workers: int = 1,
+    overwrite: bool = False,
+    on_progress: Callable[[JobProgress[object]], None] | None = None,
+) -> ImportReport:
+    """Import files into a folder of assets; what is there already is kept, and files that fail are named and skipped.
+
+    Args:
+        requests: The files.
+        out: The folder, which is made if it is missing.
+        workers: Number of files that are imported at once.
+        overwrite: Whether files of others in the folder may be replaced.
+        on_progress: Called at the start and after each file.
+
+    Raises:
+        InvalidInputError: If a name is given to two files, cannot name an asset, or another asset has it.
+        RunConflictError: If another process writes into the folder, or it holds files of others.
+    """
+    report = ImportReport()
+    with OutputFolder(out, VERB, overwrite=overwrite):
+        folder = _Folder(out)
+        names = folder.names_for(requests)
+        report.kept = [names[request] for request in requests if folder.holds(names[request], request)]
+
+        def keep(result: object) -> None:
+            if not isinstance(result, _Result):
+                raise TypeError("a result of this job")
+            if result.made is None:
+                report.failed.append((_shown(result.request.path), result.problem))
+                return
+            folder.add(names[result.request], result.request, result.made)
+            report.made.append(names[result.request])
+
+        def work(waiting: list[ImportRequest]) -> Iterator[object]:
+            return in_threads(waiting, lambda _, one: _imported(one), workers=workers, open_resource=NoResource)
+
+        run_items(
+            requests,
+            is_done=lambda request: folder.holds(names[request], request),
+            work=work,
+            keep=keep,
+            on_progress=on_progress,
+        )
+    return report
+
+
+def _imported(request: ImportRequest) -> _Result:
+    where = _shown(request.path)
+    try:
+        require_license(where, request.wishes.license, any_license=request.any_license, option=LICENSE_OPTIONS)
+        return _Result(request, import_bytes(request.path, request.wishes))
+    except StorageError:
+        raise  # of the cache: the next file fares no better
+    except (BetterError, OSError) as error:
+        return _Result(request, None, one_line(error, most=400))
+
+
+def _shown(path: Path) -> str:
+    return one_line(path.name, most=120)
+
+
+class _Folder:
+    """A folder of assets that this process writes."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._assets = manifest_of(path).assets
+
+    def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
+        """Return the name of each asset: as given, as of the same file in the folder, or by the name of the file."""
+        taken = set(self._assets) | set(categories())
+        before = {self._source(asset): name for name, asset in self._assets.items()}
+        found: dict[ImportRequest, str] = {}
+        for request in requests:
+            name = request.name
+            if name is not None:
+                self._require_name(name, request, found)
+            else:
+                name = before.get((request.path.name, _digest(request.path)))
+                if name is None or name in found.values():
+                    name = _free_name(request.path, taken)
+            taken.add(name)
+            found[request] = name
+        return found
+
+    def _require_name(self, name: str, request: ImportRequest, found: dict[ImportRequest, str]) -> None:
+        if not is_asset_name(name):
+            problem = f"{one_line(repr(name), most=80)} cannot name an asset"
+            raise InvalidInputError("--name", problem, "Use small letters, digits and underscores, a letter first")
+        if name in found.values():
+            raise InvalidInputError("--name", f"{name!r} is given to two files", "Import them one after the other")
+        there = self._assets.get(name)
+        if there is None and name in categories():
+            raise InvalidInputError("--name", f"{name!r} is an asset already", f"Take another one, as my_{name}")
+        if there is not None and next(iter(there.source_files), "") != request.path.name:
+            problem = f"{name!r} in {self._path} was made of another file"
+            raise InvalidInputError("--name", problem, "Take another name, or another folder")
+
+    @staticmethod
+    def _source(asset: FolderAsset) -> tuple[str, str]:
+        return next(iter(asset.source_files.items()), ("", ""))
+
+    def holds(self, name: str, request: ImportRequest) -> bool:
+        """Tell whether the folder has the asset of a request, made of the same files by the same import."""
+        asset = self._assets.get(name)
+        if asset is None or asset.importer != VERSION or asset.options != _options(request):
+            return False
+        try:
+            same = all(
+                file_digest(request.path.parent / source) == digest for source, digest in asset.source_files.items()
+            )
+            return same and file_digest(self._path / asset.file) == asset.sha256
+        except OSError:
+            return False
+
+    def add(self, name: str, request: ImportRequest, made: Made) -> None:
+        """Store an asset and list it."""
+        imported = from_bytes(made.data, name)
+        file = f"{name}.npz"
+        write_durably(self._path / file, made.data)
+        self._assets = {**self._assets, name: _listed(file, request, made, imported)}
+        write_durably(self._path / ASSET_MANIFEST, manifest_bytes(self._assets))
+
+
+def _listed(file: str, request: ImportRequest, made: Made, imported: Imported) -> FolderAsset:
+    draft = imported.draft
+    points = np.concatenate([part.vertices for part in draft.parts if isinstance(part, VisualPart)])
+    x, y, z = (round(float(side), 5) for side in np.ptp(points.astype(np.float64), axis=0))
+    return FolderAsset(
+        file=file,
+        sha256=hashlib.sha256(made.data).hexdigest(),
+        color=request.color or color_word(draft.parts),
+        kind="" if imported.kind is None else imported.kind.name,
+        size_m=(x, y, z),
+        mass_kg=draft.mass_kg,
+        license=request.wishes.license,
+        author=request.wishes.author or "",
+        source=request.wishes.source or request.path.name,
+        source_files={request.path.name: _digest(request.path), **made.files},
+        options=_options(request),
+        notes=tuple(one_line(note, most=400) for note in imported.notes),
+        importer=VERSION,
+    )
+
+
+def _options(request: ImportRequest) -> dict[str, str | float | bool]:
+    """Return what the user said about an object, without what was left open."""
+    said = {**asdict(replace(request.wishes)), "color": request.color}
+    return {key: value for key, value in said.items() if value not in (None, False)}
+
+
+def _digest(path: Path) -> str:
+    try:
+        return file_digest(path)
+    except OSError:
+        return ""
+
+
+def _free_name(path: Path, taken: set[str]) -> str:
+    """Return a name by the words of a file name: "mug", or "my_mug", "my_mug_2" if another asset has it."""
+    whole = path.absolute()
+    plain = "_".join(word for word in file_words(whole, Path(whole.anchor)) if word.isascii())[:40]
+    name = plain if is_asset_name(plain) else "object"
+    if name not in taken:
+        return name
+    number = 1
+    while (found := f"my_{name}" if number == 1 else f"my_{name}_{number}") in taken:
+        number += 1
+    return found

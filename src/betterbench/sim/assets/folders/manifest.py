@@ -1,0 +1,117 @@
+"""The manifest of a folder of imported assets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.geometry import Vector
+from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.tasks.user_files import ASSET_MANIFEST
+
+FORMAT = 1
+"""Version of the manifest."""
+_MAX_MANIFEST_BYTES = 64 << 20
+CURE = "Import the assets again with better assets import"
+"""Remedy for a damaged folder."""
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
+
+_Text = Annotated[str, Field(max_length=500)]
+_Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+_Positive = Annotated[float, Field(gt=0.0)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FolderAsset:
+    """One asset of a folder, as its manifest lists it.
+
+    Attributes:
+        file: Name of its file in the folder.
+        sha256: Digest of this file.
+        color: Word for its color.
+        kind: Kind by which it was scaled and weighed, empty if none was known.
+        size_m: Extents of its bounding box [m].
+        mass_kg: Mass.
+        license: License of its mesh.
+        author: Person or group to name, empty if unknown.
+        source: Origin of its mesh.
+        source_files: SHA-256 of each file it was made of, by name; the first is the one that was named.
+        options: What the user said about it.
+        notes: What was decided for it, and by what.
+        importer: Version of the import that made it.
+    """
+
+    file: _Text
+    sha256: _Digest
+    color: _Text
+    kind: _Text = ""
+    size_m: Vector
+    mass_kg: _Positive
+    license: _Text
+    author: _Text = ""
+    source: _Text
+    source_files: dict[_Text, _Digest] = field(default_factory=dict)
+    options: dict[str, str | float | bool] = field(default_factory=dict)
+    notes: tuple[_Text, ...] = ()
+    importer: int = 1
+
+
+@strict_form
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manifest:
+    """The list of the assets of a folder, by their names in tasks."""
+
+    format: int
+    assets: dict[str, FolderAsset]
+
+
+_MANIFEST = TypeAdapter(Manifest)
+
+
+def read_manifest(text: bytes | str, where: str) -> Manifest:
+    """Return the manifest of a text.
+
+    Raises:
+        InvalidInputError: If it is not a manifest, or names an asset or a file in a way that is not allowed.
+    """
+    found = read_form(_MANIFEST, text, where=where, cure=CURE)
+    if found.format != FORMAT:
+        raise InvalidInputError(where, f"it has the format {found.format}, expected {FORMAT}", CURE)
+    for name, asset in found.assets.items():
+        if not _NAME.fullmatch(name):
+            problem = f"{one_line(repr(name), most=80)} cannot name an asset"
+            raise InvalidInputError(where, problem, "Use small letters, digits and underscores, a letter first")
+        if asset.file != f"{name}.npz":
+            problem = f"the file of {name} is {one_line(repr(asset.file), most=80)}, expected {name}.npz"
+            raise InvalidInputError(where, problem, CURE)
+    return found
+
+
+def manifest_of(folder: Path) -> Manifest:
+    """Return the manifest of a folder, an empty one if it has none.
+
+    Raises:
+        InvalidInputError: If the manifest cannot be read.
+    """
+    path = folder / ASSET_MANIFEST
+    if not path.is_file():
+        return Manifest(format=FORMAT, assets={})
+    return read_manifest(read_bounded(path, max_bytes=_MAX_MANIFEST_BYTES, cure=CURE), str(path))
+
+
+def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
+    """Return the text of a manifest, sorted by name."""
+    ordered = {name: assets[name] for name in sorted(assets)}
+    return _MANIFEST.dump_json(Manifest(format=FORMAT, assets=ordered), indent=1) + b"\n"
+
+
+def is_asset_name(name: str) -> bool:
+    """Tell whether a name can be one of an imported asset: small letters, digits and underscores, a letter first."""
+    return _NAME.fullmatch(name) is not None

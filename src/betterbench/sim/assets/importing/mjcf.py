@@ -1,0 +1,260 @@
+"""Reading of MJCF files: the bodies of one object, compiled by MuJoCo, as one rigid body.
+
+MuJoCo gets the document after a check and without file names: meshes and textures are given to it as bytes that the
+resolver has read. MuJoCo's parser and compiler are C++ that a forged file can crash or hang, so a stranger's file is
+read in a limited process only (``child``).
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+from PIL import Image
+
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.sim.assets.importing import rigid
+from betterbench.sim.assets.importing.mesh_file import LARGEST_IMAGE, MAX_FACES, FolderResolver, check_picture
+from betterbench.sim.assets.importing.raw import RawMesh, RawPart, Rgba, Stated
+from betterbench.sim.assets.importing.rigid import PointMass, combined, pose
+
+_REFUSED = {
+    "attach": "another model",
+    "composite": "a deformable body",
+    "flex": "a deformable body",
+    "flexcomp": "a deformable body",
+    "hfield": "a height field",
+    "model": "another model",
+    "replicate": "copies",
+    "skin": "a skin",
+}
+"""Elements that a prop does not need; each could grow without a bound or reads further files."""
+
+_GEOM = mujoco.mjtGeom
+_FLAT = (int(_GEOM.mjGEOM_PLANE), int(_GEOM.mjGEOM_HFIELD))
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_UNCOLORED = np.array([0.5, 0.5, 0.5, 1.0])
+"""Color of a geom that names none; its material then decides."""
+_CURE = "Export the object again, or import its mesh instead"
+
+
+def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bool = False) -> RawMesh:
+    """Return the bodies of an MJCF file as one rigid body in the world frame of the file.
+
+    Planes, height fields and, where the file has bodies, the geoms of the world are left out. Geoms that touch nothing
+    are what is seen; without such geoms, all are.
+
+    Args:
+        root: The element ``mujoco``.
+        files: Resolver of the folder of the file.
+        where: Name of the file, for messages.
+        freeze: Whether movable joints are fixed at their reference.
+
+    Raises:
+        InvalidInputError: If the file is not one rigid body, MuJoCo refuses it, or something in it cannot be used.
+    """
+    states_mass = _checked(root, where)
+    assets = _with_bytes(root, files, where)
+    try:
+        model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), assets)
+    except ValueError as error:
+        problem = f"MuJoCo refuses it ({one_line(error, most=200)})"
+        raise InvalidInputError(where, problem, _CURE) from error
+    notes = _require_rigid(model, where, freeze=freeze)
+    return _Compiled(model, where).mesh(root.get("model", ""), notes, states_mass=states_mass)
+
+
+def _checked(root: ET.Element, where: str) -> bool:
+    """Refuse elements that are not read; return whether the file states masses."""
+    bodies = shapes = 0
+    for element in root.iter():
+        if element.tag in _REFUSED:
+            raise InvalidInputError(where, f"it has {_REFUSED[element.tag]} (element {element.tag})", _CURE)
+        bodies += element.tag == "body"
+        shapes += element.tag == "geom"
+    if bodies > rigid.MOST_BODIES or shapes > rigid.MOST_SHAPES:
+        problem = f"it has {bodies} bodies with {shapes} geoms"
+        cure = f"Import an object of at most {rigid.MOST_BODIES} bodies and {rigid.MOST_SHAPES} geoms"
+        raise InvalidInputError(where, problem, cure)
+    return root.find(".//inertial") is not None or any(
+        geom.get("mass") or geom.get("density") for geom in root.iter("geom")
+    )
+
+
+def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str, bytes]:
+    """Read the files of a document, and let the document refer to the bytes alone."""
+    folders = {"mesh": "", "texture": ""}
+    strips = False
+    for compiler in root.iter("compiler"):
+        both = compiler.attrib.pop("assetdir", "")
+        for kind, attribute in (("mesh", "meshdir"), ("texture", "texturedir")):
+            folders[kind] = compiler.attrib.pop(attribute, both or folders[kind])
+        strips |= compiler.attrib.pop("strippath", "false") == "true"
+    found: dict[str, bytes] = {}
+    for element in list(root.iter()):
+        for attribute in [name for name in element.attrib if name.startswith("file")]:
+            if element.tag not in folders:
+                problem = f"its element {one_line(element.tag, most=40)} refers to a file"
+                raise InvalidInputError(where, problem, "Meshes and textures alone are read")
+            given = element.attrib.pop(attribute)
+            name = PurePosixPath(given).name if strips else given
+            if not element.get("name"):
+                element.set("name", PurePosixPath(given).stem)
+            data = files.get(f"{folders[element.tag].rstrip('/')}/{name}".lstrip("/") if folders[element.tag] else name)
+            own = f"file{len(found)}{PurePosixPath(name).suffix.lower()}"
+            if element.tag == "texture":
+                data, own = _png(data, name, where), f"file{len(found)}.png"
+            found[own] = data
+            element.set(attribute, own)
+            element.attrib.pop("content_type", None)
+    return found
+
+
+def _png(data: bytes, name: str, where: str) -> bytes:
+    """Return a picture as a PNG that is not larger than a texture may be."""
+    check_picture(data, one_line(name, most=80), where)
+    picture = Image.open(io.BytesIO(data)).convert("RGB")
+    picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
+    written = io.BytesIO()
+    picture.save(written, "PNG")
+    return written.getvalue()
+
+
+def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]:  # noqa: ANN401 - of MuJoCo
+    """Return a note for each joint that is fixed; refuse joints that move and objects that are apart."""
+    free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
+    if len(free) > 1:
+        first, second = (_body_name(model, model.jnt_bodyid[j]) for j in free[:2])
+        raise InvalidInputError(where, f"its bodies {first} and {second} are two objects", "Import one object a file")
+    moving = [j for j in range(model.njnt) if j not in free]
+    said = [_joint_name(model, j) for j in moving]
+    if moving and not freeze:
+        cure = "Fix all joints at their reference with --freeze, or import one body"
+        raise InvalidInputError(where, f"its joint {said[0]} moves", cure)
+    return tuple(f"joint {name} is fixed at its reference" for name in said)
+
+
+def _joint_name(model: Any, joint: int) -> str:  # noqa: ANN401
+    name = model.joint(joint).name
+    return repr(one_line(name, most=60)) if name else f"of body {_body_name(model, model.jnt_bodyid[joint])}"
+
+
+def _body_name(model: Any, body: int) -> str:  # noqa: ANN401
+    return repr(one_line(model.body(body).name or f"number {body}", most=60))
+
+
+class _Compiled:
+    """Shapes, looks and mass of a compiled model at its reference configuration."""
+
+    def __init__(self, model: Any, where: str) -> None:  # noqa: ANN401 - of MuJoCo
+        self._model, self._where = model, where
+        self._data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self._data)
+
+    def mesh(self, name: str, notes: tuple[str, ...], *, states_mass: bool) -> RawMesh:
+        m = self._model
+        geoms = [g for g in range(m.ngeom) if int(m.geom_type[g]) not in _FLAT]
+        of_bodies = [g for g in geoms if m.geom_bodyid[g] != 0]
+        geoms = of_bodies or geoms
+        if not geoms:
+            raise InvalidInputError(self._where, "none of its bodies has a shape", _CURE)
+        touching = [g for g in geoms if m.geom_contype[g] or m.geom_conaffinity[g]]
+        only_seen = [g for g in geoms if g not in touching]
+        groups = {int(m.geom_group[g]) for g in only_seen}
+        seen = [g for g in geoms if g in only_seen or not only_seen or int(m.geom_group[g]) in groups]
+        seen = [g for g in seen if self._rgba(g)[3] > 0.0] or geoms
+        parts = tuple(part for g in seen for part in self._parts(g))
+        if sum(len(part.faces) for part in parts) > MAX_FACES:
+            cure = "Reduce the mesh in a mesh editor"
+            raise InvalidInputError(self._where, f"it has more than {MAX_FACES:,} triangles", cure)
+        hulls = tuple(self._placed(g, *self._shape(g)[:2])[0] for g in touching)
+        mass = combined(list(self._masses())) if states_mass else None
+        stated = Stated(hulls=hulls, name=one_line(name, most=60), notes=notes)
+        if mass is not None:
+            stated = Stated(mass.mass_kg, mass.center, mass.inertia, hulls, stated.name, notes)
+        return RawMesh(parts, "z", 1.0, stated)
+
+    def _masses(self) -> Iterator[PointMass]:
+        m, d = self._model, self._data
+        for body in range(1, m.nbody):
+            turn = d.ximat[body].reshape(3, 3)
+            inertia = turn @ np.diag(m.body_inertia[body]) @ turn.T
+            yield PointMass(float(m.body_mass[body]), d.xipos[body].copy(), inertia)
+
+    def _shape(self, geom: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return vertices, faces and texture coordinates of the corners of a geom, in its frame."""
+        m = self._model
+        kind, size = _GEOM(int(m.geom_type[geom])), m.geom_size[geom]
+        if kind == _GEOM.mjGEOM_MESH:
+            return self._mesh(int(m.geom_dataid[geom]))
+        if kind == _GEOM.mjGEOM_BOX:
+            return (*rigid.box(size), None)
+        if kind == _GEOM.mjGEOM_SPHERE:
+            return (*rigid.ellipsoid(np.full(3, size[0])), None)
+        if kind == _GEOM.mjGEOM_ELLIPSOID:
+            return (*rigid.ellipsoid(size), None)
+        if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
+            make = rigid.cylinder if kind == _GEOM.mjGEOM_CYLINDER else rigid.capsule
+            return (*make(float(size[0]), float(size[1])), None)
+        raise InvalidInputError(self._where, f"a geom has the type {kind.name}, which is not read", _CURE)
+
+    def _mesh(self, mesh: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        m = self._model
+        start, count = m.mesh_vertadr[mesh], m.mesh_vertnum[mesh]
+        vertices = m.mesh_vert[start : start + count].astype(np.float64)
+        rows = slice(m.mesh_faceadr[mesh], m.mesh_faceadr[mesh] + m.mesh_facenum[mesh])
+        faces = m.mesh_face[rows].astype(np.int64)
+        if m.mesh_texcoordadr[mesh] < 0:
+            return vertices, faces, None
+        uv = m.mesh_texcoord[m.mesh_texcoordadr[mesh] :].astype(np.float64)
+        corners = uv[m.mesh_facetexcoord[rows].ravel()]
+        # MuJoCo's rows of a texture begin at the top, ours at the bottom.
+        return vertices, faces, np.column_stack([corners[:, 0], 1.0 - corners[:, 1]])
+
+    def _placed(self, geom: int, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        d = self._data
+        place = pose(d.geom_xpos[geom], d.geom_xmat[geom].reshape(3, 3))
+        return vertices @ place[:3, :3].T + place[:3, 3], faces
+
+    def _parts(self, geom: int) -> Iterator[RawPart]:
+        vertices, faces, corners = self._shape(geom)
+        vertices, faces = self._placed(geom, vertices, faces)
+        rgba, image = self._rgba(geom), self._image(geom)
+        name = one_line(self._model.geom(geom).name or f"geom {geom}", most=60)
+        if image is not None and corners is None:  # MuJoCo maps it in its own way: its mean color is near enough
+            r, g, b = (float(v) / 255.0 for v in image.reshape(-1, 3).mean(axis=0))
+            rgba, image = (rgba[0] * r, rgba[1] * g, rgba[2] * b, rgba[3]), None
+        if image is None or corners is None:
+            yield RawPart(name, vertices, faces, rgba)
+            return
+        own = np.arange(3 * len(faces)).reshape(-1, 3)
+        yield RawPart(name, vertices[faces.ravel()], own, rgba, image, corners)
+
+    def _rgba(self, geom: int) -> Rgba:
+        m = self._model
+        material = int(m.geom_matid[geom])
+        found = m.geom_rgba[geom]
+        if material >= 0 and np.allclose(found, _UNCOLORED):
+            found = m.mat_rgba[material]
+        r, g, b, a = (float(v) for v in np.clip(found, 0.0, 1.0))
+        return r, g, b, a
+
+    def _image(self, geom: int) -> np.ndarray | None:
+        m = self._model
+        material = int(m.geom_matid[geom])
+        if material < 0:
+            return None
+        texture = int(m.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
+        if texture < 0 or int(m.tex_type[texture]) != int(mujoco.mjtTexture.mjTEXTURE_2D):
+            return None
+        height, width, channels = (int(v[texture]) for v in (m.tex_height, m.tex_width, m.tex_nchannel))
+        if channels < 3:
+            return None
+        start = int(m.tex_adr[texture])
+        pixels = m.tex_data[start : start + height * width * channels].reshape(height, width, channels)
+        return np.ascontiguousarray(pixels[:, :, :3])

@@ -1,0 +1,138 @@
+"""Physics that a URDF or MJCF file states, used as far as it fits what the object looks like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from betterbench.sim.assets.importing.hulls import MOST_HULLS, fit_of, hull_corners
+from betterbench.sim.assets.importing.solid import mass_of_cells
+from betterbench.sim.assets.importing.upright import Placed
+from betterbench.statistics.wording import plural
+
+_LIGHTEST_KG, _HEAVIEST_KG = 0.001, 20.0
+"""Stated masses outside of these limits are placeholders or belong to no object on a table."""
+_INERTIA_FACTOR = 5.0
+"""Most that a stated principal moment may differ from that of the solid: a shell of the same size has up to 3 times
+the moment of the full body."""
+_CLOSE_M, _CLOSE_SHARE = 0.003, 0.03
+"""Largest distance of stated collision shapes from the visible surface [m], and as a share of the size."""
+_MOST_FILLED = 0.02
+"""Fraction of a hollow that stated collision shapes may fill."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """Mass of an object in its own frame.
+
+    Attributes:
+        mass_kg: Mass.
+        center: (3,) center of mass [m].
+        inertia: (3, 3) inertia about the center of mass [kg m^2].
+    """
+
+    mass_kg: float
+    center: np.ndarray
+    inertia: np.ndarray
+
+
+def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, tuple[str, ...]]:
+    """Return the stated mass, center and inertia of an object, and notes; None if the mass is not stated or not usable.
+
+    A center outside of the object or beside its base, and an inertia that no such object has, are replaced by those of
+    its solid.
+
+    Args:
+        placed: The object.
+        wished_kg: Mass that the user gives instead of the stated one.
+    """
+    stated = placed.mesh.stated
+    if stated is None or stated.mass_kg is None or stated.center is None or stated.inertia is None:
+        return None, ()
+    if not (np.isfinite(stated.inertia).all() and _LIGHTEST_KG <= stated.mass_kg <= _HEAVIEST_KG):
+        return None, (f"the stated mass of {1000 * stated.mass_kg:.3g} g is not that of an object on a table",)
+    mass = wished_kg or stated.mass_kg
+    said = f"mass {1000 * mass:.3g} g, {'as given' if wished_kg else 'as the file states'}"
+    center, inertia = mass_of_cells(placed.solid, mass)
+    low, high = placed.mesh.bounds()
+    if not ((stated.center > low) & (stated.center < high)).all():
+        return Body(mass, center, inertia), (said, "the stated center of mass is outside the object: that of its solid")
+    if _is_over_base(center, placed) and not _is_over_base(stated.center, placed):
+        return Body(mass, center, inertia), (
+            said,
+            "with the stated center of mass it would tip over: that of its solid",
+        )
+    theirs = stated.inertia * (mass / stated.mass_kg)
+    if not _is_plausible(theirs, inertia):
+        return Body(mass, stated.center, inertia), (
+            said,
+            "the stated inertia does not fit the shape: that of its solid",
+        )
+    return Body(mass, stated.center, theirs), (said,)
+
+
+def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
+    """Tell whether a center of mass is above the points on which the object stands."""
+    solid = placed.solid
+    base = solid.points[solid.points[:, 2] < 1.5 * solid.pitch_m][:, :2]
+    try:
+        hull = ConvexHull(base)
+    except (QhullError, ValueError):
+        return False
+    sides = hull.equations[:, :2] @ center[:2] + hull.equations[:, 2]
+    return bool(sides.max() < 0.0)
+
+
+def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
+    """Tell whether an inertia is one that a body of the solid's size can have."""
+    moments, solid = np.linalg.eigvalsh(inertia), np.linalg.eigvalsh(of_solid)
+    # No principal moment exceeds the sum of the other two.
+    if moments[0] <= 0.0 or moments[2] > 1.001 * (moments[0] + moments[1]):
+        return False
+    ratio = moments / solid
+    return bool(ratio.min() > 1.0 / _INERTIA_FACTOR and ratio.max() < _INERTIA_FACTOR)
+
+
+def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
+    """Return the corners of the stated collision shapes [m] if they fit the visible surface, and notes.
+
+    They fit if neither surface is farther from the other than 3 mm or 3 % of the size, and if they leave a hollow free.
+    """
+    stated = placed.mesh.stated
+    if stated is None or not stated.hulls:
+        return [], ()
+    if len(stated.hulls) > MOST_HULLS:
+        return [], (f"{len(stated.hulls)} collision shapes in the file, more than {MOST_HULLS}: made anew",)
+    found = [hull_corners(points) for points in stated.hulls]
+    hulls = [corners for corners in found if corners is not None]
+    if not hulls:
+        return [], ("the collision shapes of the file are flat: made anew",)
+    # Pieces that touch share a face, which is inside the object: a little larger, they overlap there.
+    grown = [corners + 0.01 * (corners - corners.mean(axis=0)) for corners in hulls]
+    fit = fit_of(grown, placed.solid.points)
+    near = max(_CLOSE_M, _CLOSE_SHARE * float(np.ptp(placed.solid.points, axis=0).max()))
+    farthest = max(fit.outside_m, fit.inside_m)
+    if farthest > near:
+        return [], (f"the collision shapes of the file are {1000 * farthest:.0f} mm off the surface: made anew",)
+    if _filled(hulls, placed) > _MOST_FILLED:
+        return [], ("the collision shapes of the file fill its hollow: made anew",)
+    return hulls, (f"{plural(len(hulls), 'collision shape')} of the file",)
+
+
+def _filled(hulls: list[np.ndarray], placed: Placed) -> float:
+    """Return the fraction of the hollow of an object that hulls fill."""
+    cavity, solid = placed.cavity, placed.solid
+    if cavity is None:
+        return 0.0
+    columns = np.argwhere(cavity.mask)
+    xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
+    low = cavity.tops[tuple(columns.T)] + 1.5 * solid.pitch_m
+    points = np.concatenate([np.column_stack([xy, low + share * (cavity.rim_m - low)]) for share in (0.1, 0.4, 0.7)])
+    points = points[points[:, 2] < cavity.rim_m]
+    inside = np.zeros(len(points), bool)
+    for corners in hulls:
+        planes = ConvexHull(corners).equations
+        inside |= (points @ planes[:, :3].T + planes[:, 3]).max(axis=1) < -0.5 * solid.pitch_m
+    return float(inside.mean()) if len(points) else 0.0

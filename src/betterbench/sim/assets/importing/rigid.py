@@ -1,0 +1,111 @@
+"""Rigid bodies of URDF and MJCF files: poses, primitive shapes as meshes, and mass of several parts as one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from betterbench.errors import InvalidInputError, one_line
+
+MOST_BODIES = 200
+"""Most links or bodies of one object."""
+MOST_SHAPES = 500
+"""Most visual and collision shapes of one object."""
+_FARTHEST_M = 1000.0
+_CURE = "Correct the number in the file"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointMass:
+    """Mass of one part.
+
+    Attributes:
+        mass_kg: Mass.
+        center: (3,) center of mass.
+        inertia: (3, 3) inertia about the center of mass.
+    """
+
+    mass_kg: float
+    center: np.ndarray
+    inertia: np.ndarray
+
+
+def combined(parts: Sequence[PointMass]) -> PointMass | None:
+    """Return the mass of rigidly connected parts by the parallel axis theorem; None if they have no mass."""
+    total = sum(part.mass_kg for part in parts)
+    if total <= 0.0:
+        return None
+    center = np.asarray(sum(part.mass_kg * part.center for part in parts)) / total
+    inertia = np.zeros((3, 3))
+    for part in parts:
+        d = part.center - center
+        inertia += part.inertia + part.mass_kg * (d @ d * np.eye(3) - np.outer(d, d))
+    return PointMass(total, center, inertia)
+
+
+def numbers(text: str, count: int, where: str, field: str) -> np.ndarray:
+    """Return the numbers of an attribute, (count,).
+
+    Raises:
+        InvalidInputError: If there are more or fewer, or one is not a finite number.
+    """
+    shown = one_line(repr(text), most=60)
+    words = text.split()[: count + 1]
+    try:
+        found = [float(word) for word in words]
+    except ValueError:
+        found = []
+    if len(found) != count or not all(map(math.isfinite, found)):
+        raise InvalidInputError(where, f"{field} is {shown}, expected {count} finite numbers", _CURE)
+    if max(map(abs, found)) > _FARTHEST_M:
+        raise InvalidInputError(where, f"{field} is {shown}, expected numbers of at most {_FARTHEST_M:g}", _CURE)
+    return np.array(found)
+
+
+def pose(xyz: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Return a position and a (3, 3) rotation as one (4, 4) transform."""
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = rotation, xyz
+    return found
+
+
+def rotation_of_rpy(rpy: np.ndarray) -> np.ndarray:
+    """Return the (3, 3) rotation of roll, pitch and yaw [rad] about the fixed axes x, y and z, in this order."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def box(half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces of a box with half sizes (3,)."""
+    return _arrays(trimesh.creation.box(2.0 * np.asarray(half)))
+
+
+def ellipsoid(half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces of an ellipsoid with half axes (3,)."""
+    vertices, faces = _arrays(trimesh.creation.icosphere(subdivisions=2))
+    return vertices * np.asarray(half), faces
+
+
+def cylinder(radius: float, half_length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces of a cylinder along z."""
+    return _arrays(trimesh.creation.cylinder(radius, 2.0 * half_length, sections=32))
+
+
+def capsule(radius: float, half_length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and faces of a capsule along z, whose straight part has the given half length."""
+    vertices, faces = _arrays(trimesh.creation.capsule(2.0 * half_length, radius, count=[16, 16]))
+    return vertices - 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)), faces
+
+
+def _arrays(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)

@@ -1,0 +1,86 @@
+"""Names of licenses and what they allow."""
+
+from __future__ import annotations
+
+import re
+from typing import Literal
+
+from betterbench.errors import InvalidInputError
+
+LicenseKind = Literal["free", "restricted", "unknown"]
+"""Use that a license allows: commercial use and changes (free), less than that (restricted), or not known."""
+
+LicenseFilter = Literal["free", "any"]
+"""Licenses that a search admits."""
+
+_SPOKEN = (
+    (r"non ?commercial", "nc"),
+    (r"no ?deriv(ative)?s?", "nd"),
+    (r"share ?alike", "sa"),
+    (r"attribution", "by"),
+    (r"creative commons", "cc"),
+)
+"""Long form of a condition of Creative Commons in small letters, and its letters."""
+
+_CONDITIONS = ("by", "nc", "sa", "nd")
+_FREE = re.compile(r"(apache|mit|bsd|isc|zlib|odc by|public domain|unlicense)\b.*")
+LONGEST_LICENSE = 80
+"""Maximum length of the name of a license."""
+
+
+def _plain(text: str) -> str:
+    """Return the words of a license in small letters, its conditions by their letters."""
+    plain = " ".join(re.sub(r"[^a-z0-9.]+", " ", text.lower()).split())
+    for pattern, letters in _SPOKEN:
+        plain = re.sub(rf"\b{pattern}\b", letters, plain)
+    return plain
+
+
+def license_name(text: str) -> str:
+    """Return the usual name of a license: "by-nc" gives "CC-BY-NC-4.0". Names that are not known stay as they are.
+
+    Without a version, a license of Creative Commons is taken for version 4.0, which Objaverse means.
+    """
+    said = " ".join(text.split())[:LONGEST_LICENSE]
+    plain = _plain(said)
+    if re.match(r"(cc ?0|cc zero|zero)\b", plain):
+        return "CC0-1.0"
+    words = plain.split()
+    if "by" in words and (words[0] == "cc" or set(words) <= set(_CONDITIONS)):
+        version = re.search(r"\d\.\d", plain)
+        letters = [letter.upper() for letter in _CONDITIONS if letter in words]
+        return "-".join(["CC", *letters, version[0] if version else "4.0"])
+    return said
+
+
+def license_kind(name: str) -> LicenseKind:
+    """Return the kind of a license by the name that :func:`license_name` gives."""
+    plain = _plain(name)
+    if {"nc", "nd"} & set(plain.split()):
+        return "restricted"
+    known = re.match(r"cc ?0|cc by\b", plain) or _FREE.fullmatch(plain)
+    return "free" if known else "unknown"
+
+
+def require_license(where: str, name: str, *, any_license: bool, option: str) -> None:
+    """Raise InvalidInputError unless a license is free or the user has allowed any.
+
+    Args:
+        where: The asset, for the message.
+        name: Name of the license; empty or "unknown" if it is not known.
+        any_license: Whether restricted and unknown licenses are allowed.
+        option: How the user states the license and allows any, for the message.
+    """
+    kind = license_kind(name)
+    if any_license or kind == "free":
+        return
+    found = (
+        f"its license ({name}) forbids commercial use or changes"
+        if kind == "restricted"
+        else (
+            f"its license ({name}) is not a known free one"
+            if name not in ("", "unknown")
+            else "its license is not known"
+        )
+    )
+    raise InvalidInputError(where, found, option)
