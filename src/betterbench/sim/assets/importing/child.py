@@ -11,6 +11,7 @@ import os
 import resource
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from betterbench.sim.assets.importing.importer import Imported, Wishes, import_m
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
-VERSION = 1
+VERSION = 2
 """Raised when the same file would become another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120
@@ -44,13 +45,24 @@ def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B
     """
     where = one_line(path.name, most=120)
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor")
-    file = cache_folder() / f"{_key(path, data, wishes)}.npz"
+    return cached(_key(path, data, wishes), lambda: _in_child(path, wishes, where), where)
+
+
+def cached(key: str, make: Callable[[], bytes], where: str) -> Imported:
+    """Return the object of a key from the cache, or make its bytes and keep them.
+
+    Args:
+        key: Digest of what the object depends on.
+        make: Returns the bytes of the object (:func:`~betterbench.sim.assets.importing.stored.to_bytes`).
+        where: Name of the object for messages.
+    """
+    file = cache_folder() / f"{key}.npz"
     if file.is_file():
         try:
             return from_bytes(read_bounded(file, max_bytes=_MOST_STORED_BYTES, cure="Delete it"), where)
         except InvalidInputError:
             pass  # a damaged file of the cache is made again
-    made = _in_child(path, wishes, where)
+    made = make()
     imported = from_bytes(made, where)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_durably(file, made)

@@ -14,16 +14,18 @@ from betterbench.sim.assets.asset import CollisionPart
 from betterbench.sim.assets.authoring.draft import Draft, zone
 from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.importing.appearance import visual_parts
-from betterbench.sim.assets.importing.cavity import columns_box, highest_level, level_square, tops_of
+from betterbench.sim.assets.importing.cavity import Cavity, columns_box, highest_level, level_square, tops_of
 from betterbench.sim.assets.importing.grasping import proposals
 from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of
 from betterbench.sim.assets.importing.kinds import Kind, kind_of, words_of
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
-from betterbench.sim.assets.importing.solid import mass_of_cells
+from betterbench.sim.assets.importing.solid import Solid, mass_of_cells
 from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, place
 
 DENSITY = 500.0
 """Mass of an object of unknown kind per volume of its solid [kg/m^3]: between foam and water."""
+GENERIC_STEMS = ("textured", "model", "mesh", "scene")
+"""Names of mesh files that do not tell what they hold; the name of their folder does."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
 _FRICTION = (0.6, 0.006, 0.0008)
 """Of glazed ceramic, painted metal and hard plastic alike; see the materials of the library."""
@@ -75,9 +77,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
         MissingDependencyError: If a package that its format needs is not installed.
     """
     where = one_line(path.name, most=120)
-    named = wishes.name or (
-        path.parent.name if path.stem.lower() in ("textured", "model", "mesh", "scene") else path.stem
-    )
+    named = wishes.name or (path.parent.name if path.stem.lower() in GENERIC_STEMS else path.stem)
     kind = kind_of(named)
     raw = read_mesh_file(path)
     placed = place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
@@ -93,19 +93,20 @@ def import_mesh(path: Path, wishes: Wishes = Wishes()) -> Imported:
     if not hulls:
         raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
     grasps = tuple(p.grasp for p in proposals(placed.solid, center))
+    description, tags = described(named)
     notes = (*placed.notes, said)
     if kind is not None and kind.is_open and placed.cavity is None:
         notes = (*notes, f"no hollow was found, though a {kind.name} is open at the top")
     draft = Draft(
-        shape=_shape(placed, size),
-        description=f"{named} imported from a mesh.".replace("_", " "),
-        tags=tuple(dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])),
+        shape=shape_of(placed.solid, placed.cavity, size),
+        description=description,
+        tags=tags,
         mass_kg=mass,
-        parts=(*visual_parts(placed.mesh), *(_shape_of(corners) for corners in hulls)),
-        body=_properties(mass, center, inertia),
+        parts=(*visual_parts(placed.mesh), *(collision_part(corners) for corners in hulls)),
+        body=mass_properties(mass, center, inertia),
         grasps=grasps,
-        regions=tuple(_regions(placed, size)),
-        parameters={"file": where, "up": placed.up, "unit_m": placed.scale, "hulls": len(hulls)},
+        regions=tuple(regions_of(placed.solid, placed.cavity, size)),
+        parameters={"file": where, "name": named, "up": placed.up, "unit_m": placed.scale, "hulls": len(hulls)},
         source=wishes.source or where,
         license=wishes.license,
     )
@@ -125,35 +126,43 @@ def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> 
     return mass, f"mass {1000 * mass:.3g} g, {why}"
 
 
-def _properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> MassProperties:
+def described(named: str) -> tuple[str, tuple[str, ...]]:
+    """Return the description and the tags of an imported object, from its name."""
+    kind = kind_of(named)
+    tags = dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])
+    return f"{named} imported from a mesh.".replace("_", " "), tuple(tags)
+
+
+def mass_properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> MassProperties:
+    """Return the mass properties, rounded, from mass [kg], center (3,) [m] and inertia (3, 3) about it [kg m^2]."""
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
     ixx, iyy, izz, ixy, ixz, iyz = (float(f"{v:.6g}") for v in six)
     x, y, z = (float(f"{v:.6g}") for v in center)
     return MassProperties(mass, (x, y, z), (ixx, iyy, izz, ixy, ixz, iyz))
 
 
-def _shape(placed: Placed, size: np.ndarray) -> Literal["round", "cylinder", "box", "irregular"]:
+def shape_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> Literal["round", "cylinder", "box", "irregular"]:
     """Return a coarse word for the shape, from how much of its bounding box the object fills."""
-    footprint = placed.solid.cells.any(axis=2)
+    footprint = solid.cells.any(axis=2)
     found = np.argwhere(footprint)
     full = float(footprint.sum() / np.prod(np.ptp(found, axis=0) + 1))
     even = 0.85 < size[0] / max(size[1], 1e-9) < 1.18
     if full > 0.93:
         return "box"
     if even and 0.70 < full < 0.86:
-        share = placed.solid.cells.sum() * placed.solid.pitch_m**3 / float(np.prod(size))
-        return "round" if share < 0.62 and placed.cavity is None and size[2] > 0.7 * size[0] else "cylinder"
+        share = solid.cells.sum() * solid.pitch_m**3 / float(np.prod(size))
+        return "round" if share < 0.62 and cavity is None and size[2] > 0.7 * size[0] else "cylinder"
     return "irregular"
 
 
-def _shape_of(corners: np.ndarray) -> CollisionPart:
+def collision_part(corners: np.ndarray) -> CollisionPart:
+    """Return the collision part of a convex hull with corners (n, 3) [m]."""
     vertices = np.ascontiguousarray((np.round(corners, 6) + 0.0).astype(np.float32))
     return CollisionPart("hull", (0.0, 0.0, 0.0), vertices=vertices, friction=_FRICTION)
 
 
-def _regions(placed: Placed, size: np.ndarray) -> list[Region]:
+def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Region]:
     """Return the places on an object that tasks use: base, and opening, inside, floor and rim or top."""
-    solid, cavity = placed.solid, placed.cavity
     low = solid.surface & (np.arange(solid.cells.shape[2]) <= 2)[None, None, :]
     x, y, half_x, half_y = columns_box(solid, np.asarray(low.any(axis=2)))
     found = [zone("base", half_x, half_y, x=x, y=y)]

@@ -11,6 +11,7 @@ from betterbench.sim.assets.authoring.draft import Draft
 from betterbench.sim.assets.authoring.registry import generator
 from betterbench.sim.assets.importing.child import import_safely
 from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.sim.assets.importing.review.replay import reviewed
 from betterbench.tasks.user_files import loading_folder
 
 
@@ -25,6 +26,7 @@ def imported(
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
     license: str = "unknown",  # noqa: A002 - the word of assets
     source: str | None = None,
+    review: Path | str | None = None,
 ) -> None:
     """Register a mesh file as a category of assets; the file is imported when the category is first built.
 
@@ -40,15 +42,20 @@ def imported(
         up: Axis of the file that points up; otherwise by the rule of the format, or the way it stands best.
         license: License of the mesh, for the list of sources.
         source: Origin of the mesh, for the same; the name of the file if not given.
+        review: File of ``better review`` whose accepted changes are applied. An object that was rejected in it, or has
+            no verdict, is then refused when the category is first built.
 
     Raises:
         InvalidInputError: If another asset has the name.
     """
-    file = ((loading_folder() or Path.cwd()) / Path(path).expanduser()).absolute()
+    folder = loading_folder() or Path.cwd()
+    file = (folder / Path(path).expanduser()).absolute()
+    reviews = None if review is None else (folder / Path(review).expanduser()).absolute()
     wishes = Wishes(name or category, size_m, mass_kg, up, license, source)
 
     def make(_rng: np.random.Generator, _color: str) -> Draft:
-        return import_safely(file, wishes).draft
+        imported = import_safely(file, wishes)
+        return (imported if reviews is None else reviewed(imported, file, reviews)).draft
 
     # Two files under one name are told apart by this.
     make.__qualname__ = f"the import of {file}"
