@@ -42,7 +42,7 @@ from betterbench.sim.assets.importing.review import (
 from betterbench.sim.assets.importing.review.journal import accepted, now
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
-QUARTER = from_axis_angle((0.5 * math.pi, 0.0, 0.0))
+QUARTER = from_axis_angle((-0.5 * math.pi, 0.0, 0.0))
 
 
 def cup():

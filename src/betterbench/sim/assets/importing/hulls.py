@@ -24,6 +24,7 @@ _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
 """One hull is enough if it is this close to the surface: a length, and a share of the longest side."""
 _RECTANGULAR = 0.9
+_MANY = 1_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,8 +77,10 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
     """Return the extreme points of some points, at most 40 [m]; None if they do not span a volume."""
     if len(points) < 4:
         return None
-    chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
     try:
+        if len(points) > _MANY:  # only extreme points are farthest in any direction; Qhull finds them sooner
+            points = points[ConvexHull(points).vertices]
+        chosen = points[np.unique(np.argmax(points @ _directions().T, axis=0))]
         corners = chosen[ConvexHull(chosen).vertices]
     except (QhullError, ValueError):
         return None
