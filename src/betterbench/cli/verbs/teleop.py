@@ -61,9 +61,10 @@ def teleop_command(
         leader_port: Serial port of the leader arm.
         leader_id: Id of the leader arm's calibration.
     """
+    from betterbench.browser.server import load_viser
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.demonstrations.teleop.controls import Controls
-    from betterbench.demonstrations.teleop.page import Page, load_viser
+    from betterbench.demonstrations.teleop.page import Page
     from betterbench.demonstrations.teleop.store import FIRST_TELEOPERATED_SEED, DemonstrationStore, TeleopPlan
 
     load_viser()

@@ -168,7 +168,15 @@ def _build(category: str, look: int, color: str) -> Asset:
     """Make an asset from checked arguments."""
     entry = _REGISTER[category]
     seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
-    draft = entry.make(np.random.default_rng(seed), color)
+    return asset_of(entry.make(np.random.default_rng(seed), color), category, look=look, color=color)
+
+
+def asset_of(draft: Draft, category: str, *, look: int = 0, color: str) -> Asset:
+    """Return the asset of a draft.
+
+    Raises:
+        InvalidInputError: If the draft has no visual part or no collision part.
+    """
     visual = tuple(p for p in draft.parts if isinstance(p, VisualPart))
     collision = tuple(p for p in draft.parts if isinstance(p, CollisionPart))
     if draft.material is not None:
