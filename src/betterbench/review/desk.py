@@ -197,7 +197,7 @@ class ReviewDesk:
             self.edit = NameChange(state.name, name.strip())
 
     def drag(self, pose: Pose) -> None:
-        """Move what the gizmo moves to a pose in the object frame; for the pose of the object itself only its rotation."""
+        """Move what the gizmo moves to a pose in the object frame; the object itself is only turned."""
         if self.mode == "pose":
             self.turn_to(pose.quaternion)
         elif self.mode == "support" and self._begin(SupportChange) is not None:

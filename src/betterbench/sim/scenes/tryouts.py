@@ -15,7 +15,7 @@ from betterbench.geometry import Pose, angle_between, normalize, tilt_of
 from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.robots.gripper import CARRIER_JOINTS, PREFIX, TOOL_BODY, add_floating_gripper
 from betterbench.sim.robots.physics import PHYSICS
-from betterbench.sim.scenes.glb import body_files
+from betterbench.sim.scenes.glb import body_files, surface_in_body
 from betterbench.sim.scenes.objects import add_asset, rest_pose
 
 FRAME_S = 0.04
@@ -75,14 +75,19 @@ class _Trial:
 
     def pose(self, name: str) -> Pose:
         """Return ``T_world_body``."""
-        body = self.data.body(name)
-        return Pose(tuple(map(float, body.xpos)), normalize(body.xquat))
+        return _pose(self.data, name)
 
     def outcome(self, sentence: str, *, passed: bool) -> Tryout:
         """Return the noted motion with a result."""
         frames = {name: np.array(rows) for name, rows in self._frames.items()}
         gripper = {name.removeprefix(PREFIX): rows for name, rows in frames.items() if name != "asset"}
         return Tryout(passed, sentence, frames["asset"], gripper)
+
+
+def _pose(data: mujoco.MjData, name: str) -> Pose:
+    """Return ``T_world_body``."""
+    x, y, z = (float(v) for v in data.body(name).xpos)
+    return Pose((x, y, z), normalize(data.body(name).xquat))
 
 
 def _table() -> mujoco.MjSpec:
@@ -181,6 +186,19 @@ def asset_glb(asset: Asset) -> bytes:
     return body_files(model)[int(model.body("asset").id)]
 
 
+def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return (n, 3) vertices [m] and (m, 3) faces of each collision part; round primitives as their bounding box."""
+    spec = mujoco.MjSpec()
+    add_asset(spec, "asset", asset, pose=Pose())
+    model = spec.compile()
+    found = []
+    for k in range(len(asset.collision)):
+        geom = model.geom(f"asset_collision{k}").id
+        surface = surface_in_body(model, geom)
+        found.append((surface.positions, surface.faces))
+    return found
+
+
 def gripper_glbs() -> dict[str, bytes]:
     """Return the visual meshes of the bodies of the Panda's gripper as GLB, each in its own frame."""
     from betterbench.sim.robots.spec import build_robot_spec, robot  # noqa: PLC0415 - only the page shows it
@@ -201,7 +219,4 @@ def gripper_poses(width_m: float) -> dict[str, Pose]:
     for finger in robot.finger_joints:
         data.qpos[model.joint(PREFIX + finger).qposadr[0]] = 0.5 * min(width_m, robot.gripper_opening_m)
     mujoco.mj_kinematics(model, data)
-    return {
-        name: Pose(tuple(map(float, data.body(PREFIX + name).xpos)), normalize(data.body(PREFIX + name).xquat))
-        for name in (robot.hand_body, *robot.finger_bodies)
-    }
+    return {name: _pose(data, PREFIX + name) for name in (robot.hand_body, *robot.finger_bodies)}
