@@ -31,9 +31,7 @@ def ruler(size: Vector) -> np.ndarray:
     """
     x, y, z = size
     a, b = 0.5 * x, 0.5 * y
-    corners = [(sx * a, sy * b, h) for h in (0.0, z) for sx in (-1, 1) for sy in (-1, 1)]
-    pairs = [(i, j) for i in range(8) for j in range(i + 1, 8) if _edges_apart(corners[i], corners[j]) == 1]
-    lines = [(corners[i], corners[j]) for i, j in pairs]
+    lines: list[object] = list(box_edges((a, b, 0.5 * z)) + np.array([0.0, 0.0, 0.5 * z], dtype=np.float32))
     for k in range(1, int(100 * y) + 1):
         lines.append(((a, -b + 0.01 * k, 0.0), (a + _tick(k), -b + 0.01 * k, 0.0)))
     for k in range(1, int(100 * x) + 1):
@@ -43,8 +41,12 @@ def ruler(size: Vector) -> np.ndarray:
     return np.array(lines, dtype=np.float32)
 
 
-def _edges_apart(a: Vector, b: Vector) -> int:
-    return sum(abs(p - q) > 1e-9 for p, q in zip(a, b, strict=True))
+def box_edges(half_size: Vector) -> np.ndarray:
+    """Return the edges of a box around the origin, (12, 2, 3) [m]."""
+    x, y, z = half_size
+    corners = [(sx * x, sy * y, sz * z) for sz in (-1, 1) for sx in (-1, 1) for sy in (-1, 1)]
+    pairs = [(i, j) for i in range(8) for j in range(i + 1, 8) if (i ^ j).bit_count() == 1]
+    return np.array([(corners[i], corners[j]) for i, j in pairs], dtype=np.float32)
 
 
 def _tick(number: int) -> float:
@@ -58,7 +60,7 @@ def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
     return [
         (f"{100 * y:.1f} cm", (0.5 * x + off, 0.0, 0.0)),
         (f"{100 * x:.1f} cm", (0.0, -0.5 * y - off, 0.0)),
-        (f"{100 * z:.1f} cm", (0.5 * x, -0.5 * y - off, 0.5 * z)),
+        (f"{100 * z:.1f} cm", (0.5 * x, 0.5 * y + off, 0.5 * z)),
     ]
 
 

@@ -21,6 +21,7 @@ from betterbench.geometry import Pose, normalize
 from betterbench.review.desk import FINE_DEGREES, MODES, SIZE_STEP, TURN_DEGREES, Mode, ReviewDesk
 from betterbench.review.drawing import (
     HULL_COLORS,
+    box_edges,
     foot,
     head,
     queue_list,
@@ -40,7 +41,9 @@ from betterbench.sim.scenes.tryouts import (
 )
 
 TURN_GIZMO, FRAME_GIZMO = "/seen/turn", "/seen/frame"
-PANEL_PX = 390
+PANEL_PX, SIDE_PX = 380, 250
+EYE_M, LOOK_AT_M = (0.38, -0.06, 0.25), (0.0, 0.0, 0.085)
+"""Initial position and target of the view [m]."""
 OPEN_M = 0.08
 """Opening of the gripper that is shown for size [m]."""
 MOST_WAITING = 200
@@ -78,7 +81,7 @@ TAP_KEYS: dict[str, str] = {
 """Command of each key."""
 KEY_ROWS = (
     ("← →", "previous, next object"),
-    ("1 2 3 4", "gizmo: pose, support plane, grasps, frames"),
+    ("1 2 3 4", "gizmo: pose, support plane, grasp, frame"),
     ("X Y Z", "turn by 90° about red, green, blue"),
     ("J L, I K, U O", "turn by 5° about red, green, blue"),
     ("[ ]", "5 % smaller, larger"),
@@ -110,6 +113,7 @@ class ReviewPage:
         self._shown: tuple[object, ...] = ()
         self._nodes: list[Any] = []
         self._marks: list[Any] = []
+        self._version = 0  # part of the names of nodes, because a page keeps the pose of a removed node for its name
         self._visual: Any = None
         self._asset: Asset | None = None
         self._gripper: dict[str, Any] = {}
@@ -171,7 +175,7 @@ class ReviewPage:
             "keep": lambda _: _ignore(desk.keep()),
             "drop edit": lambda _: desk.drop_edit(),
             "accept": lambda _: desk.accept(),
-            "reject": lambda _: desk.reject(str(self._reason.value)),
+            "reject": lambda _: self._reject(),
             "undo": lambda _: desk.undo(),
             "size": lambda value: desk.size(float(value) / 100.0),
             "mass": lambda value: desk.weigh(float(value) / 1000.0),
@@ -183,6 +187,12 @@ class ReviewPage:
             for degrees in (TURN_DEGREES, FINE_DEGREES, -FINE_DEGREES):
                 do[f"{name}{degrees:+.0f}"] = _turning(desk, axis, degrees)
         return do
+
+    def _reject(self) -> None:
+        before = self._desk.at_hand
+        self._desk.reject(str(self._reason.value))
+        if self._desk.journal.history(before.content).verdict is not None:
+            self._reason.value = ""
 
     def _put(self, command: str, value: Any = None) -> None:  # noqa: ANN401
         try:
@@ -229,8 +239,9 @@ class ReviewPage:
     async def _dragged(self, event: Any) -> None:  # noqa: ANN401 - viser's
         at, turn = (np.asarray(v, dtype=float) for v in (event.target.position, event.target.wxyz))
         if np.isfinite(at).all() and np.isfinite(turn).all() and np.linalg.norm(turn) > 0.5:
-            x, y, z = at.tolist()
-            self._put("drag", (Pose((x, y, z), normalize(turn.tolist())), event.phase == "end"))
+            x, y, z = (round(v, 5) + 0.0 for v in at.tolist())
+            quaternion = normalize([round(v, 7) + 0.0 for v in turn.tolist()])
+            self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
     def show(self, *, is_dragging: bool = False) -> None:
         """Show the desk; while the gizmo is dragged, its own pose is left to the page."""
@@ -250,20 +261,22 @@ class ReviewPage:
         for node in self._nodes:
             node.remove()
         self._nodes, self._visual = [], None
+        self._version += 1
+        seen, touched = f"/seen/object{self._version}", f"/touched/object{self._version}"
         asset = self._asset = self._desk.asset
         scene = self._viser.scene
         for node in (*self._gripper.values(), self._turn, self._frame):
             node.visible = asset is not None
         if asset is None:
             return
-        apart = max(0.13, 0.5 * asset.size_m[1] + 0.09)
+        apart = max(0.12, 0.5 * asset.size_m[1] + 0.07)
         self._seen.position, self._touched.position = (0.0, -apart, 0.0), (0.0, apart, 0.0)
-        self._visual = scene.add_glb("/seen/visual", asset_glb(asset))
+        self._visual = scene.add_glb(f"{seen}_visual", asset_glb(asset))
         self._nodes.append(self._visual)
         for k, (vertices, faces) in enumerate(collision_surfaces(asset)):
             self._nodes.append(
                 scene.add_mesh_simple(
-                    f"/touched/part{k}",
+                    f"{touched}_part{k}",
                     vertices.astype(np.float32),
                     faces.astype(np.uint32),
                     flat_shading=True,
@@ -273,19 +286,19 @@ class ReviewPage:
                 )
             )
         front = 0.5 * asset.size_m[0] + 0.05
-        for frame, text in (("/seen", "what is seen"), ("/touched", "what is touched")):
+        for name, text in ((seen, "what is seen"), (touched, "what is touched")):
             label = scene.add_label(
-                f"{frame}/title", text, position=(front, 0.0, 0.0), anchor="top-center", font_screen_scale=1.1
+                f"{name}_title", text, position=(front, 0.0, 0.0), anchor="top-center", font_screen_scale=1.1
             )
             self._nodes.append(label)
-        for frame in ("/seen", "/touched"):
+        for name in (seen, touched):
             self._nodes.append(
                 scene.add_line_segments(
-                    f"{frame}/ruler", ruler(asset.size_m), (70, 80, 95), thickness=1.5, thickness_units="screen"
+                    f"{name}_ruler", ruler(asset.size_m), (70, 80, 95), thickness=1.5, thickness_units="screen"
                 )
             )
         for k, (text, at) in enumerate(ruler_labels(asset.size_m)):
-            self._nodes.append(scene.add_label(f"/seen/length{k}", text, position=at, anchor="center-center"))
+            self._nodes.append(scene.add_label(f"{seen}_length{k}", text, position=at, anchor="center-center"))
         self._size.value = round(100 * max(asset.size_m), 2)
         self._mass.value = round(1000 * asset.mass_kg, 1)
         self._name.value = "" if self._desk.state is None else self._desk.state.name
@@ -296,6 +309,7 @@ class ReviewPage:
         for node in self._marks:
             node.remove()
         self._marks = []
+        self._version += 1
         if asset is None or self._visual is None:
             return
         shown = turned_about_middle(asset, Pose((0.0, 0.0, 0.0), desk.turn))
@@ -310,10 +324,12 @@ class ReviewPage:
         elif desk.mode == "grasp" and desk.grasp is not None:
             gizmo = grip = desk.grasp.pose
             for k, grasp in enumerate(asset.grasps):
-                self._mark_frame(f"/seen/grasp{k}", grasp.pose)
+                self._mark_frame(f"/seen/grasp{self._version}_{k}", grasp.pose)
         elif desk.mode == "frame":
             gizmo = self._mark_regions(asset)
         self._frame.visible = self._frame.visible and (desk.mode != "grasp" or desk.grasp is not None)
+        for node in self._gripper.values():
+            node.visible = desk.mode in ("pose", "grasp")
         self._place_gripper({name: grip @ pose for name, pose in self._opened.items()})
         target = self._turn if desk.mode == "pose" else self._frame
         if not is_dragging:
@@ -334,7 +350,7 @@ class ReviewPage:
         side = 1.3 * max(asset.size_m[:2])
         self._marks.append(
             self._viser.scene.add_box(
-                "/seen/support",
+                f"/seen/support{self._version}",
                 (46, 134, 222),
                 (side, side, 0.0006),
                 opacity=0.35,
@@ -349,21 +365,36 @@ class ReviewPage:
         """Show the placement frames, and return the pose of the one at hand."""
         chosen = self._desk.region
         others = [region for region in asset.regions if chosen is None or region.name != chosen.name]
-        for region in [*others, *([] if chosen is None else [chosen])]:
+        for k, region in enumerate([*others, *([] if chosen is None else [chosen])]):
             is_chosen = region is chosen
             x, y, z = region.half_size
-            self._marks.append(
-                self._viser.scene.add_box(
-                    f"/seen/region_{region.name}",
-                    (247, 159, 31) if is_chosen else (131, 149, 167),
+            color = (247, 140, 20) if is_chosen else (96, 115, 140)
+            placed = {"position": region.position, "wxyz": region.quaternion}
+            scene, name = self._viser.scene, f"/seen/region{self._version}_{k}"
+            self._marks += [
+                scene.add_box(
+                    name,
+                    color,
                     (2 * x, 2 * y, max(2 * z, 0.001)),
-                    opacity=0.6 if is_chosen else 0.25,
+                    opacity=0.6 if is_chosen else 0.2,
                     cast_shadow=False,
-                    position=region.position,
-                    wxyz=region.quaternion,
-                )
-            )
-        return Pose() if chosen is None else chosen.pose
+                    **placed,
+                ),
+                scene.add_line_segments(
+                    f"{name}_edges",
+                    box_edges(region.half_size),
+                    color,
+                    thickness=4.0 if is_chosen else 2.0,
+                    thickness_units="screen",
+                    **placed,
+                ),
+            ]
+        if chosen is None:
+            return Pose()
+        name = f"/seen/region{self._version}_name"
+        x, y, z = chosen.position
+        self._marks.append(self._viser.scene.add_label(name, chosen.name, position=(x, y - 0.02, z + 0.015)))
+        return chosen.pose
 
     def _place_gripper(self, poses: dict[str, Pose]) -> None:
         for name, pose in poses.items():
@@ -391,8 +422,6 @@ class ReviewPage:
                 break
             time.sleep(FRAME_S)
         stopped.wait(0.8)
-        for node in self._gripper.values():
-            node.visible = True
 
     # ---------------------------------------------------------------------------------------------------------- panel
 
@@ -403,7 +432,7 @@ class ReviewPage:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_PX)
         camera = self._viser.initial_camera
-        camera.position, camera.look_at = (0.56, -0.10, 0.34), (0.0, 0.0, 0.07)
+        camera.position, camera.look_at = EYE_M, LOOK_AT_M
         self._head = gui.add_html("")
         self._status = gui.add_html("")
         self._button("Accept  A", "accept", "green", "Accepts the object; a fix if something was changed.")
@@ -416,10 +445,12 @@ class ReviewPage:
         self._mass = self._input(gui.add_number("mass [g]", 100.0, step=1.0), "number", "mass")
         self._name = self._input(gui.add_text("name", ""), "text", "name")
         self._button("Keep the edit  ⏎", "keep", "gray", "Writes the edit in progress as a change.")
-        with gui.add_folder("Queue", expand_by_default=True):
+        side = gui.add_panel()
+        with side.add_tab("Queue and keys"):
             self._list = gui.add_html("")
-        with gui.add_folder("Keys", expand_by_default=True):
             gui.add_html(key_table(KEY_ROWS))
+        side.dock_left()
+        side.set_width(SIDE_PX)
         text = gui.add_text("", MARK + "{}")
         text.on_update(self._typed)
         self.server.expect(text, "text")
