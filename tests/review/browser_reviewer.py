@@ -51,8 +51,10 @@ class BrowserReviewer:
     def write(self, label: str, text: str) -> None:
         """Type into the text field with a label."""
         fields = "[...document.querySelectorAll('input')].filter(e => e.type !== 'range')"
-        row = f"{fields}.filter(e => {{ let r = e; for (let k = 0; k < 5; k++) {{ r = r.parentElement; " \
-              f"if (r && r.innerText && r.innerText.trim().startsWith({label!r})) return true; }} return false; }})"
+        row = (
+            f"{fields}.filter(e => {{ let r = e; for (let k = 0; k < 5; k++) {{ r = r.parentElement; "
+            f"if (r && r.innerText && r.innerText.trim().startsWith({label!r})) return true; }} return false; }})"
+        )
         self._click(*self._middle(row))
         self.browser.call("Input.insertText", text=text)
         time.sleep(0.5)
