@@ -7,8 +7,8 @@ import socket
 
 import pytest
 
-from betterbench.cli.main import main
 from betterbench.browser import server
+from betterbench.cli.main import main
 from betterbench.demonstrations.teleop import page
 from betterbench.errors import InvalidInputError
 
