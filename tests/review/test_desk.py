@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 import trimesh
@@ -15,8 +16,10 @@ from betterbench.review.agreement import agreement
 from betterbench.review.desk import ReviewDesk
 from betterbench.review.drawing import box_edges, foot, head, queue_list, ruler, turned_about_middle
 from betterbench.review.queue import QueuedObject, queue_of
-from betterbench.sim.assets.authoring.registry import asset_of
+from betterbench.sim.assets.authoring.registry import asset_of, unregister
+from betterbench.sim.assets.importing import imported
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
+from betterbench.sim.assets.importing.registration import mesh_imports
 from betterbench.sim.assets.importing.review import ReviewJournal, ReviewState, read_reviews
 from betterbench.sim.scenes.tryouts import try_drop, try_lift
 
@@ -135,8 +138,6 @@ def test_bad_objects_fail_the_trials(block):
     asset = asset_of(block[1].draft, "block", color="gray")
     wide = type(asset.grasps[0])("wrong", Pose((0.0, 0.0, 0.2), asset.grasps[0].pose.quaternion), 0.04)
     assert "without lifting" in try_lift(asset, wide).sentence
-    from dataclasses import replace
-
     tall = replace(asset, center_of_mass=(0.0, 0.06, 0.05))
     fallen = try_drop(tall)
     assert not fallen.passed
@@ -219,3 +220,16 @@ def test_files_of_the_same_content_are_one_object(block, tmp_path):
         (tmp_path / name).write_bytes(block[0].read_bytes())
     (tmp_path / "c.txt").write_text("not a mesh")
     assert [q.path.name for q in queue_of([tmp_path, block[0]])] == ["a.stl"]
+
+
+def test_what_a_task_file_imports_is_reviewed_with_its_options(block, tmp_path):
+    imported("reviewed_block", block[0], color="gray", name="wooden block", size_m=0.08)
+    try:
+        (queued,) = queue_of([], mesh_imports())
+        assert queued.wishes.name == "wooden block"
+        assert queued.wishes.size_m == 0.08
+        assert queue_of([block[0]], mesh_imports())[0].wishes == queued.wishes
+        assert queue_of([block[0]])[0].wishes == Wishes()
+    finally:
+        unregister("reviewed_block")
+    assert mesh_imports() == ()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.sim.assets.importing.child import import_safely
+from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.mesh_file import FORMATS
+from betterbench.sim.assets.importing.registration import MeshImport
 from betterbench.sim.assets.importing.review import History, ReviewState, changed, content_hash
 from betterbench.sim.assets.importing.review.journal import asset_name
 
@@ -24,12 +26,14 @@ class QueuedObject:
         content: Hash of its content.
         states: The object as imported, then after each standing change; empty before it is imported.
         problem: Why it cannot be imported, "" if it can.
+        wishes: Options of its import.
     """
 
     path: Path
     content: str
     states: list[ReviewState]
     problem: str = ""
+    wishes: Wishes = field(default_factory=Wishes)
 
     @property
     def name(self) -> str:
@@ -46,7 +50,7 @@ class QueuedObject:
         if self.states or self.problem:
             return
         try:
-            self.states = [ReviewState(import_safely(self.path))]
+            self.states = [ReviewState(import_safely(self.path, self.wishes))]
             for change in history.changes:
                 self.states.append(changed(self.states[-1], change, where=self.name))
         except BetterError as error:
@@ -77,10 +81,19 @@ def mesh_files(given: Sequence[Path]) -> list[Path]:
     return list(found)
 
 
-def queue_of(given: Sequence[Path]) -> list[QueuedObject]:
-    """Return the queue of some files and folders; files of the same content are one object."""
+def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> list[QueuedObject]:
+    """Return the queue of some files and folders; files of the same content are one object.
+
+    Args:
+        given: Files and folders; if none are given, the registered files are the queue.
+        registered: Files that task files import; one of the queue is imported with the options there.
+
+    Raises:
+        InvalidInputError: As for :func:`mesh_files`, or if a registered file does not exist.
+    """
+    wishes = {found.path.resolve(): found.wishes for found in registered}
     queue: dict[str, QueuedObject] = {}
-    for path in mesh_files(given):
+    for path in mesh_files(given or [found.path for found in registered]):
         content = content_hash(path)
-        queue.setdefault(content, QueuedObject(path, content, []))
+        queue.setdefault(content, QueuedObject(path, content, [], wishes=wishes.get(path.resolve(), Wishes())))
     return list(queue.values())

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def review_command(
-    given: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="DIR_OR_FILES")],
+    given: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="DIR_OR_FILES")] = (),
     *,
     author: str | None = None,
     out: Path = Path("reviews.jsonl"),
@@ -37,7 +37,8 @@ def review_command(
     Example: better review meshes --author ada --out reviews.jsonl
 
     Args:
-        given: Mesh files and folders of them; or agree and two files of reviews.
+        given: Mesh files and folders of them, by default those that --task-file imports; or agree and two files of
+            reviews.
         author: Name of the reviewer in the file; the user's name if not given.
         out: File to which decisions are appended.
         host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
@@ -53,10 +54,11 @@ def review_command(
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.cli.verbs.serve import stopped_by_signal
     from betterbench.review.queue import queue_of
+    from betterbench.sim.assets.importing.registration import mesh_imports
 
     load_viser()
     who = person_named(author, "--author")
-    queue = queue_of(given)
+    queue = queue_of(given, mesh_imports())
     prepare_robot("panda")
     from betterbench.review.desk import ReviewDesk
     from betterbench.review.page import ReviewPage

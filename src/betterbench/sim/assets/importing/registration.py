@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from betterbench.sim.assets.authoring.draft import Draft
-from betterbench.sim.assets.authoring.registry import generator
+from betterbench.sim.assets.authoring.registry import categories, generator
 from betterbench.sim.assets.importing.child import import_safely
 from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.review.replay import reviewed
 from betterbench.tasks.user_files import loading_folder
+
+
+@dataclass(frozen=True, slots=True)
+class MeshImport:
+    """A mesh file that was registered as a category of assets, with the options of its import."""
+
+    category: str
+    path: Path
+    wishes: Wishes
+
+
+_IMPORTS: dict[str, MeshImport] = {}
+
+
+def mesh_imports() -> tuple[MeshImport, ...]:
+    """Return the registered mesh files, in the order of their registration."""
+    known = set(categories())
+    return tuple(found for found in _IMPORTS.values() if found.category in known)
 
 
 def imported(
@@ -60,3 +79,4 @@ def imported(
     # Two files under one name are told apart by this.
     make.__qualname__ = f"the import of {file}"
     generator(category, colors=(color,), looks=1, unseen_looks=1)(make)
+    _IMPORTS[category] = MeshImport(category, file, wishes)
