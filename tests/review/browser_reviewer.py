@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
+
+from betterbench.geometry import rotate
 
 _KEY_NAMES = {
     "Enter": "Enter", "Escape": "Escape", "Backspace": "Backspace", "Delete": "Delete", "ArrowLeft": "ArrowLeft",
@@ -18,6 +22,26 @@ _MATRICES = """(() => {
   return [[b.left, b.top, b.width, b.height], c.projectionMatrix.elements, c.matrixWorldInverse.elements,
     r.matrixWorld.elements];
 })()"""
+
+
+ARROW_M = 0.955 * 0.06
+"""Distance of the tip of an arrow of the gizmo from its origin [m]."""
+
+
+def write_leaning_mug(path: Path) -> None:
+    """Write a red mug with a handle that leans by 20 degrees as GLB."""
+    r, h, w = 0.038, 0.09, 0.004
+    body = trimesh.creation.revolve([(0, 0), (r, 0), (r, h), (r - w, h), (r - w, w), (0, w)], sections=24)
+    ring = trimesh.creation.torus(0.024, 0.005, major_sections=20, minor_sections=8)
+    ring.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    ring.apply_translation([r + 0.016, 0, 0.047])
+    ring.update_faces(ring.triangles_center[:, 0] > r - 0.003)
+    mug = trimesh.util.concatenate([body, ring])
+    mug.visual = trimesh.visual.TextureVisuals(
+        material=trimesh.visual.material.PBRMaterial(baseColorFactor=[178, 58, 52, 255])
+    )
+    mug.apply_transform(trimesh.transformations.rotation_matrix(np.radians(20 - 90), [1, 0, 0]))  # glTF: y is up
+    mug.export(path)
 
 
 class BrowserReviewer:
@@ -100,6 +124,25 @@ class BrowserReviewer:
             time.sleep(0.05)
         self.browser.mouse("mouseReleased", *path[-1])
         time.sleep(0.4)
+
+    def right_the_mug(self) -> None:
+        """Turn the mug of :func:`write_leaning_mug` upright with the keys, and keep it."""
+        self.wait_for("kind mug")
+        for _ in range(4):
+            self.press("KeyJ")
+        self.wait_for("turned — Enter keeps it")
+        self.press("Enter")
+        self.wait_for("Kept: turned")
+
+    def raise_grasp(self, by_m: float) -> np.ndarray:
+        """Drag the first grasp back along its approach, and return the approach (3,) in the object frame."""
+        self.press("Digit3")
+        self.wait_for("Gizmo: grasp")
+        at, quaternion = self.gizmo("/seen/frame")
+        approach = np.array(rotate(tuple(quaternion), (0.0, 0.0, 1.0)))
+        self.drag(at + ARROW_M * approach, -by_m * approach)
+        self.wait_for("moved — Enter keeps it")
+        return approach
 
     def wait_for(self, *texts: str, timeout_s: float = 120.0) -> str:
         """Wait until the page says one of some texts, and return all that it says."""
