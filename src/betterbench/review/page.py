@@ -318,11 +318,13 @@ class ReviewPage:
         self._visual.scale = factor
         self._turn.visible, self._frame.visible = desk.mode == "pose", desk.mode != "pose"
         gizmo = Pose((0.0, 0.0, 0.5 * asset.size_m[2]), desk.turn)
+        opened = OPEN_M
         grip = Pose((0.0, 0.0, asset.size_m[2] + 0.035), (0.0, 1.0, 0.0, 0.0))
         if desk.mode == "support":
             gizmo = self._mark_support(asset)
         elif desk.mode == "grasp" and desk.grasp is not None:
             gizmo = grip = desk.grasp.pose
+            opened = min(OPEN_M, desk.grasp.width_m + 2.0 * desk.grasp.clearance_m)
             for k, grasp in enumerate(asset.grasps):
                 self._mark_frame(f"/seen/grasp{self._version}_{k}", grasp.pose)
         elif desk.mode == "frame":
@@ -330,7 +332,7 @@ class ReviewPage:
         self._frame.visible = self._frame.visible and (desk.mode != "grasp" or desk.grasp is not None)
         for node in self._gripper.values():
             node.visible = desk.mode in ("pose", "grasp")
-        self._place_gripper({name: grip @ pose for name, pose in self._opened.items()})
+        self._place_gripper({name: grip @ _closer(pose, opened) for name, pose in self._opened.items()})
         target = self._turn if desk.mode == "pose" else self._frame
         if not is_dragging:
             target.position, target.wxyz = gizmo.position, gizmo.quaternion
@@ -489,6 +491,12 @@ class ReviewPage:
 
 
 _WORKING = '<div style="padding:4px 10px;font-size:13px"><b>working …</b></div>'
+
+
+def _closer(pose: Pose, opened_m: float) -> Pose:
+    """Return the pose of a body of the gripper for a smaller opening [m]: the fingers open along y of the tool."""
+    x, y, z = pose.position
+    return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)
 
 
 def _ignore(_: bool) -> None:
