@@ -118,7 +118,7 @@ def _replays(meshes, journal, tmp_path, monkeypatch, grasp):
         finally:
             unregister("reviewed_mug")
             unregister("reviewed_block")
-    files = [{p.name: p.read_bytes() for p in (tmp_path / cache).iterdir()} for cache in ("one", "two")]
+    files = [{p.name: p.read_bytes() for p in (tmp_path / cache).rglob("*.npz")} for cache in ("one", "two")]
     assert files[0] == files[1]
     assert made[0].size_m[1:] == pytest.approx((0.076, 0.09), abs=2e-3)
     assert made[0].grasp(grasp.name) == grasp

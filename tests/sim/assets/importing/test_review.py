@@ -379,10 +379,13 @@ def test_a_task_gets_the_reviewed_object_and_no_rejected_one(tmp_path, monkeypat
 
     first = built()
     assert first.size_m == pytest.approx((0.07, 0.09, 0.07), abs=1e-5)
-    stored = {p.name: p.read_bytes() for p in (tmp_path / "cache").iterdir()}
+    stored = {p.name: p.read_bytes() for p in (tmp_path / "cache").rglob("*.npz")}
     monkeypatch.setattr(child, "cache_folder", lambda: tmp_path / "fresh")
     assert built().content_hash() == first.content_hash()
-    assert {p.name: p.read_bytes() for p in (tmp_path / "fresh").iterdir()} == stored
+    assert {p.name: p.read_bytes() for p in (tmp_path / "fresh").rglob("*.npz")} == stored
+    for damaged in (tmp_path / "fresh" / "reviewed").iterdir():
+        damaged.write_bytes(b"damaged")
+    assert built().content_hash() == first.content_hash()
     write(path, review(Verdict("reject", "it looks like a pipe"), content=content, size=state.size_m))
     with pytest.raises(InvalidInputError, match=r"ada rejected it on .*: it looks like a pipe"):
         built()

@@ -11,7 +11,6 @@ import os
 import resource
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -45,24 +44,13 @@ def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B
     """
     where = one_line(path.name, most=120)
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor")
-    return cached(_key(path, data, wishes), lambda: _in_child(path, wishes, where), where)
-
-
-def cached(key: str, make: Callable[[], bytes], where: str) -> Imported:
-    """Return the object of a key from the cache, or make its bytes and keep them.
-
-    Args:
-        key: Digest of what the object depends on.
-        make: Returns the bytes of the object (:func:`~betterbench.sim.assets.importing.stored.to_bytes`).
-        where: Name of the object for messages.
-    """
-    file = cache_folder() / f"{key}.npz"
+    file = cache_folder() / f"{_key(path, data, wishes)}.npz"
     if file.is_file():
         try:
             return from_bytes(read_bounded(file, max_bytes=_MOST_STORED_BYTES, cure="Delete it"), where)
         except InvalidInputError:
             pass  # a damaged file of the cache is made again
-    made = make()
+    made = _in_child(path, wishes, where)
     imported = from_bytes(made, where)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_durably(file, made)

@@ -6,12 +6,19 @@ import hashlib
 from dataclasses import asdict
 from pathlib import Path
 
-from betterbench.json_form import dump_json
-from betterbench.sim.assets.importing.child import VERSION, cached
+from betterbench.errors import InvalidInputError
+from betterbench.jobs.durable import write_durably
+from betterbench.json_form import dump_json, read_bounded
+from betterbench.sim.assets.importing import child
 from betterbench.sim.assets.importing.importer import Imported
 from betterbench.sim.assets.importing.review.content import content_hash
 from betterbench.sim.assets.importing.review.journal import accepted, asset_name, history_of
-from betterbench.sim.assets.importing.stored import to_bytes
+from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
+
+VERSION = 1
+"""Raised when the same changes would make another object of the same import."""
+
+_MOST_STORED_BYTES = 64 << 20
 
 
 def reviewed(imported: Imported, mesh: Path, reviews: Path) -> Imported:
@@ -29,5 +36,16 @@ def reviewed(imported: Imported, mesh: Path, reviews: Path) -> Imported:
     content, asset = content_hash(mesh), asset_name(mesh)
     history = history_of(reviews, content, asset)
     decisions = [asdict(review) for _, review in history.reviews]
-    key = hashlib.sha256(f"review {VERSION}|".encode() + to_bytes(imported) + dump_json(decisions)).hexdigest()[:32]
-    return cached(key, lambda: to_bytes(accepted(imported, history, asset=asset, content=content)), asset)
+    key = hashlib.sha256(
+        f"review {VERSION} of import {child.VERSION}|".encode() + to_bytes(imported) + dump_json(decisions)
+    ).hexdigest()[:32]
+    file = child.cache_folder() / "reviewed" / f"{key}.npz"
+    if file.is_file():
+        try:
+            return from_bytes(read_bounded(file, max_bytes=_MOST_STORED_BYTES, cure="Delete it"), asset)
+        except InvalidInputError:
+            pass  # a damaged file of the cache is made again
+    made = to_bytes(accepted(imported, history, asset=asset, content=content))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_durably(file, made)
+    return from_bytes(made, asset)
