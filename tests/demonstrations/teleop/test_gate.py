@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from scripted_operator import CONDITION, TASK
 from test_station import WANTED, FakeDisplay
 
-from betterbench.demonstrations.teleop import gate
+from betterbench.browser import gate
 from betterbench.demonstrations.teleop.controls import MOST_TAPS, Controls
 from betterbench.demonstrations.teleop.page import Page
 from betterbench.demonstrations.teleop.station import Station

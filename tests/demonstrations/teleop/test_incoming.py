@@ -12,8 +12,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from betterbench.demonstrations.teleop.controls import MARK, Controls
-from betterbench.demonstrations.teleop.incoming import LEFT_OUT, MAX_MESSAGE_BYTES
+from betterbench.browser.incoming import LEFT_OUT, MAX_MESSAGE_BYTES
+from betterbench.browser.keys import MARK
+from betterbench.demonstrations.teleop.controls import Controls
 from betterbench.demonstrations.teleop.page import GIZMO, Page
 from betterbench.demonstrations.teleop.steering import SLOWEST
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import getpass
-import os
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from betterbench.cli.console import OUT, say
-from betterbench.errors import InvalidInputError, one_line
+from betterbench.cli.person import end_process, person_named
+from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.demonstrations.teleop.controls import Controls
@@ -61,13 +59,14 @@ def teleop_command(
         leader_port: Serial port of the leader arm.
         leader_id: Id of the leader arm's calibration.
     """
+    from betterbench.browser.server import load_viser
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.demonstrations.teleop.controls import Controls
-    from betterbench.demonstrations.teleop.page import Page, load_viser
+    from betterbench.demonstrations.teleop.page import Page
     from betterbench.demonstrations.teleop.store import FIRST_TELEOPERATED_SEED, DemonstrationStore, TeleopPlan
 
     load_viser()
-    who, shown = _who(name), _cameras(cameras)
+    who, shown = person_named(name, "--name"), _cameras(cameras)
     plan = TeleopPlan(tasks, demos, condition, FIRST_TELEOPERATED_SEED if seed is None else seed)
     plan.starts()
     prepare_robot("panda")
@@ -81,18 +80,7 @@ def teleop_command(
             say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
         is_busy = _run(store, controls, page, who, shown)
     if is_busy or page.is_busy:
-        _end_process()
-
-
-def _end_process() -> None:
-    """End the process although threads are still running.
-
-    The compilation of a scene, the rendering of an image and a page that does not answer cannot be interrupted. All
-    saved demonstrations are on disk, and the lock of the folder is released.
-    """
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)
+        end_process()
 
 
 def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> bool:
@@ -107,19 +95,6 @@ def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, ca
         station.run(stopped)
         say(f"stopped; {store.saved} of {store.planned} demonstrations are saved in {store.run.path}")
     return station.is_busy or images.is_busy
-
-
-def _who(name: str | None) -> str:
-    """Return the name of the demonstrator; InvalidInputError if it is not one short line."""
-    try:
-        who = getpass.getuser() if name is None else name
-    except (KeyError, OSError):  # the user id of this process has no name
-        who = "unknown"
-    if not who.strip() or one_line(who, most=80) != who:
-        raise InvalidInputError(
-            "--name", f"{one_line(who, most=40)!r} is not a name", "Give 1 to 80 printable characters"
-        )
-    return who
 
 
 def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:

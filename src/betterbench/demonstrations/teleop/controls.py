@@ -10,14 +10,12 @@ import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, get_args
+from typing import Literal, cast, get_args
 
-from pydantic import BaseModel, Field, TypeAdapter
-
+from betterbench.browser.keys import NO_PUSH, PageKeys, new_taps, read_keys
 from betterbench.demonstrations.teleop.steering import is_finite
 from betterbench.errors import BetterError, one_line
 from betterbench.geometry import Pose
-from betterbench.json_form import read_form
 
 Tap = Literal["gripper", "undo", "restart", "save", "discard"]
 """Actions triggered once by a button or key."""
@@ -25,13 +23,10 @@ TAPS: tuple[str, ...] = get_args(Tap)
 
 HELD_FOR_S = 0.6
 """Time after which held keys and axes count as released if not renewed [s]; the page renews them every 0.2 s."""
-MARK = "better-teleop:"
-"""Prefix of the texts that the page sends."""
 DEAD_ZONE = 0.12
 """Deflection of an axis below which it counts as zero."""
 MOST_TAPS = 32
 """Maximum number of presses waiting for a control step; more cannot come from a person and are dropped."""
-NO_PUSH = (0.0,) * 6
 
 KEYS: dict[str, tuple[int, float]] = {
     "KeyW": (0, 1.0),
@@ -49,23 +44,10 @@ KEYS: dict[str, tuple[int, float]] = {
 }
 """Component and sign of each motion key: forward, left, up, roll, pitch and yaw, seen from the viewer."""
 TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
+GAMEPAD_TAPS: dict[int, Tap] = {0: "gripper", 1: "undo", 9: "save"}
+"""Actions of the buttons of a standard gamepad (W3C Gamepad, "standard" mapping)."""
 SLOW = 0.25
 """Speed factor while Shift is held."""
-
-_Number = Annotated[float, Field(ge=-1.0, le=1.0)]
-
-
-class _Sent(BaseModel, extra="forbid", allow_inf_nan=False):
-    """Message of the page: keys held, count of each tap since the page was opened, and axes in [-1, 1]."""
-
-    held: Annotated[list[Annotated[str, Field(max_length=20)]], Field(max_length=20)] = []
-    taps: dict[Annotated[str, Field(max_length=20)], Annotated[int, Field(ge=0)]] = {}
-    push: Annotated[list[_Number], Field(max_length=6, min_length=6)] = list(NO_PUSH)
-    slow: bool = False
-    n: int = 0
-
-
-_SENT = TypeAdapter(_Sent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +145,7 @@ class Controls:
     def sent(self, page: int, text: str, now_s: float) -> bool:
         """Process a message from the script of a page; False if the page does not drive but gives a command."""
         try:
-            data = text.removeprefix(MARK).encode(errors="replace")
-            form: _Sent = read_form(_SENT, data, where="page", cure="Reload the page")
+            form = read_keys(text)
         except BetterError as problem:
             with self._lock:
                 self._tell(str(problem))
@@ -172,10 +153,7 @@ class Controls:
         with self._lock:
             # Taps from before the page drove are ignored.
             known = self._counts.setdefault(page, {})
-            made: list[Tap] = [
-                tap for tap in get_args(Tap) for _ in range(min(8, max(0, form.taps.get(tap, 0) - known.get(tap, 0))))
-            ]
-            known.update(form.taps)
+            made = cast("list[Tap]", new_taps(form, known, TAPS))
             push = _push_of(form)
             if page != self.driver:
                 return not (made or any(push))
@@ -249,7 +227,7 @@ def calmed(value: float) -> float:
     return math.copysign(size, value) if size else 0.0
 
 
-def _push_of(form: _Sent) -> tuple[float, ...]:
+def _push_of(form: PageKeys) -> tuple[float, ...]:
     values = [calmed(v) for v in form.push]
     for key in form.held:
         if key in KEYS:

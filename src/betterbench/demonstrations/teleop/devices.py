@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from betterbench.demonstrations.teleop.controls import NO_PUSH, Controls, Tap
+from betterbench.browser.keys import NO_PUSH
+from betterbench.demonstrations.teleop.controls import Controls, Tap
 from betterbench.errors import InvalidInputError, system_error_text
 
 DeviceKind = Literal["gamepad", "SpaceMouse"]

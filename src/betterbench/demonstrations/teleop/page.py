@@ -7,30 +7,19 @@ the other.
 
 from __future__ import annotations
 
-import contextlib
-import html
-import importlib
-import io
-import json
-import logging
 import math
-import socket
-import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any
 
 import numpy as np
 
-from betterbench.demonstrations.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
-from betterbench.demonstrations.teleop.gate import Gate
-from betterbench.demonstrations.teleop.incoming import IncomingMessages, InputKind
+from betterbench.browser.keys import MARK, key_table, script_element
+from betterbench.browser.server import PageServer
+from betterbench.demonstrations.teleop.controls import GAMEPAD_TAPS, KEYS, TAP_KEYS, Controls, Tap
 from betterbench.demonstrations.teleop.steering import SLOWEST
-from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.geometry import Pose
-from betterbench.installation import missing_extra
 from betterbench.quoting import markup_text
 
 GIZMO = "/tool"
@@ -39,8 +28,6 @@ GIZMO_M = 0.20
 EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
 """Initial position and target of the view [m]: behind the robot's right shoulder, so that "forward" is away."""
 PANEL_PX, IMAGES_PX = 380, 300
-STOP_S = 0.5
-"""Longest wait for pages to close at the end [s]."""
 TOLD_EVERY_S = 3.0
 """Minimum time between two notices to a page that it does not drive [s]."""
 
@@ -80,30 +67,6 @@ class PanelState:
     images: str = ""
 
 
-def load_viser() -> Any:  # noqa: ANN401 - a module
-    """Return viser; MissingDependencyError if it is not installed."""
-    try:
-        return importlib.import_module("viser")
-    except ImportError as problem:
-        raise missing_extra("The teleoperation page needs viser, which is not installed", "teleop") from problem
-
-
-def free_port(host: str, port: int) -> int:
-    """Return a port to listen on: the given one, or any for 0; InvalidInputError if it is not available."""
-    if not 0 <= port <= 65535:
-        raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 chooses a free port")
-    try:
-        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, socket.SOCK_STREAM) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-            return int(probe.getsockname()[1])
-    except OSError as problem:
-        reason = problem.strerror or str(problem)
-        cure = "Stop the process that uses it, or choose another: --port 0 chooses a free port"
-        raise InvalidInputError("--host, --port", f"cannot listen on {host}:{port} ({reason})", cure) from problem
-
-
 class Page:
     """A viser server with the page of a teleoperation."""
 
@@ -114,25 +77,9 @@ class Page:
             MissingDependencyError: If viser is not installed.
             InvalidInputError: If the port is taken.
         """
-        viser = load_viser()
-        self._controls, self._host = controls, host
-        wanted = free_port(host, port)
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # closed tabs are normal
-        self._incoming = IncomingMessages(controls.complain)
-        self._gate = Gate(host, self._incoming)
-        with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
-            self._server = viser.ViserServer(host=host, port=wanted, label="better teleop", verbose=False)
-        self.port = int(self._server.get_port())
-        if not self._gate.is_closed:
-            self._server.stop()
-            raise MissingDependencyError(
-                f"this version of viser ({viser.__version__}) starts its server in a way that better teleop does not "
-                "support, so that access could not be controlled. Install the version of the extra 'teleop'"
-            )
-        if self.port != wanted:  # the port was taken in the meantime, and viser chose the next one
-            self._server.stop()
-            raise InvalidInputError("--port", f"{wanted} was taken meanwhile", "Run the same command again")
-        self._stopping = threading.Thread(target=self._server.stop, name="teleop page", daemon=True)
+        self._controls = controls
+        self._page = PageServer(host=host, port=port, verb="better teleop", complain=controls.complain)
+        self._server, self.port = self._page.viser, self._page.port
         self._told: dict[int, float] = {}
         self._shown: PanelState | None = None
         self._bodies: dict[int, Any] = {}
@@ -148,8 +95,7 @@ class Page:
     @property
     def url(self) -> str:
         """The address of the page, with its token."""
-        name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
-        return f"http://{name}:{self.port}/{self._gate.token}"
+        return self._page.url
 
     @property
     def view_yaw(self) -> float:
@@ -168,15 +114,13 @@ class Page:
         return max(SLOWEST, min(1.0, float(self._speed.value) / 100.0))
 
     def close(self) -> None:
-        """Close all connections and stop listening, waiting at most :data:`STOP_S` for a page that does not answer."""
-        with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
-            self._stopping.start()
-            self._stopping.join(STOP_S)
+        """Close all connections and stop listening, see :meth:`~betterbench.browser.server.PageServer.close`."""
+        self._page.close()
 
     @property
     def is_busy(self) -> bool:
         """Whether it still waits for a page to close."""
-        return self._stopping.is_alive()
+        return self._page.is_busy
 
     def show_scene(self, files: Mapping[int, bytes]) -> None:
         """Show the bodies of another scene, given as GLB by index."""
@@ -279,8 +223,8 @@ class Page:
             self._controls.take_over(event.client_id)
 
         take.on_click(taken)
-        self._expect(take, "button")
-        self._expect(self._speed, "number")
+        self._page.expect(take, "button")
+        self._page.expect(self._speed, "number")
         with gui.add_folder("Keys", expand_by_default=True):
             gui.add_html(_KEY_TABLE)
         text = gui.add_text("", MARK + "{}")
@@ -290,8 +234,8 @@ class Page:
                 self._tell(event.client_id)
 
         text.on_update(typed)
-        self._expect(text, "text")
-        gui.add_html(_script())
+        self._page.expect(text, "text")
+        gui.add_html(script_element(taps=TAP_KEYS, held=tuple(KEYS), gamepad=GAMEPAD_TAPS))
 
     def _button(self, label: str, tap: Tap, color: Any, hint: str) -> Any:  # noqa: ANN401
         button = self._server.gui.add_button(label, color=color, hint=hint)
@@ -301,12 +245,8 @@ class Page:
                 self._tell(event.client_id)
 
         button.on_click(pressed)
-        self._expect(button, "button")
+        self._page.expect(button, "button")
         return button
-
-    def _expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401
-        """Accept values of an element; viser sends its number only to the page."""
-        self._incoming.expect(element._impl.uuid, kind)
 
     def _build_images(self, cameras: Sequence[str]) -> dict[str, Any]:
         if not cameras:
@@ -356,25 +296,7 @@ def _foot(shown: PanelState) -> str:
     )
 
 
-def _script() -> str:
-    """Return an element that runs the script of the page as soon as it is shown.
-
-    viser does not support scripts, and those in its HTML elements are not run, but the error handler of an image is.
-    """
-    source = resources.files("betterbench.demonstrations.teleop").joinpath("page.js").read_text()
-    source = source.replace("__PUSH_KEYS__", json.dumps(list(KEYS))).replace("__TAP_KEYS__", json.dumps(TAP_KEYS))
-    return f'<img src="data:," alt="" style="display:none" onerror="{html.escape(source, quote=True)}">'
-
-
-def _keys(rows: Sequence[tuple[str, str]]) -> str:
-    cells = "".join(
-        f'<tr><td style="padding:1px 12px 1px 0"><b>{markup_text(k)}</b></td><td>{markup_text(t)}</td></tr>'
-        for k, t in rows
-    )
-    return f'<table style="margin:0 10px;font-size:12px">{cells}</table>'
-
-
-_KEY_TABLE = _keys(
+_KEY_TABLE = key_table(
     (
         ("W A S D", "away, left, back, right, as you look"),
         ("R F", "up, down"),

@@ -21,7 +21,7 @@ from betterbench.sim.assets.importing.kinds import kind_of
 from betterbench.sim.assets.importing.mesh_file import FORMATS as MESH_FORMATS
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES
 from betterbench.sim.assets.importing.object_file import FORMATS
-from betterbench.sim.assets.names import named_by
+from betterbench.sim.assets.names import shown_name
 
 OnCertificate = Callable[[JobProgress[tuple[str, AssetCertificate]]], None]
 
@@ -87,19 +87,13 @@ def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None
                 )
             found += [Target(str(file.relative_to(path)), file, wishes, color) for file in files]
         elif path.is_file() or path.suffix.lower() in FORMATS:
-            found.append(Target(_name_of(path), path, wishes, color))
+            found.append(Target(shown_name(path), path, wishes, color))
         else:
             found.append(_registered(text, wishes, color))
     if len(found) > 1 and (wishes.name or wishes.size_m or wishes.mass_kg):
         problem = f"{len(found)} assets are given with one name, size or mass"
         raise InvalidInputError("assets check", problem, "Check them one by one")
     return found
-
-
-def _name_of(path: Path) -> str:
-    """Return the name of a file for people; scans are often called "textured.obj" in a folder with their name."""
-    place, stem = named_by(path.absolute(), Path(path.absolute().anchor))
-    return path.name if stem is not None else f"{place.name}/{path.name}"
 
 
 def _registered(text: str, wishes: Wishes, color: str | None) -> Target:

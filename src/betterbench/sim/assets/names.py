@@ -46,3 +46,10 @@ def file_words(file: Path, root: Path) -> tuple[str, ...]:
     """Return the words that name the object of a file: those of "025_mug/google_16k/textured.obj" are ("mug",)."""
     place, stem = named_by(file, root)
     return words_of(stem if stem is not None else place.name) or (file.stem.lower(),)
+
+
+def shown_name(file: Path) -> str:
+    """Return the name of a file for people, with its folder where that names the object ("025_mug/textured.obj")."""
+    whole = file.absolute()
+    place, stem = named_by(whole, Path(whole.anchor))
+    return file.name if stem is not None else f"{place.name}/{file.name}"

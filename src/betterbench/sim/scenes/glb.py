@@ -23,7 +23,7 @@ _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Surface:
+class Surface:
     """Triangles of one look: (n, 3) positions [m] and normals, (n, 2) texture coordinates, (m, 3) corners."""
 
     positions: np.ndarray
@@ -31,24 +31,29 @@ class _Surface:
     coordinates: np.ndarray
     faces: np.ndarray
 
-    def moved(self, position: np.ndarray, rotation: np.ndarray) -> _Surface:
+    def moved(self, position: np.ndarray, rotation: np.ndarray) -> Surface:
         """Return it in the frame of the body: rotated by (3, 3), then moved by (3,) [m]."""
         turned = self.positions @ rotation.T + position
-        return _Surface(turned, self.normals @ rotation.T, self.coordinates, self.faces)
+        return Surface(turned, self.normals @ rotation.T, self.coordinates, self.faces)
 
 
 def body_files(model: mujoco.MjModel) -> dict[int, bytes]:
     """Return the GLB of every body that has a visible shape, by the number of the body."""
-    looks: dict[int, dict[tuple[float, ...], list[_Surface]]] = {}
+    looks: dict[int, dict[tuple[float, ...], list[Surface]]] = {}
     for geom in range(model.ngeom):
         color, texture = _look(model, geom)
         if model.geom_group[geom] > _VISIBLE_GROUPS or color[3] <= 0.0:
             continue
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-        surface = _surface(model, geom).moved(model.geom_pos[geom], rotation.reshape(3, 3))
+        surface = surface_in_body(model, geom)
         looks.setdefault(int(model.geom_bodyid[geom]), {}).setdefault((*color, texture), []).append(surface)
     return {body: _file(model, surfaces) for body, surfaces in looks.items()}
+
+
+def surface_in_body(model: mujoco.MjModel, geom: int) -> Surface:
+    """Return a shape in the frame of its body; primitives and planes as in :func:`body_files`."""
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+    return _surface(model, geom).moved(model.geom_pos[geom], rotation.reshape(3, 3))
 
 
 def _look(model: mujoco.MjModel, geom: int) -> tuple[tuple[float, ...], int]:
@@ -59,7 +64,7 @@ def _look(model: mujoco.MjModel, geom: int) -> tuple[tuple[float, ...], int]:
     return tuple(float(v) for v in rgba), texture
 
 
-def _surface(model: mujoco.MjModel, geom: int) -> _Surface:
+def _surface(model: mujoco.MjModel, geom: int) -> Surface:
     """Return a shape in its own frame; shapes other than meshes and planes are drawn as their bounding box."""
     kind = int(model.geom_type[geom])
     if kind == int(mujoco.mjtGeom.mjGEOM_MESH):
@@ -68,12 +73,12 @@ def _surface(model: mujoco.MjModel, geom: int) -> _Surface:
         sides = np.where(model.geom_size[geom, :2] > 0.0, model.geom_size[geom, :2], FLOOR_HALF_M)
         positions = np.column_stack([_CORNERS * sides, np.zeros(4)])
         faces = np.array([[0, 1, 2], [0, 2, 3]])
-        return _Surface(positions, np.tile([0.0, 0.0, 1.0], (4, 1)), 0.5 + 0.5 * _CORNERS, faces)
+        return Surface(positions, np.tile([0.0, 0.0, 1.0], (4, 1)), 0.5 + 0.5 * _CORNERS, faces)
     return _box(model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:])
 
 
-def _box(center: np.ndarray, half: np.ndarray) -> _Surface:
-    parts: list[_Surface] = []
+def _box(center: np.ndarray, half: np.ndarray) -> Surface:
+    parts: list[Surface] = []
     for axis in range(3):
         across, along = (axis + 1) % 3, (axis + 2) % 3
         for side in (-1.0, 1.0):
@@ -83,11 +88,11 @@ def _box(center: np.ndarray, half: np.ndarray) -> _Surface:
             normals = np.zeros((4, 3))
             normals[:, axis] = side
             uv = 0.5 + 0.5 * corners[:, :2]
-            parts.append(_Surface(center + corners * half, normals, uv, np.array([[0, 1, 2], [0, 2, 3]])))
+            parts.append(Surface(center + corners * half, normals, uv, np.array([[0, 1, 2], [0, 2, 3]])))
     return _joined(parts)
 
 
-def _mesh(model: mujoco.MjModel, mesh: int) -> _Surface:
+def _mesh(model: mujoco.MjModel, mesh: int) -> Surface:
     """Return a mesh with one vertex per combination of position, normal and texture coordinate, as glTF needs."""
 
     def rows(array: np.ndarray, address: np.ndarray, number: np.ndarray) -> np.ndarray:
@@ -103,7 +108,7 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> _Surface:
     uv = np.zeros((len(known), 2))
     if has_coordinates:
         uv = rows(model.mesh_texcoord, model.mesh_texcoordadr, model.mesh_texcoordnum)[known[:, 2]]
-    return _Surface(
+    return Surface(
         rows(model.mesh_vert, model.mesh_vertadr, model.mesh_vertnum)[known[:, 0]].astype(np.float64),
         rows(model.mesh_normal, model.mesh_normaladr, model.mesh_normalnum)[known[:, 1]].astype(np.float64),
         uv,
@@ -111,9 +116,9 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> _Surface:
     )
 
 
-def _joined(parts: list[_Surface]) -> _Surface:
+def _joined(parts: list[Surface]) -> Surface:
     starts = np.cumsum([0, *(len(p.positions) for p in parts)])
-    return _Surface(
+    return Surface(
         np.concatenate([p.positions for p in parts]),
         np.concatenate([p.normals for p in parts]),
         np.concatenate([p.coordinates for p in parts]),
@@ -121,7 +126,7 @@ def _joined(parts: list[_Surface]) -> _Surface:
     )
 
 
-def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[_Surface]]) -> bytes:
+def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[Surface]]) -> bytes:
     """Return the GLB of surfaces by look: color and texture."""
     import trimesh  # noqa: PLC0415 - takes 0.6 s, which only a viewer needs
 

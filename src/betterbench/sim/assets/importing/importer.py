@@ -14,7 +14,7 @@ from betterbench.sim.assets.asset import CollisionPart
 from betterbench.sim.assets.authoring.draft import Draft, zone
 from betterbench.sim.assets.authoring.mass import MassProperties
 from betterbench.sim.assets.importing.appearance import visual_parts
-from betterbench.sim.assets.importing.cavity import columns_box, floor_square, highest_level, tops_of
+from betterbench.sim.assets.importing.cavity import Cavity, columns_box, floor_square, highest_level, tops_of
 from betterbench.sim.assets.importing.foot import foot_under
 from betterbench.sim.assets.importing.grasping import proposals
 from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of
@@ -24,7 +24,7 @@ from betterbench.sim.assets.importing.mesh_file import FolderResolver
 from betterbench.sim.assets.importing.object_file import read_object
 from betterbench.sim.assets.importing.physics import Body, stated_body, stated_hulls
 from betterbench.sim.assets.importing.raw import RawMesh
-from betterbench.sim.assets.importing.solid import mass_of_cells
+from betterbench.sim.assets.importing.solid import Solid, mass_of_cells
 from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, place
 from betterbench.sim.assets.names import file_words, words_of
 
@@ -116,6 +116,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     if not hulls:
         raise InvalidInputError(where, "it is flat: it spans no volume", "Give it a thickness in a mesh editor")
     foot = foot_under(hulls, body.center)
+    description, tags = described(named)
     grasps = tuple(p.grasp for p in proposals(placed.solid, body.center))
     notes = (*placed.notes, *turned_out, *said, *by_file, *(() if stated is None else stated.notes))
     if kind is not None and kind.is_open and placed.cavity is None:
@@ -123,16 +124,17 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     if foot is not None:
         notes = (*notes, "it would roll: it has a flat foot in its collision shape")
     draft = Draft(
-        shape=_shape(placed, size),
-        description=f"{named} imported from a mesh.".replace("_", " "),
-        tags=tuple(dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])),
+        shape=shape_of(placed.solid, placed.cavity, size),
+        description=description,
+        tags=tags,
         mass_kg=body.mass_kg,
-        parts=(*visual_parts(seen), *map(_shape_of, [*hulls, *([] if foot is None else [foot])])),
-        body=_properties(body),
+        parts=(*visual_parts(seen), *map(collision_part, [*hulls, *([] if foot is None else [foot])])),
+        body=mass_properties(body.mass_kg, body.center, body.inertia),
         grasps=grasps,
-        regions=tuple(_regions(placed, size)),
+        regions=tuple(regions_of(placed.solid, placed.cavity, size)),
         parameters={
             "file": where,
+            "name": named,
             "kind": "" if kind is None else kind.name,
             "up": placed.up,
             "unit_m": placed.scale,
@@ -186,29 +188,37 @@ def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> 
     return mass, f"mass {1000 * mass:.3g} g, {why}"
 
 
-def _properties(body: Body) -> MassProperties:
-    mass, center, inertia = body.mass_kg, body.center, body.inertia
+def described(named: str) -> tuple[str, tuple[str, ...]]:
+    """Return the description and the tags of an imported object, from its name."""
+    kind = kind_of(named)
+    tags = dict.fromkeys([*([] if kind is None else [kind.name]), *words_of(named)])
+    return f"{named} imported from a mesh.".replace("_", " "), tuple(tags)
+
+
+def mass_properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> MassProperties:
+    """Return the mass properties, rounded, from mass [kg], center (3,) [m] and inertia (3, 3) about it [kg m^2]."""
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
     ixx, iyy, izz, ixy, ixz, iyz = (float(f"{v:.6g}") for v in six)
     x, y, z = (float(f"{v:.6g}") for v in center)
     return MassProperties(mass, (x, y, z), (ixx, iyy, izz, ixy, ixz, iyz))
 
 
-def _shape(placed: Placed, size: np.ndarray) -> Literal["round", "cylinder", "box", "irregular"]:
+def shape_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> Literal["round", "cylinder", "box", "irregular"]:
     """Return a coarse word for the shape, from how much of its bounding box the object fills."""
-    footprint = placed.solid.cells.any(axis=2)
+    footprint = solid.cells.any(axis=2)
     found = np.argwhere(footprint)
     full = float(footprint.sum() / np.prod(np.ptp(found, axis=0) + 1))
     even = 0.85 < size[0] / max(size[1], 1e-9) < 1.18
     if full > 0.93:
         return "box"
     if even and 0.70 < full < 0.86:
-        share = placed.solid.cells.sum() * placed.solid.pitch_m**3 / float(np.prod(size))
-        return "round" if share < 0.62 and placed.cavity is None and size[2] > 0.7 * size[0] else "cylinder"
+        share = solid.cells.sum() * solid.pitch_m**3 / float(np.prod(size))
+        return "round" if share < 0.62 and cavity is None and size[2] > 0.7 * size[0] else "cylinder"
     return "irregular"
 
 
-def _shape_of(corners: np.ndarray) -> CollisionPart:
+def collision_part(corners: np.ndarray) -> CollisionPart:
+    """Return the collision part of a convex hull with corners (n, 3) [m]."""
     vertices = np.ascontiguousarray((np.round(with_thickness(corners), 6) + 0.0).astype(np.float32))
     return CollisionPart("hull", (0.0, 0.0, 0.0), vertices=vertices, friction=_FRICTION)
 
@@ -226,9 +236,8 @@ def with_thickness(corners: np.ndarray) -> np.ndarray:
     return np.concatenate([corners - 0.5 * lacking * normal, corners + 0.5 * lacking * normal])
 
 
-def _regions(placed: Placed, size: np.ndarray) -> list[Region]:
+def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Region]:
     """Return the places on an object that tasks use: base, and opening, inside, floor and rim or top."""
-    solid, cavity = placed.solid, placed.cavity
     low = solid.surface & (np.arange(solid.cells.shape[2]) <= 2)[None, None, :]
     x, y, half_x, half_y = columns_box(solid, np.asarray(low.any(axis=2)))
     found = [zone("base", half_x, half_y, x=x, y=y)]

@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from betterbench.sim.assets.authoring.draft import Draft
-from betterbench.sim.assets.authoring.registry import generator
+from betterbench.sim.assets.authoring.registry import categories, generator
 from betterbench.sim.assets.importing.child import import_safely
 from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.sim.assets.importing.review.replay import reviewed
 from betterbench.sim.assets.licenses import require_license
 from betterbench.tasks.user_files import loading_folder
+
+
+@dataclass(frozen=True, slots=True)
+class MeshImport:
+    """A mesh file that was registered as a category of assets, with the options of its import."""
+
+    category: str
+    path: Path
+    wishes: Wishes
+
+
+_IMPORTS: dict[str, MeshImport] = {}
+
+
+def mesh_imports() -> tuple[MeshImport, ...]:
+    """Return the registered mesh files, in the order of their registration."""
+    known = set(categories())
+    return tuple(found for found in _IMPORTS.values() if found.category in known)
 
 
 def imported(
@@ -29,6 +49,7 @@ def imported(
     author: str | None = None,
     any_license: bool = False,
     freeze: bool = False,
+    review: Path | str | None = None,
 ) -> None:
     """Register the object of a file as a category of assets; the file is imported when the category is first built.
 
@@ -47,6 +68,8 @@ def imported(
         author: Person or group to name, for the same.
         any_license: Whether a license that forbids commercial use or changes, or is not known, is allowed.
         freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are refused.
+        review: File of ``better review`` whose accepted changes are applied. An object that was rejected in it, or has
+            no verdict, is then refused when the category is first built.
 
     Raises:
         InvalidInputError: If another asset has the name, or the license is not free and ``any_license`` is False.
@@ -57,12 +80,16 @@ def imported(
         any_license=any_license,
         option='Give license="CC BY 4.0" or another name, or any_license=True to use it all the same',
     )
-    file = ((loading_folder() or Path.cwd()) / Path(path).expanduser()).absolute()
+    folder = loading_folder() or Path.cwd()
+    file = (folder / Path(path).expanduser()).absolute()
+    reviews = None if review is None else (folder / Path(review).expanduser()).absolute()
     wishes = Wishes(name or category, size_m, mass_kg, up, license, source, author, freeze)
 
     def make(_rng: np.random.Generator, _color: str) -> Draft:
-        return import_safely(file, wishes).draft
+        imported = import_safely(file, wishes)
+        return (imported if reviews is None else reviewed(imported, file, reviews)).draft
 
     # Two files under one name are told apart by this.
     make.__qualname__ = f"the import of {file}"
     generator(category, colors=(color,), looks=1, unseen_looks=1)(make)
+    _IMPORTS[category] = MeshImport(category, file, wishes)

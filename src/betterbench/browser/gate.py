@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Any
 
-from betterbench.demonstrations.teleop.incoming import MAX_MESSAGE_BYTES, IncomingMessages
+from betterbench.browser.incoming import MAX_MESSAGE_BYTES, IncomingMessages
 from betterbench.policies.serving.callers import is_own_host, is_own_origin
 
 OPEN_TIMEOUT_S = 5.0
@@ -27,8 +27,7 @@ _HEADERS = {
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
 }
-_REFUSED = "Access denied: open the address printed by better teleop, with its token.\n"
-
+_REFUSED = "Access denied: open the address printed by {verb}, with its token.\n"
 
 _UNREADABLE = "This request cannot be read.\n"
 
@@ -52,9 +51,10 @@ class Gate:
         is_closed: Whether a server is protected by the gate. A server without it must not be used.
     """
 
-    def __init__(self, host: str, incoming: IncomingMessages) -> None:
-        """Draw a token for a server that listens on an interface and accepts only some messages."""
+    def __init__(self, host: str, incoming: IncomingMessages, *, verb: str) -> None:
+        """Draw a token for a server of a verb that listens on an interface and accepts only some messages."""
         self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
+        self._refused = _REFUSED.format(verb=verb)
         self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
@@ -95,7 +95,7 @@ class Gate:
         def process(connection: Any, request: Any) -> Any:  # noqa: ANN401
             path = self.admits(request)
             if path is None:
-                response = connection.respond(HTTPStatus.FORBIDDEN, _REFUSED)
+                response = connection.respond(HTTPStatus.FORBIDDEN, self._refused)
             else:
                 response = _asked(inner, connection, dataclasses.replace(request, path=path))
             if response is not None:

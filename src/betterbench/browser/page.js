@@ -1,13 +1,13 @@
 // Runs in the page of the viewer: keys, gamepads and SpaceMice that are plugged into the computer of the person.
 // It writes what they do into a text field of the panel, which the viewer sends on.
 (() => {
-  if (window.betterTeleop) return;
-  const MARK = "better-teleop:";
+  if (window.betterPage) return;
+  const MARK = __MARK__;
   const PUSH = __PUSH_KEYS__;
   const TAPS = __TAP_KEYS__;
   // Buttons of a standard gamepad (W3C Gamepad, "standard" mapping).
-  const BUTTONS = { 0: "gripper", 1: "undo", 9: "save" };
-  const me = (window.betterTeleop = { held: new Set(), taps: {}, push: [0, 0, 0, 0, 0, 0], slow: false, n: 0 });
+  const BUTTONS = __BUTTONS__;
+  const me = (window.betterPage = { held: new Set(), taps: {}, push: [0, 0, 0, 0, 0, 0], slow: false, n: 0 });
   let sent = "", sentAt = 0;
 
   const field = () => {
@@ -74,7 +74,7 @@
   };
   const poll = () => {
     let push = [0, 0, 0, 0, 0, 0];
-    for (const pad of navigator.getGamepads ? navigator.getGamepads() : []) {
+    for (const pad of BUTTONS && navigator.getGamepads ? navigator.getGamepads() : []) {
       if (!pad || !pad.connected) continue;
       push = push.map((v, i) => Math.max(-1, Math.min(1, v + deflection(pad)[i])));
       pad.buttons.forEach((button, i) => {

@@ -1,0 +1,112 @@
+"""A viser server on this machine that only the page of its printed address can use."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import logging
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from betterbench.browser.gate import Gate
+from betterbench.browser.incoming import IncomingMessages, InputKind
+from betterbench.errors import InvalidInputError, MissingDependencyError
+from betterbench.installation import missing_extra
+
+STOP_S = 0.5
+"""Longest wait for pages to close at the end [s]."""
+
+
+def load_viser() -> Any:  # noqa: ANN401 - a module
+    """Return viser; MissingDependencyError if it is not installed."""
+    try:
+        return importlib.import_module("viser")
+    except ImportError as problem:
+        raise missing_extra("The page in the browser needs viser, which is not installed", "teleop") from problem
+
+
+def free_port(host: str, port: int) -> int:
+    """Return a port to listen on: the given one, or any for 0; InvalidInputError if it is not available."""
+    if not 0 <= port <= 65535:
+        raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 chooses a free port")
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+            return int(probe.getsockname()[1])
+    except OSError as problem:
+        reason = problem.strerror or str(problem)
+        cure = "Stop the process that uses it, or choose another: --port 0 chooses a free port"
+        raise InvalidInputError("--host, --port", f"cannot listen on {host}:{port} ({reason})", cure) from problem
+
+
+class PageServer:
+    """A viser server behind a gate (:mod:`betterbench.browser.gate`).
+
+    Attributes:
+        viser: The server of viser.
+        port: Port on which it listens.
+    """
+
+    def __init__(self, *, host: str, port: int, verb: str, complain: Callable[[str], None]) -> None:
+        """Listen.
+
+        Args:
+            host: Interface.
+            port: Port; any free one for 0.
+            verb: Command of the page ("better teleop").
+            complain: Gets reports of refused messages.
+
+        Raises:
+            MissingDependencyError: If viser is not installed.
+            InvalidInputError: If the port is taken.
+        """
+        viser = load_viser()
+        self._host = host
+        wanted = free_port(host, port)
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # closed tabs are normal
+        self._incoming = IncomingMessages(complain)
+        self._gate = Gate(host, self._incoming, verb=verb)
+        with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
+            self.viser = viser.ViserServer(host=host, port=wanted, label=verb, verbose=False)
+        self.port = int(self.viser.get_port())
+        if not self._gate.is_closed:
+            self.viser.stop()
+            raise MissingDependencyError(
+                f"this version of viser ({viser.__version__}) starts its server in a way that {verb} does not "
+                "support, so that access could not be controlled. Install the version of the extra 'teleop'"
+            )
+        if self.port != wanted:  # the port was taken in the meantime, and viser chose the next one
+            self.viser.stop()
+            raise InvalidInputError("--port", f"{wanted} was taken meanwhile", "Run the same command again")
+        self._stopping = threading.Thread(target=self.viser.stop, name="page", daemon=True)
+
+    @property
+    def url(self) -> str:
+        """The address of the page, with its token."""
+        name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
+        return f"http://{name}:{self.port}/{self._gate.token}"
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it listens on this machine only."""
+        return self._host in ("127.0.0.1", "localhost", "::1")
+
+    def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
+        """Accept values of an element; viser sends its number only to the page."""
+        self._incoming.expect(element._impl.uuid, kind)
+
+    def close(self) -> None:
+        """Close all connections and stop listening, waiting at most :data:`STOP_S` for a page that does not answer."""
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
+            self._stopping.start()
+            self._stopping.join(STOP_S)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it still waits for a page to close."""
+        return self._stopping.is_alive()

@@ -1,0 +1,358 @@
+"""One review by one person, without any page: the object at hand, the edit in progress, and decisions.
+
+An edit is a change that was not kept yet. It is kept by :meth:`ReviewDesk.keep`, by another kind of edit, and by a
+verdict; then it is a line of the journal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from pydantic import ValidationError
+
+from betterbench.errors import BetterError, one_line
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, from_axis_angle, multiply, normalize, rotate
+from betterbench.interface.state import Region
+from betterbench.review.queue import QueuedObject
+from betterbench.sim.assets import Asset, Grasp
+from betterbench.sim.assets.authoring.draft import JAW_OPENS_ALONG_Y
+from betterbench.sim.assets.authoring.registry import asset_of
+from betterbench.sim.assets.importing.review import (
+    Change,
+    GraspChange,
+    History,
+    MassChange,
+    NameChange,
+    Plane,
+    PoseChange,
+    RegionChange,
+    Review,
+    ReviewJournal,
+    ReviewState,
+    ScaleChange,
+    SupportChange,
+    Undo,
+    Verdict,
+    changed,
+)
+from betterbench.sim.assets.importing.review.changes import Decision, said
+from betterbench.sim.assets.importing.review.journal import now
+from betterbench.sim.scenes.tryouts import Tryout, try_drop, try_lift
+
+Mode = Literal["pose", "support", "grasp", "frame"]
+MODES: tuple[Mode, ...] = ("pose", "support", "grasp", "frame")
+
+TURN_DEGREES, FINE_DEGREES = 90.0, 5.0
+SIZE_STEP = 1.05
+FRAME_NAMES = ("opening", "inside", "floor", "top", "rim", "base", "slot")
+"""Names that a new placement frame gets, the first that is free."""
+
+
+@dataclass(slots=True)
+class ReviewDesk:
+    """The desk of one reviewer.
+
+    Attributes:
+        queue: Objects to review.
+        journal: File of the decisions.
+        author: Name of the reviewer.
+        index: Number of the object at hand.
+        mode: What the gizmo moves.
+        selected: Number of the grasp or placement frame at hand.
+        edit: Change in progress, None without one.
+        message: Result of the last command, in a sentence.
+        is_problem: Whether it says that something failed.
+    """
+
+    queue: Sequence[QueuedObject]
+    journal: ReviewJournal
+    author: str
+    index: int = 0
+    mode: Mode = "pose"
+    selected: int = 0
+    edit: Change | None = None
+    message: str = ""
+    is_problem: bool = False
+
+    @property
+    def at_hand(self) -> QueuedObject:
+        """The object at hand."""
+        return self.queue[self.index]
+
+    @property
+    def state(self) -> ReviewState | None:
+        """The object at hand with its kept changes, None if it cannot be imported."""
+        return self.at_hand.state
+
+    @property
+    def history(self) -> History:
+        """The decisions about the object at hand."""
+        return self.journal.history(self.at_hand.content)
+
+    @property
+    def judged(self) -> int:
+        """Number of objects with a verdict."""
+        return sum(self.journal.history(item.content).verdict is not None for item in self.queue)
+
+    @property
+    def asset(self) -> Asset | None:
+        """The object at hand as an asset."""
+        state = self.state
+        return None if state is None else asset_of(state.imported.draft, "reviewed", color="gray")
+
+    @property
+    def grasp(self) -> Grasp | None:
+        """The grasp at hand, as edited."""
+        if isinstance(self.edit, GraspChange):
+            return self.edit.after
+        grasps = () if self.state is None else self.state.imported.draft.grasps
+        return grasps[self.selected % len(grasps)] if grasps else None
+
+    @property
+    def region(self) -> Region | None:
+        """The placement frame at hand, as edited."""
+        if isinstance(self.edit, RegionChange):
+            return self.edit.after
+        regions = () if self.state is None else self.state.imported.draft.regions
+        return regions[self.selected % len(regions)] if regions else None
+
+    @property
+    def plane(self) -> Plane:
+        """The support plane, as edited."""
+        return self.edit.after if isinstance(self.edit, SupportChange) else Plane()
+
+    @property
+    def turn(self) -> Quaternion:
+        """The rotation in progress, from the kept state (w, x, y, z)."""
+        if not isinstance(self.edit, PoseChange):
+            return IDENTITY_QUATERNION
+        w, x, y, z = self.edit.before
+        return normalize(multiply(self.edit.after, (w, -x, -y, -z)))
+
+    # -------------------------------------------------------------------------------------------------------- moving
+
+    def open_first(self) -> None:
+        """Show the first object without a verdict."""
+        open_ones = [k for k, q in enumerate(self.queue) if self.journal.history(q.content).verdict is None]
+        self._go(open_ones[0] if open_ones else 0)
+
+    def step(self, by: int) -> None:
+        """Show another object of the queue; an edit in progress is kept first."""
+        if self.keep():
+            self._go((self.index + by) % len(self.queue))
+
+    def _go(self, index: int) -> None:
+        self.index, self.selected, self.edit = index, 0, None
+        self.at_hand.load(self.history)
+        self._say("")
+
+    def choose(self, mode: Mode) -> None:
+        """Choose what the gizmo moves; an edit in progress is kept first."""
+        if mode != self.mode and self.keep():
+            self.mode, self.selected = mode, 0
+
+    def select_next(self) -> None:
+        """Take the next grasp or placement frame in hand; an edit in progress is kept first."""
+        if self.keep():
+            self.selected += 1
+
+    # ------------------------------------------------------------------------------------------------------- editing
+
+    def turn_by(self, axis: Sequence[float], degrees: float) -> None:
+        """Turn the object further, about an axis of the world."""
+        step = from_axis_angle([math.radians(degrees) * v for v in axis])
+        self.turn_to(normalize(multiply(step, self.turn)))
+
+    def turn_to(self, turn: Quaternion) -> None:
+        """Turn the object from its kept state."""
+        state = self._begin(PoseChange)
+        if state is not None:
+            self.edit = PoseChange(state.turned, normalize(multiply(turn, state.turned)))
+
+    def size(self, longest_m: float) -> None:
+        """Give the object another longest side [m]."""
+        state = self._begin(ScaleChange)
+        if state is not None:
+            self.edit = ScaleChange(max(state.size_m), longest_m)
+
+    def size_by(self, factor: float) -> None:
+        """Scale the object further."""
+        if self.state is not None:
+            longest = self.edit.after if isinstance(self.edit, ScaleChange) else max(self.state.size_m)
+            self.size(round(factor * longest, 4))
+
+    def weigh(self, mass_kg: float) -> None:
+        """Give the object another mass."""
+        state = self._begin(MassChange)
+        if state is not None:
+            self.edit = MassChange(state.imported.draft.mass_kg, mass_kg)
+
+    def call(self, name: str) -> None:
+        """Give the object another name."""
+        state = self._begin(NameChange)
+        if state is not None:
+            self.edit = NameChange(state.name, name.strip())
+
+    def drag(self, pose: Pose) -> None:
+        """Move what the gizmo moves to a pose in the object frame; the object itself is only turned."""
+        if self.mode == "pose":
+            self.turn_to(pose.quaternion)
+        elif self.mode == "support" and self._begin(SupportChange) is not None:
+            normal = rotate(pose.quaternion, (0.0, 0.0, 1.0))
+            height = sum(n * p for n, p in zip(normal, pose.position, strict=True))
+            self.edit = SupportChange(Plane(), Plane(normal, height))
+        elif self.mode == "grasp" and self._begin(GraspChange) is not None and self.grasp is not None:
+            before = self.edit.before if isinstance(self.edit, GraspChange) else self.grasp
+            self.edit = GraspChange(before, replace(self.grasp, pose=pose, symmetric_yaw=False))
+        elif self.mode == "frame" and self._begin(RegionChange) is not None and self.region is not None:
+            former = self.edit.before if isinstance(self.edit, RegionChange) else self.region
+            moved = replace(self.region, position=pose.position, quaternion=pose.quaternion)
+            self.edit = RegionChange(former, moved)
+
+    def add(self) -> None:
+        """Begin a new grasp or placement frame in the middle of the object."""
+        state = self.state
+        if state is None or not self.keep():
+            return
+        draft = state.imported.draft
+        x, y, z = state.size_m
+        if self.mode == "grasp":
+            name = _free("grasp", [g.name for g in draft.grasps])
+            first = min((g.preference for g in draft.grasps), default=1) - 1
+            pose = Pose((0.0, 0.0, round(0.6 * z, 4)), JAW_OPENS_ALONG_Y)
+            width = min(max(y, 0.004), 0.076)
+            self.edit = GraspChange(None, Grasp(name, pose, round(width, 4), 0.002, preference=first))
+        elif self.mode == "frame":
+            taken = [r.name for r in draft.regions]
+            name = next((n for n in FRAME_NAMES if n not in taken), _free("frame", taken))
+            self.edit = RegionChange(None, Region(name, (0.0, 0.0, z), (0.25 * x, 0.25 * y, 0.001)))
+        else:
+            self._say("Choose grasps (3) or frames (4) first.", problem=True)
+
+    def remove(self) -> None:
+        """Remove the grasp or the placement frame at hand."""
+        if self.mode == "grasp" and self.grasp is not None:
+            former = self.edit.before if isinstance(self.edit, GraspChange) else self.grasp
+            self.edit = None if former is None else GraspChange(former, None)
+        elif self.mode == "frame" and self.region is not None:
+            before = self.edit.before if isinstance(self.edit, RegionChange) else self.region
+            self.edit = None if before is None else RegionChange(before, None)
+        else:
+            self._say("There is nothing to remove.", problem=True)
+            return
+        self.keep()
+
+    def drop_edit(self) -> None:
+        """Forget the edit in progress."""
+        self.edit = None
+        self._say("The edit was dropped.")
+
+    def keep(self) -> bool:
+        """Write the edit in progress as a change; False if it is not possible, which the message explains."""
+        edit, state, item = self.edit, self.state, self.at_hand
+        if edit is None or state is None:
+            return True
+        self.edit = None
+        if edit.before == edit.after:
+            return True
+        try:
+            new = changed(state, edit, where=item.name)
+            self._write(edit, state)
+        except (BetterError, ValidationError) as error:
+            self._say(one_line(error), problem=True)
+            return False
+        item.states.append(new)
+        self._say(f"Kept: {said(edit)}.")
+        return True
+
+    # ------------------------------------------------------------------------------------------------------ decisions
+
+    def accept(self) -> None:
+        """Accept the object, with its changes if there are any, and show the next one."""
+        if self.keep() and self.state is not None:
+            self._judge(Verdict("fix" if self.history.changes else "accept"))
+
+    def reject(self, reason: str) -> None:
+        """Reject the object for a reason, and show the next one."""
+        if not reason.strip():
+            self._say("Write the reason of the rejection first.", problem=True)
+        elif self.keep():
+            self._judge(Verdict("reject", one_line(reason)))
+
+    def _judge(self, verdict: Verdict) -> None:
+        name = self.at_hand.name
+        if self._tried(lambda: self._write(verdict, self.state)):
+            self._go((self.index + 1) % len(self.queue))
+            self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
+
+    def undo(self) -> None:
+        """Forget the edit in progress, or else undo the last standing decision about the object at hand."""
+        if self.edit is not None:
+            self.drop_edit()
+            return
+        last = self.history.last
+        if last is None:
+            self._say("There is nothing to undo for this object.", problem=True)
+            return
+        line, review = last
+        if self._tried(lambda: self._write(Undo(line), self.state)):
+            if not isinstance(review.decision, Verdict) and len(self.at_hand.states) > 1:
+                self.at_hand.states.pop()
+            undone = review.decision
+            what = f"verdict {undone.verdict}" if isinstance(undone, Verdict) else said(undone)  # type: ignore[arg-type]
+            self._say(f"Undone: {what}.")
+
+    def _write(self, decision: Decision, state: ReviewState | None) -> None:
+        item = self.at_hand
+        size = (0.0, 0.0, 0.0) if state is None else state.size_m
+        self.journal.append(Review(self.author, now(), item.content, item.name, size, decision))
+
+    def _tried(self, write: Callable[[], None]) -> bool:
+        try:
+            write()
+        except (BetterError, ValidationError) as error:
+            self._say(one_line(error), problem=True)
+            return False
+        return True
+
+    # --------------------------------------------------------------------------------------------------------- trials
+
+    def try_drop(self) -> Tryout | None:
+        """Drop the object in simulation; an edit in progress is kept first."""
+        asset = self.asset if self.keep() else None
+        asset = self.asset if asset is not None else None
+        return None if asset is None else self._told(try_drop(asset))
+
+    def try_lift(self) -> Tryout | None:
+        """Lift the object by the grasp at hand, or the first one, in simulation; an edit in progress is kept first."""
+        if not self.keep():
+            return None
+        asset = self.asset
+        if asset is None or not asset.grasps:
+            self._say("The object has no grasp: add one (3, N).", problem=True)
+            return None
+        chosen = self.grasp if self.mode == "grasp" else asset.grasps[0]
+        return None if chosen is None else self._told(try_lift(asset, chosen))
+
+    def _told(self, tryout: Tryout) -> Tryout:
+        self._say(tryout.sentence, problem=not tryout.passed)
+        return tryout
+
+    # -------------------------------------------------------------------------------------------------------- helpers
+
+    def _begin(self, kind: type[Change]) -> ReviewState | None:
+        """Return the state to edit, after keeping an edit of another kind; None if there is none or that failed."""
+        if self.edit is not None and not isinstance(self.edit, kind) and not self.keep():
+            return None
+        return self.state
+
+    def _say(self, text: str, *, problem: bool = False) -> None:
+        self.message, self.is_problem = text, problem
+
+
+def _free(stem: str, taken: Sequence[str]) -> str:
+    """Return a name that is not taken ("grasp", "grasp2")."""
+    return next(name for k in range(1, len(taken) + 2) if (name := stem if k == 1 else f"{stem}{k}") not in taken)

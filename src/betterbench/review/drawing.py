@@ -1,0 +1,176 @@
+"""What the page of a review shows beside the meshes: rulers along a box, and the texts of the panel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from betterbench.geometry import Pose, Vector
+from betterbench.quoting import markup_text
+from betterbench.review.desk import ReviewDesk
+from betterbench.review.queue import QueuedObject
+from betterbench.sim.assets import Asset
+from betterbench.sim.assets.importing.review import Verdict
+from betterbench.sim.assets.importing.review.changes import said
+
+TICK_M, LONG_TICK_M = 0.004, 0.008
+COLORS = {"accept": "#20bf6b", "fix": "#2e86de", "reject": "#eb3b5a", "": "#8395a7"}
+SIGNS = {"accept": "✔", "fix": "✎", "reject": "✘", "": "○"}
+HULL_COLORS = (
+    (31, 119, 180), (255, 127, 14), (44, 160, 44), (214, 39, 40), (148, 103, 189),
+    (140, 86, 75), (227, 119, 194), (188, 189, 34), (23, 190, 207),
+)  # fmt: skip
+"""Colors of neighboring hulls (Tableau 10 without gray)."""
+
+
+def ruler(size: Vector) -> np.ndarray:
+    """Return the lines of a bounding box that stands on z = 0, with ticks every centimeter, (n, 2, 3) [m].
+
+    The ticks are at the front edges, toward +x and -y, and every fifth is longer.
+    """
+    x, y, z = size
+    a, b = 0.5 * x, 0.5 * y
+    lines: list[object] = list(box_edges((a, b, 0.5 * z)) + np.array([0.0, 0.0, 0.5 * z], dtype=np.float32))
+    for k in range(1, int(100 * y) + 1):
+        lines.append(((a, -b + 0.01 * k, 0.0), (a + _tick(k), -b + 0.01 * k, 0.0)))
+    for k in range(1, int(100 * x) + 1):
+        lines.append(((a - 0.01 * k, -b, 0.0), (a - 0.01 * k, -b - _tick(k), 0.0)))
+    for k in range(1, int(100 * z) + 1):
+        lines.append(((a, -b, 0.01 * k), (a, -b - _tick(k), 0.01 * k)))
+    return np.array(lines, dtype=np.float32)
+
+
+def box_edges(half_size: Vector) -> np.ndarray:
+    """Return the edges of a box around the origin, (12, 2, 3) [m]."""
+    x, y, z = half_size
+    corners = [(sx * x, sy * y, sz * z) for sz in (-1, 1) for sx in (-1, 1) for sy in (-1, 1)]
+    pairs = [(i, j) for i in range(8) for j in range(i + 1, 8) if (i ^ j).bit_count() == 1]
+    return np.array([(corners[i], corners[j]) for i, j in pairs], dtype=np.float32)
+
+
+def _tick(number: int) -> float:
+    return LONG_TICK_M if number % 5 == 0 else TICK_M
+
+
+def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
+    """Return the lengths of a box with the places of their labels [m]: width, depth, height."""
+    x, y, z = size
+    off = 0.018
+    return [
+        (f"{100 * y:.1f} cm", (0.5 * x + off, 0.0, 0.0)),
+        (f"{100 * x:.1f} cm", (0.0, -0.5 * y - off, 0.0)),
+        (f"{100 * z:.1f} cm", (0.5 * x, 0.5 * y + off, 0.5 * z)),
+    ]
+
+
+def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
+    """Return the pose in which an asset is shown when it is turned about the middle of its box and set down."""
+    middle = (0.0, 0.0, 0.5 * asset.size_m[2])
+    x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply([-v for v in middle])
+    placed = Pose((x, y, z + middle[2]), pose.quaternion)
+    lowest = min(placed.apply(v)[2] for part in asset.visual for v in part.vertices.tolist())
+    return placed.translated(z=-lowest)
+
+
+# ------------------------------------------------------------------------------------------------------------ panel
+
+
+def head(desk: ReviewDesk) -> str:
+    """Return the upper part of the panel: progress, the object, and facts about it."""
+    item = desk.at_hand
+    verdict = desk.history.verdict
+    rows = "".join(
+        f'<tr><td style="opacity:.6;padding-right:10px;vertical-align:top">{markup_text(name)}</td>'
+        f"<td>{markup_text(value)}</td></tr>"
+        for name, value in _facts(desk)
+    )
+    badge = ""
+    if verdict is not None:
+        badge = (
+            f'<span style="float:right;color:{COLORS[verdict.verdict]};font-size:13px">'
+            f"{SIGNS[verdict.verdict]} {verdict.verdict}</span>"
+        )
+    share = 100.0 * desk.judged / len(desk.queue)
+    return (
+        f'<div style="padding:4px 10px;font-size:13px;line-height:1.45">'
+        f'<div style="opacity:.65;font-size:12px">{desk.index + 1} of {len(desk.queue)} · '
+        f"{desk.judged} judged · {markup_text(desk.author)}</div>"
+        f'<div style="height:4px;background:#8884;border-radius:2px;margin:4px 0 6px">'
+        f'<div style="height:4px;width:{share:.0f}%;background:#20bf6b;border-radius:2px"></div></div>'
+        f'<div style="font-size:16px;font-weight:600">{markup_text(item.name)}{badge}</div>'
+        f'<table style="font-size:12px;margin-top:4px">{rows}</table></div>'
+    )
+
+
+def _facts(desk: ReviewDesk) -> list[tuple[str, str]]:
+    state, asset = desk.state, desk.asset
+    if state is None or asset is None:
+        return [("cannot be imported", desk.at_hand.problem)]
+    kind, fit = state.imported.kind, state.imported.fit
+    size = " × ".join(f"{100 * v:.1f}" for v in asset.size_m)
+    usual = "unknown" if kind is None else f"{kind.name}, {100 * kind.low_m:.0f}–{100 * kind.high_m:.0f} cm"
+    mass = f"{1000 * asset.mass_kg:.0f} g"
+    if kind is not None:
+        mass += f" (usual for its kind: {1000 * kind.mass_at(max(asset.size_m)):.0f} g)"
+    shapes = f"{len(asset.collision)} hulls, {1000 * fit.outside_m:.1f} mm out, {1000 * fit.inside_m:.1f} mm in"
+    frames = ", ".join(region.name for region in asset.regions) or "none"
+    return [
+        ("name", state.name),
+        ("kind", usual),
+        ("size", f"{size} cm"),
+        ("mass", mass),
+        ("collision", shapes),
+        ("grasps", str(len(asset.grasps))),
+        ("frames", frames),
+        ("license", asset.license),
+    ]
+
+
+def foot(desk: ReviewDesk) -> str:
+    """Return the lower part of the panel: the edit in progress, the last message, and the standing decisions."""
+    color = "#eb3b5a" if desk.is_problem else "#20bf6b"
+    edit = "" if desk.edit is None else f"{said(desk.edit)} — Enter keeps it, Escape drops it"
+    decisions = "".join(
+        f'<div style="opacity:.75">{_sign(r.decision)} {markup_text(_said(r.decision))} '
+        f'<span style="opacity:.6">· {markup_text(r.author)}</span></div>'
+        for _, r in desk.history.reviews[-6:]
+    )
+    return (
+        f'<div style="padding:4px 10px;font-size:13px;line-height:1.45">'
+        f"<div><b>Gizmo: {_at_hand(desk)}</b></div>"
+        f'<div style="color:#f7b731;min-height:19px">{markup_text(edit)}</div>'
+        f'<div style="color:{color};min-height:19px">{markup_text(desk.message)}</div>{decisions}</div>'
+    )
+
+
+def _at_hand(desk: ReviewDesk) -> str:
+    if desk.mode == "grasp":
+        grasp = desk.grasp
+        return "no grasp" if grasp is None else f"grasp {markup_text(grasp.name)}, {1000 * grasp.width_m:.0f} mm wide"
+    if desk.mode == "frame":
+        return "no frame" if desk.region is None else f"frame {markup_text(desk.region.name)}"
+    return "pose" if desk.mode == "pose" else "support plane"
+
+
+def _sign(decision: object) -> str:
+    return SIGNS[decision.verdict] if isinstance(decision, Verdict) else "·"
+
+
+def _said(decision: object) -> str:
+    if isinstance(decision, Verdict):
+        return f"{decision.verdict}{f': {decision.reason}' if decision.reason else ''}"
+    return said(decision)  # type: ignore[arg-type]  # an undo does not stand in a history
+
+
+def queue_list(queue: Sequence[QueuedObject], verdicts: Sequence[str], index: int) -> str:
+    """Return the queue as a list around the object at hand."""
+    first = max(0, min(index - 4, len(queue) - 9))
+    rows = "".join(
+        f'<div style="padding:1px 4px;border-radius:3px;'
+        f'{"background:#2e86de44;font-weight:600" if first + k == index else ""}">'
+        f'<span style="color:{COLORS[verdicts[first + k]]}">{SIGNS[verdicts[first + k]]}</span>&ensp;'
+        f"{markup_text(item.name)}</div>"
+        for k, item in enumerate(queue[first : first + 9])
+    )
+    return f'<div style="padding:2px 10px;font-size:12px;line-height:1.4">{rows}</div>'

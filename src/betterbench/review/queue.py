@@ -1,0 +1,99 @@
+"""The objects to review: mesh files, each imported when it is first looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.sim.assets.importing.child import import_safely
+from betterbench.sim.assets.importing.importer import Wishes
+from betterbench.sim.assets.importing.mesh_file import FORMATS
+from betterbench.sim.assets.importing.registration import MeshImport
+from betterbench.sim.assets.importing.review import History, ReviewState, changed, content_hash
+from betterbench.sim.assets.importing.review.journal import asset_name
+
+MOST_FILES = 10_000
+
+
+@dataclass(slots=True)
+class QueuedObject:
+    """One object of a review.
+
+    Attributes:
+        path: Its mesh file.
+        content: Hash of its content.
+        states: The object as imported, then after each standing change; empty before it is imported.
+        problem: Why it cannot be imported, "" if it can.
+        wishes: Options of its import.
+    """
+
+    path: Path
+    content: str
+    states: list[ReviewState]
+    problem: str = ""
+    wishes: Wishes = field(default_factory=Wishes)
+
+    @property
+    def name(self) -> str:
+        """Its name for people."""
+        return asset_name(self.path)
+
+    @property
+    def state(self) -> ReviewState | None:
+        """The object with its standing changes; None if it is not imported."""
+        return self.states[-1] if self.states else None
+
+    def load(self, history: History) -> None:
+        """Import the object and apply its standing changes; what fails is noted in ``problem``."""
+        if self.states or self.problem:
+            return
+        try:
+            self.states = [ReviewState(import_safely(self.path, self.wishes))]
+            for change in history.changes:
+                self.states.append(changed(self.states[-1], change, where=self.name))
+        except BetterError as error:
+            self.problem = str(error)
+
+
+def mesh_files(given: Sequence[Path]) -> list[Path]:
+    """Return the mesh files among files and in folders, each once, those of a folder in the order of their names.
+
+    Raises:
+        InvalidInputError: If there are none, a file does not exist or has another format, or there are too many.
+    """
+    found: dict[Path, None] = {}
+    for path in given:
+        if path.is_dir():
+            inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in FORMATS and p.is_file())
+            found.update(dict.fromkeys(inside))
+        elif not path.exists():
+            raise InvalidInputError(str(path), "it does not exist", "Name mesh files, or folders of them")
+        elif path.suffix.lower() not in FORMATS:
+            raise InvalidInputError(str(path), "its format is not known", f"Name files of {', '.join(FORMATS)}")
+        else:
+            found[path] = None
+    if not found:
+        raise InvalidInputError("DIR_OR_FILES", "no mesh file was found", f"Name files of {', '.join(FORMATS)}")
+    if len(found) > MOST_FILES:
+        raise InvalidInputError("DIR_OR_FILES", f"{len(found):,} mesh files", f"Review at most {MOST_FILES:,} at once")
+    return list(found)
+
+
+def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> list[QueuedObject]:
+    """Return the queue of some files and folders; files of the same content are one object.
+
+    Args:
+        given: Files and folders; if none are given, the registered files are the queue.
+        registered: Files that task files import; one of the queue is imported with the options there.
+
+    Raises:
+        InvalidInputError: As for :func:`mesh_files`, or if a registered file does not exist.
+    """
+    wishes = {found.path.resolve(): found.wishes for found in registered}
+    queue: dict[str, QueuedObject] = {}
+    for path in mesh_files(given or [found.path for found in registered]):
+        content = content_hash(path)
+        queue.setdefault(content, QueuedObject(path, content, [], wishes=wishes.get(path.resolve(), Wishes())))
+    return list(queue.values())

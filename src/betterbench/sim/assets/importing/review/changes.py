@@ -1,0 +1,170 @@
+"""Decisions about an imported object: changes with their value before and after, verdicts, and undoing.
+
+Poses, planes, grasps and regions are in the object frame at the time of the change: origin in the middle of the bottom
+of the bounding box, z up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from betterbench.geometry import IDENTITY_QUATERNION, Quaternion, Vector
+from betterbench.interface.state import Region
+from betterbench.json_form import strict_form
+from betterbench.sim.assets.asset import Grasp
+from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M
+
+HEAVIEST_KG = 20.0
+LONGEST_TEXT = 500
+"""Most characters of a reason."""
+
+_Length = Annotated[float, Field(ge=LEAST_M, le=MOST_M)]
+_Mass = Annotated[float, Field(gt=0.0, le=HEAVIEST_KG)]
+_Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*\S[^\x00-\x1f\x7f]*$")]
+_Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """The plane on which an object rests: unit normal, and height of the plane along it [m]."""
+
+    normal: Vector = (0.0, 0.0, 1.0)
+    height_m: float = 0.0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class PoseChange:
+    """A rotation of the object; ``before`` and ``after`` are rotations (w, x, y, z) from how it was imported.
+
+    Its collision shape, grasps and regions are then found anew.
+    """
+
+    before: Quaternion
+    after: Quaternion
+    kind: Literal["pose"] = "pose"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class ScaleChange:
+    """Another size, as the longest side of the bounding box [m]; the mass stays.
+
+    The collision shape, grasps and regions are then found anew.
+    """
+
+    before: _Length
+    after: _Length
+    kind: Literal["scale"] = "scale"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class SupportChange:
+    """Another plane on which the object rests; ``before`` is the bottom of the bounding box.
+
+    The object is turned by the smallest rotation that levels the plane. Parts below it do not touch the table. Its
+    collision shape, grasps and regions are then found anew.
+    """
+
+    before: Plane
+    after: Plane
+    kind: Literal["support"] = "support"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class GraspChange:
+    """A grasp that is moved, added (``before`` is None) or removed (``after`` is None)."""
+
+    before: Grasp | None
+    after: Grasp | None
+    kind: Literal["grasp"] = "grasp"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class RegionChange:
+    """A placement frame (opening, floor, base, top) that is moved, added or removed, like :class:`GraspChange`."""
+
+    before: Region | None
+    after: Region | None
+    kind: Literal["region"] = "region"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class MassChange:
+    """Another mass [kg]; the inertia changes in proportion."""
+
+    before: _Mass
+    after: _Mass
+    kind: Literal["mass"] = "mass"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class NameChange:
+    """Another name, from which the description and the tags follow."""
+
+    before: _Name
+    after: _Name
+    kind: Literal["name"] = "name"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The judgment of a person: accept as imported, fix (accept with the changes), or reject with a reason."""
+
+    verdict: Literal["accept", "fix", "reject"]
+    reason: _Text = ""
+    kind: Literal["verdict"] = "verdict"
+
+    def __post_init__(self) -> None:
+        """Require a reason for a rejection."""
+        if self.verdict == "reject" and not self.reason.strip():
+            raise ValueError("a rejection needs a reason")
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Undo:
+    """The end of the last decision about the object that still stands, by the number of its line."""
+
+    line: Annotated[int, Field(ge=1)]
+    kind: Literal["undo"] = "undo"
+
+
+Change = PoseChange | ScaleChange | SupportChange | GraspChange | RegionChange | MassChange | NameChange
+"""A change of an object."""
+Decision = Annotated[
+    PoseChange | ScaleChange | SupportChange | GraspChange | RegionChange | MassChange | NameChange | Verdict | Undo,
+    Field(discriminator="kind"),
+]
+"""A change, a verdict or the undoing of a decision."""
+AS_IMPORTED: Quaternion = IDENTITY_QUATERNION
+
+
+def said(change: Change) -> str:
+    """Return a change as a short English phrase."""
+    match change:
+        case PoseChange():
+            return "turned"
+        case ScaleChange():
+            return f"longest side {100 * change.before:.3g} cm → {100 * change.after:.3g} cm"
+        case SupportChange():
+            return f"support plane {1000 * change.after.height_m:+.0f} mm"
+        case MassChange():
+            return f"mass {1000 * change.before:.3g} g → {1000 * change.after:.3g} g"
+        case NameChange():
+            return f"name {change.before} → {change.after}"
+        case GraspChange() | RegionChange():
+            named = change.after or change.before
+            how = "added" if change.before is None else "removed" if change.after is None else "moved"
+            what = "grasp" if isinstance(change, GraspChange) else "frame"
+            return f"{what} {named.name if named else ''} {how}"

@@ -1,0 +1,222 @@
+"""Short trials of one asset for a person who reviews it: dropping it on a table, and lifting it by a grasp.
+
+Each returns the motion, to be shown, and a sentence with the result.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.geometry import Pose, angle_between, normalize, tilt_of
+from betterbench.sim.assets import Asset, Grasp
+from betterbench.sim.robots.gripper import CARRIER_JOINTS, PREFIX, TOOL_BODY, add_floating_gripper
+from betterbench.sim.robots.physics import PHYSICS
+from betterbench.sim.scenes.glb import body_files, surface_in_body
+from betterbench.sim.scenes.objects import add_asset, rest_pose
+
+FRAME_S = 0.04
+"""Time between two frames of a motion [s]."""
+DROP_M = 0.03
+"""Height from which an asset is dropped [m]."""
+_WATCHED_S, _STILL_S = 2.0, 0.5
+_STILL_M_S = 0.004
+"""Speed of the surface below which an asset lies still [m/s]."""
+_TIPPED_DEGREES = 8.0
+_APPROACH_M, _LIFT_M = 0.08, 0.12
+_CLOSE_S, _HOLD_S = 0.9, 0.5
+_SPEED_M_S = 0.15
+_SLIP_M, _SWING_DEGREES = 0.010, 15.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tryout:
+    """Outcome of a trial.
+
+    Attributes:
+        passed: Whether the asset did what it should.
+        sentence: Result in one sentence.
+        asset: (T, 7) positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`.
+        gripper: The same for the bodies of the gripper by name ("hand", "left_finger", "right_finger"); empty without.
+    """
+
+    passed: bool
+    sentence: str
+    asset: np.ndarray
+    gripper: dict[str, np.ndarray]
+
+
+class _Trial:
+    """A simulation whose poses are noted in regular frames."""
+
+    def __init__(self, spec: mujoco.MjSpec, bodies: tuple[str, ...]) -> None:
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._bodies = {name: self.model.body(name).id for name in ("asset", *bodies)}
+        self._every = round(FRAME_S / PHYSICS.timestep_s)
+        self._frames: dict[str, list[np.ndarray]] = {name: [] for name in self._bodies}
+        self._steps = 0
+
+    def step(self) -> None:
+        """Take one physics step."""
+        mujoco.mj_step(self.model, self.data)
+        if self._steps % self._every == 0:
+            for name, body in self._bodies.items():
+                self._frames[name].append(np.concatenate([self.data.xpos[body], self.data.xquat[body]]))
+        self._steps += 1
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        for _ in range(round(seconds / PHYSICS.timestep_s)):
+            self.step()
+
+    def pose(self, name: str) -> Pose:
+        """Return ``T_world_body``."""
+        return _pose(self.data, name)
+
+    def outcome(self, sentence: str, *, passed: bool) -> Tryout:
+        """Return the noted motion with a result."""
+        frames = {name: np.array(rows) for name, rows in self._frames.items()}
+        gripper = {name.removeprefix(PREFIX): rows for name, rows in frames.items() if name != "asset"}
+        return Tryout(passed, sentence, frames["asset"], gripper)
+
+
+def _pose(data: mujoco.MjData, name: str) -> Pose:
+    """Return ``T_world_body``."""
+    x, y, z = (float(v) for v in data.body(name).xpos)
+    return Pose((x, y, z), normalize(data.body(name).xquat))
+
+
+def _table() -> mujoco.MjSpec:
+    spec = mujoco.MjSpec()
+    PHYSICS.set_scene(spec)
+    spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # sleeping would hide that it never rests
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[2, 2, 0.05], pos=[0, 0, -0.05])
+    return spec
+
+
+def try_drop(asset: Asset) -> Tryout:
+    """Drop an asset upright on a table, and tell whether it stays upright and comes to rest."""
+    spec = _table()
+    add_asset(spec, "asset", asset)
+    trial = _Trial(spec, ())
+    trial.data.qpos[2] = DROP_M
+    reach = 0.5 * max(asset.size_m)
+    rested_s = 0.0
+    for k in range(round((_WATCHED_S + _STILL_S) / PHYSICS.timestep_s)):
+        trial.step()
+        velocity = trial.data.qvel
+        if np.linalg.norm(velocity[:3]) + reach * np.linalg.norm(velocity[3:6]) > _STILL_M_S:
+            rested_s = (k + 1) * PHYSICS.timestep_s
+    end = trial.pose("asset")
+    tilt = math.degrees(tilt_of(end.quaternion))
+    away = math.hypot(*end.position[:2])
+    if end.position[2] < -0.02:
+        return trial.outcome(f"Falls through the table by {-100 * end.position[2]:.0f} cm.", passed=False)
+    if tilt > _TIPPED_DEGREES:
+        return trial.outcome(f"Tips over by {tilt:.0f}° after a drop of {100 * DROP_M:.0f} cm.", passed=False)
+    if rested_s > _WATCHED_S:
+        return trial.outcome(f"Still moves {_WATCHED_S:g} s after a drop of {100 * DROP_M:.0f} cm.", passed=False)
+    moved = f"tilted by {tilt:.1f}°, {1000 * away:.0f} mm away"
+    return trial.outcome(f"Comes to rest after {rested_s:.1f} s, {moved}.", passed=True)
+
+
+def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
+    """Lift an asset from a table by one grasp with the gripper of the Panda, and tell whether it is held."""
+    rest = rest_pose(asset)
+    spec = _table()
+    add_asset(spec, "asset", asset)
+    robot = add_floating_gripper(spec)
+    trial = _Trial(spec, tuple(PREFIX + name for name in (robot.hand_body, *robot.finger_bodies)))
+    model, data = trial.model, trial.data
+    target = rest @ grasp.pose
+    model.body(TOOL_BODY).quat[:] = target.quaternion
+    address = model.joint("asset_joint").qposadr[0]
+    data.qpos[address : address + 7] = (*rest.position, *rest.quaternion)
+    servos = [model.actuator(name).id for name in CARRIER_JOINTS]
+    jaw = model.actuator(PREFIX + robot.gripper_actuator).id
+    opened = min(robot.gripper_opening_m, grasp.width_m + 2.0 * grasp.clearance_m)
+    start = np.add(target.position, Pose((0.0, 0.0, 0.0), target.quaternion).apply((0.0, 0.0, -_APPROACH_M)))
+    for name, value in zip(CARRIER_JOINTS, start, strict=True):
+        data.qpos[model.joint(name).qposadr[0]] = value
+    for finger in robot.finger_joints:
+        data.qpos[model.joint(PREFIX + finger).qposadr[0]] = 0.5 * opened
+    data.ctrl[servos], data.ctrl[jaw] = start, opened
+
+    def move(to: np.ndarray) -> None:
+        begin = data.ctrl[servos].copy()
+        steps = max(1, round(float(np.linalg.norm(to - begin)) / _SPEED_M_S / PHYSICS.timestep_s))
+        for k in range(1, steps + 1):
+            share = k / steps
+            data.ctrl[servos] = begin + (3.0 - 2.0 * share) * share**2 * (to - begin)
+            trial.step()
+
+    move(np.array(target.position))
+    pushed = math.dist(trial.pose("asset").position, rest.position)
+    closed = float(model.actuator_ctrlrange[jaw, 0])
+    for _ in range(round(_CLOSE_S / PHYSICS.timestep_s)):
+        data.ctrl[jaw] = max(closed, data.ctrl[jaw] - robot.gripper_speed_m_s * PHYSICS.timestep_s)
+        trial.step()
+    held, low = trial.pose(TOOL_BODY).inverse() @ trial.pose("asset"), trial.pose("asset").position[2]
+    move(data.ctrl[servos] + (0.0, 0.0, _LIFT_M))
+    trial.wait(_HOLD_S)
+    now, risen = trial.pose(TOOL_BODY).inverse() @ trial.pose("asset"), trial.pose("asset").position[2] - low
+    by = f"grasp {grasp.name}"
+    if pushed > 0.012:
+        return trial.outcome(f"The open gripper pushes it {1000 * pushed:.0f} mm away ({by}).", passed=False)
+    if risen < 0.5 * _LIFT_M:
+        return trial.outcome(f"The gripper closes without lifting it ({by}).", passed=False)
+    between = held.inverse().position  # the point between the pads, so that swinging does not count as slip
+    slip = math.dist(held.apply(between), now.apply(between))
+    swing = math.degrees(angle_between(held.quaternion, now.quaternion))
+    result = f"slips {1000 * slip:.0f} mm and swings {swing:.0f}°"
+    if slip > _SLIP_M or swing > _SWING_DEGREES:
+        return trial.outcome(f"Lifted {100 * risen:.0f} cm, but {result} ({by}).", passed=False)
+    return trial.outcome(f"Lifted {100 * risen:.0f} cm and held: {result} ({by}).", passed=True)
+
+
+def asset_glb(asset: Asset) -> bytes:
+    """Return the visual parts of an asset as GLB, in the object frame with z up."""
+    spec = mujoco.MjSpec()
+    add_asset(spec, "asset", asset, pose=Pose())
+    model = spec.compile()
+    return body_files(model)[int(model.body("asset").id)]
+
+
+def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return (n, 3) vertices [m] and (m, 3) faces of each collision part; round primitives as their bounding box."""
+    spec = mujoco.MjSpec()
+    add_asset(spec, "asset", asset, pose=Pose())
+    model = spec.compile()
+    found = []
+    for k in range(len(asset.collision)):
+        geom = model.geom(f"asset_collision{k}").id
+        surface = surface_in_body(model, geom)
+        found.append((surface.positions, surface.faces))
+    return found
+
+
+def gripper_glbs() -> dict[str, bytes]:
+    """Return the visual meshes of the bodies of the Panda's gripper as GLB, each in its own frame."""
+    from betterbench.sim.robots.spec import build_robot_spec, robot  # noqa: PLC0415 - only the page shows it
+
+    known = robot("panda")
+    model = build_robot_spec("panda", visuals=True).compile()
+    files = body_files(model)
+    return {name: files[int(model.body(name).id)] for name in (known.hand_body, *known.finger_bodies)}
+
+
+def gripper_poses(width_m: float) -> dict[str, Pose]:
+    """Return ``T_tcp_body`` of the bodies of the gripper, opened by a width [m]."""
+    spec = mujoco.MjSpec()
+    PHYSICS.set_solver(spec)
+    robot = add_floating_gripper(spec)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for finger in robot.finger_joints:
+        data.qpos[model.joint(PREFIX + finger).qposadr[0]] = 0.5 * min(width_m, robot.gripper_opening_m)
+    mujoco.mj_kinematics(model, data)
+    return {name: _pose(data, PREFIX + name) for name in (robot.hand_body, *robot.finger_bodies)}
