@@ -29,7 +29,7 @@ ARROW_M = 0.955 * 0.06
 
 
 def write_leaning_mug(path: Path) -> None:
-    """Write a red mug with a handle that leans by 20 degrees as GLB."""
+    """Write a red mug with a handle that leans by 30 degrees as GLB."""
     r, h, w = 0.038, 0.09, 0.004
     body = trimesh.creation.revolve([(0, 0), (r, 0), (r, h), (r - w, h), (r - w, w), (0, w)], sections=24)
     ring = trimesh.creation.torus(0.024, 0.005, major_sections=20, minor_sections=8)
@@ -40,7 +40,7 @@ def write_leaning_mug(path: Path) -> None:
     mug.visual = trimesh.visual.TextureVisuals(
         material=trimesh.visual.material.PBRMaterial(baseColorFactor=[178, 58, 52, 255])
     )
-    mug.apply_transform(trimesh.transformations.rotation_matrix(np.radians(20 - 90), [1, 0, 0]))  # glTF: y is up
+    mug.apply_transform(trimesh.transformations.rotation_matrix(np.radians(30 - 90), [1, 0, 0]))  # glTF: y is up
     mug.export(path)
 
 
@@ -128,7 +128,7 @@ class BrowserReviewer:
     def right_the_mug(self) -> None:
         """Turn the mug of :func:`write_leaning_mug` upright with the keys, and keep it."""
         self.wait_for("kind mug")
-        for _ in range(4):
+        for _ in range(6):
             self.press("KeyJ")
         self.wait_for("turned — Enter keeps it")
         self.press("Enter")

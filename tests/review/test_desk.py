@@ -223,7 +223,7 @@ def test_files_of_the_same_content_are_one_object(block, tmp_path):
 
 
 def test_what_a_task_file_imports_is_reviewed_with_its_options(block, tmp_path):
-    imported("reviewed_block", block[0], color="gray", name="wooden block", size_m=0.08)
+    imported("reviewed_block", block[0], color="gray", name="wooden block", size_m=0.08, any_license=True)
     try:
         (queued,) = queue_of([], mesh_imports())
         assert queued.wishes.name == "wooden block"

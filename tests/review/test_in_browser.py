@@ -39,7 +39,7 @@ SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 @pytest.fixture
 def meshes(tmp_path):
-    """A mug that leans by 20 degrees, and a block."""
+    """A mug that leans by 30 degrees, and a block."""
     folder = tmp_path / "meshes"
     folder.mkdir()
     write_leaning_mug(folder / "a_mug.glb")
@@ -109,8 +109,8 @@ def _replays(meshes, journal, tmp_path, monkeypatch, grasp):
     made = []
     for cache in ("one", "two"):
         monkeypatch.setattr(child, "cache_folder", lambda cache=cache: tmp_path / cache)
-        imported("reviewed_mug", meshes / "a_mug.glb", color="gray", name="a_mug", review=journal)
-        imported("reviewed_block", meshes / "block.glb", color="gray", name="block", review=journal)
+        imported("reviewed_mug", meshes / "a_mug.glb", color="gray", name="a_mug", any_license=True, review=journal)
+        imported("reviewed_block", meshes / "block.glb", color="gray", name="block", any_license=True, review=journal)
         try:
             made.append(build("reviewed_mug"))
             with pytest.raises(InvalidInputError, match=r"ada rejected it on .*: a block is not a toy"):
