@@ -217,7 +217,7 @@ ENDS = {
     "Segfaults": r"ended during a request \(SIGSEGV\)",
     "Alarmed": r"ended during a request \(SIGALRM\)",
     "ClosesAll": "ended during a request",
-    "Unsayable": "Unspeakable: it cannot be shown as text",
+    "Unsayable": "Unspeakable: the error cannot be shown as text",
     "Cancelled": "CancelledError: now",
     "Interrupts": "KeyboardInterrupt",
     "Stops": "GeneratorExit",

@@ -381,7 +381,7 @@ def _get_ready_and_leave(settings, connection):
 @pytest.mark.parametrize(
     ("work", "text"),
     [
-        (_leave, r"3 worker processes died while they started \(exit status 3\)"),
+        (_leave, r"3 worker processes died during their start \(exit status 3\)"),
         (_get_ready_and_leave, r"2 worker processes died one after the other \(exit status 3\)"),
     ],
 )

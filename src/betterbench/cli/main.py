@@ -65,7 +65,7 @@ class Verb:
     takes_run_file: bool = False
 
     def load(self, telling: Telling) -> Callable[..., None]:
-        """Import the function and add the options that every verb has."""
+        """Import the function of the verb and add the options common to all verbs."""
         module, _, name = self.function.partition(":")
         if module.startswith(_CALIBRATION):
             problem = "This verb is part of betterbench-calibration, which is not installed"

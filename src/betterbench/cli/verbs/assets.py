@@ -1,4 +1,4 @@
-"""``better assets``: the catalogue of assets over several sources, and its search."""
+"""``better assets``: a searchable catalogue of assets from several sources."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def assets_command(
     """Index sources of assets, search them by words and meaning, show one, or list their licenses.
 
     index reads sources into the catalogue: procedural (our generators, the default), a folder of meshes, objaverse.
-    search takes a description, show the id of an asset. Assets whose license forbids commercial use or changes, or is
-    not known, are left out unless --license any is given.
+    search takes a description; show takes the id of an asset. Assets whose license forbids commercial use or changes,
+    or is not known, are left out unless --license any is given.
 
     Example: better assets search "a shiny red apple" --out sheet.png
 
@@ -56,14 +56,15 @@ def assets_command(
         name: With index: name of the source in the catalogue.
         license: With index: license of files that name none. With search: free (the default) or any.
         author: With index: author of files that name none.
-        encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words alone.
-        limit: Most assets to list.
+        encoder: With index: text encoder for search by meaning: minilm, sentence-transformers:MODEL, or none for words
+            alone.
+        limit: Maximum number of assets to list.
         num: Number of assets to choose for one description, which differ in shape and color.
         seed: Seed of the choice of --num.
-        source: Search this source alone.
-        max_faces: Most triangles of an asset.
-        max_size: Largest extent of an asset in meters.
-        min_size: Least extent of the largest side in meters.
+        source: Search only this source.
+        max_faces: Maximum number of triangles of an asset.
+        max_size: Maximum length of an asset's longest side in meters.
+        min_size: Minimum length of an asset's longest side in meters.
         out: PNG or JPEG file for a sheet of pictures with scores and licenses.
         overwrite: Replace a file that better assets did not write.
         json: Print one JSON document instead of a table.
@@ -79,7 +80,9 @@ def assets_command(
     from betterbench.sim.assets.catalogue.search import Catalogue, Filters
 
     if license not in (None, "free", "any"):
-        raise InvalidInputError("--license", f"{license!r} is neither free nor any", "Write --license any for all")
+        raise InvalidInputError(
+            "--license", f"{license!r} is not a choice of --license", "Write --license any to include all licenses"
+        )
     filters = Filters(
         license="any" if license == "any" else "free",
         source=source or "",
@@ -126,7 +129,7 @@ def _index(folder: Path, given: Sequence[str], options: SourceOptions, *, encode
     for asset, reason in report.named:
         say(f"skipped {asset}: {reason}")
     if missing:
-        say(f"The catalogue is searched by words alone. {missing}")
+        say(f"The catalogue can be searched by words only. {missing}")
     if json:
         print_json(_index_document(folder, report, loaded))
     else:
@@ -138,7 +141,7 @@ def _index(folder: Path, given: Sequence[str], options: SourceOptions, *, encode
 
 
 def _encoder(name: str) -> tuple[TextEncoder | None, str]:
-    """Return the encoder of a name, and what is missing for the default one."""
+    """Return the encoder of a name, and a message about what the default encoder lacks."""
     from betterbench.sim.assets.catalogue.encoders import DEFAULT, open_encoder
 
     if name == "none":
@@ -190,11 +193,11 @@ def _print_hits(opened: Catalogue, query: str, hits: Sequence[tuple[str, Hit]], 
 
 
 def _without_meaning() -> str:
-    """Return the sentence for a catalogue that has no vectors, with the command that adds them."""
+    """Return the message about a catalogue without vectors, with the command that adds vectors."""
     from betterbench.installation import EXTRAS, extra_command
 
     install = "" if EXTRAS["assets"].is_installed else f"{extra_command('assets')}, then "
-    return f"Searched by words alone. To search by meaning too, run: {install}better assets index"
+    return f"Searched by words only. To search by meaning too, run: {install}better assets index"
 
 
 def _said(entry: CatalogueEntry) -> str:
@@ -209,7 +212,7 @@ def _show(opened: Catalogue, given: Sequence[str], out: Path | None, *, overwrit
     """Print one asset, and write its picture."""
     if len(given) != 1:
         raise InvalidInputError(
-            "assets show", f"{len(given)} ids are given", "Name one, as better assets search lists it"
+            "assets show", f"{len(given)} ids are given", "Give one id, as listed by better assets search"
         )
     entry = opened.entry(given[0])
     if out is not None:
@@ -231,7 +234,7 @@ def _licenses(opened: Catalogue, given: Sequence[str], *, json: bool) -> None:
     from betterbench.sim.assets.catalogue.entry import license_kind
 
     if given:
-        raise InvalidInputError("assets licenses", f"{given[0]!r} is one word too many", "Leave it out")
+        raise InvalidInputError("assets licenses", f"{given[0]!r} is not expected here", "Leave it out")
     rows = [(source, name, license_kind(name), total) for source, name, total in opened.licenses()]
     if json:
         keys = ("source", "license", "kind", "assets")
@@ -243,7 +246,7 @@ def _licenses(opened: Catalogue, given: Sequence[str], *, json: bool) -> None:
     )
     left_out = sum(total for _, _, kind, total in rows if kind != "free")
     if left_out:
-        OUT.print(f"\n{left_out} assets are searched with --license any only.")
+        OUT.print(f"\n{left_out} assets are searched only with --license any.")
 
 
 def _write_sheet(hits: Sequence[tuple[str, Hit]], out: Path, *, overwrite: bool) -> None:
