@@ -1,4 +1,4 @@
-"""Variety: differences between the demonstrations of a set in the same motions.
+"""Variety: differences between the demonstrations of a set in corresponding motions.
 
 Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
 objects is removed first, so that ten copies of one path to ten starts have no variety: paths are compared by their

@@ -1,4 +1,4 @@
-"""Unnamed places: cells of the space in which an arm moves, cut at the gaps between observed points."""
+"""Unnamed places: cells of an arm's workspace, cut at the gaps between observed points."""
 
 from __future__ import annotations
 

@@ -24,11 +24,11 @@ Tap = Literal["gripper", "undo", "restart", "save", "discard"]
 TAPS: tuple[str, ...] = get_args(Tap)
 
 HELD_FOR_S = 0.6
-"""Time after which held keys and axes count as released if not renewed [s]; the page renews them every 0.2 s."""
+"""Time after which held keys and axes are released unless renewed [s]; the page renews them every 0.2 s."""
 MARK = "better-teleop:"
 """Prefix of the texts that the page sends."""
 DEAD_ZONE = 0.12
-"""Deflection of an axis below which it counts as zero."""
+"""Deflection of an axis below which the input is zero."""
 MOST_TAPS = 32
 """Maximum number of presses waiting for a control step; more cannot come from a person and are dropped."""
 NO_PUSH = (0.0,) * 6
@@ -206,13 +206,13 @@ class Controls:
             self._tell(problem)
 
     def hold_from(self, tool: Pose) -> None:
-        """Let a leader arm take hold again, from the current target of the tool."""
+        """Let a leader arm start following again, from the current target of the tool."""
         with self._lock:
             self._grip += 1
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm had to take hold, and the tool's target then; None before the start."""
+        """Return how often a leader arm started following, and the tool's target then; None before the start."""
         with self._lock:
             return self._grip, self._tool
 

@@ -93,7 +93,7 @@ class Replicas:
         if late:
             raise InvalidInputError(
                 "--replicas",
-                f"{len(late)} of {len(placed)} replicas with {gpus:g} graphics cards each have no place "
+                f"{len(late)} of {len(placed)} replicas with {gpus:g} graphics cards each find no free resources "
                 f"(free: {self._session.free_text()})",
                 "Give fewer --replicas, or a fraction of a card with --replica-gpus",
             )

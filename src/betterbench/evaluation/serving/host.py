@@ -130,7 +130,7 @@ class Host:
             return message
         raise message or PolicyError(
             f"{self._policy}: its process ended while loading; see its output above. "
-            "With --workers 1 it is loaded in this process."
+            "With --workers 1, this process loads the policy."
         )
 
     def _end(self) -> None:
