@@ -359,7 +359,8 @@ def test_a_policy_that_is_always_killed_ends_its_trials_with_errors_that_are_run
     run = evaluate(plan, tmp_path / "run", workers=2)
     assert [e.status for e in run.entries()] == ["error", "error"]
     assert all(
-        "the process of the policy ended during a request (SIGKILL, for example because memory ran out), 3 times" in e.message
+        "the process of the policy ended during a request (SIGKILL, for example because memory ran out), 3 times"
+        in e.message
         for e in run.entries()
     )
     cured = PLUGIN.replace("os.kill(os.getpid(), signal.SIGKILL)", "return np.array([0.0] * 6 + [-1.0])")

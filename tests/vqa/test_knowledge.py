@@ -206,8 +206,8 @@ def moment(run, source):
         ("There is a lemon.", [("lemon", "is visible", "")], "false"),
         ("The apple is on the orange.", [("apple", "is on", "orange")], "cannot be decided from the state"),
         ("The apple and the orange.", [("apple", "is visible", "")], "names objects without a claim"),
-        ("The apple is behind.", [("apple", "is visible", "")], "says more than its claims"),
-        ("A big apple.", [("apple", "is visible", "")], "says what cannot be checked"),
+        ("The apple is behind.", [("apple", "is visible", "")], "contains words without a claim"),
+        ("A big apple.", [("apple", "is visible", "")], "contains words that cannot be checked"),
         ("An apple.", [], "without a claim"),
     ],
 )

@@ -279,5 +279,5 @@ def test_the_fewest_missing_questions_are_named():
 def test_two_tables_of_one_name_are_refused():
     document = json.loads(source([]))
     document["tables"] *= 2
-    with pytest.raises(BetterError, match="'t' is there twice"):
+    with pytest.raises(BetterError, match="'t' occurs twice"):
         read_source(json.dumps(document), "test")

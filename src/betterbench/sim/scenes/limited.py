@@ -1,10 +1,10 @@
-"""Untrusted stored scenes: MuJoCo's binary models are opened and rendered in a separate process with limits.
+"""Opening and rendering of untrusted stored scenes (MuJoCo's binary models) in a separate process with limits.
 
-The reader of such files trusts them: a forged file can crash it, hang it or fill the memory. The process has limits for
-memory and time. Its output is only pixels or a text, never an object.
+MuJoCo's reader trusts such files: a forged file can crash the reader, make it hang or fill the memory. The process
+therefore has limits for memory and time, and returns only pixels or a text, never an object.
 
 A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
-a process ended is therefore repeated once in a new process; it is refused only if that one ends too.
+a process ended is therefore repeated once in a new process; the request is refused only if the new process ends too.
 """
 
 from __future__ import annotations
@@ -92,11 +92,8 @@ class _EndedError(RecordError):
 class _Patience:
     """Remaining time to wait for a process [s].
 
-    It waits in slices, and a slice counts no more than its nominal duration: Ctrl-Z stops both processes for any time
-    while the clock continues.
-
-    It is waited for in slices, and a slice counts no more than it should have taken: with Ctrl-Z both processes stop,
-    for as long as somebody likes, and the clock goes on.
+    Waiting is divided into slices, each counted with at most its nominal duration, because Ctrl-Z can stop both
+    processes for any time while the clock continues.
     """
 
     left_s: float
@@ -120,7 +117,7 @@ class LimitedView:
     def __init__(self, *, quality: str, size: int = 256) -> None:
         """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel].
 
-        GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
+        Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
         """
         self._quality, self._size = quality, size
         self._told_to_end = self._is_closed = False
@@ -144,7 +141,7 @@ class LimitedView:
         with contextlib.suppress(OSError):  # the size may exceed the user's limit
             fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         self._is_closed = False
-        if self._told_to_end:  # another thread has called stop() meanwhile
+        if self._told_to_end:  # another thread has called stop() in the meantime
             self._process.kill()
 
     def __enter__(self) -> Self:
@@ -189,7 +186,7 @@ class LimitedView:
         request = {"camera": camera, "jitter": jitter.to_json()}
         pixels = self._at_most_twice(lambda: self._ask(request, numbers))
         if len(pixels) != 3 * self._size**2:
-            raise self._refused("it returned an image of another size")
+            raise self._refused("its process returned an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
@@ -200,7 +197,7 @@ class LimitedView:
         numbers = np.ascontiguousarray(points, dtype=np.float64).tobytes()
         found = self._ask({"project": camera}, numbers)
         if 3 * len(found) != 2 * len(numbers):
-            raise self._refused("it returned another number of points")
+            raise self._refused("its process returned another number of points")
         return np.frombuffer(found).reshape(-1, 2)
 
     def prepare(
@@ -232,7 +229,7 @@ class LimitedView:
         )
         known = bool((facts.object_bodies < len(facts.instances)).all())
         if not known or len(facts.boxes) != len(facts.object_bodies) or len(facts.focal_px) != len(views):
-            raise self._refused("it returned other views")
+            raise self._refused("its process returned other views")
         sizes = {"bodies": len(facts.instances), "objects": len(facts.object_bodies)}
         self._types = [sight_type(view, modalities, **sizes, gripper=gripper) for view in views]
         return facts, told.renderer
@@ -240,11 +237,8 @@ class LimitedView:
     def sights(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[list[np.ndarray]]:
         """Yield the sights of all views for each row of (T, nq) recorded states, as from ``StoredSights.draw``.
 
-        Rows are rendered ahead, up to the size of the pipe. Consume all of them, or close the view. Raises the errors
-        of :meth:`open`.
-
-        Rows are drawn ahead, as far as the pipe holds them. Read all of them, or close the view. Raises what
-        :meth:`open` raises.
+        Rows are rendered ahead, up to the size of the pipe. Consume all sights, or close the view. Raises the errors of
+        :meth:`open`.
         """
         drawn, failed_at = 0, -1
         while True:
@@ -268,7 +262,7 @@ class LimitedView:
             for kind in self._types:
                 answer = self._receive(max(kind.itemsize, 4 * _LONGEST_REASON))
                 if len(answer) != kind.itemsize:
-                    raise self._refused("it returned an image of another size")
+                    raise self._refused("its process returned an image of another size")
                 row.append(np.frombuffer(answer, kind)[0])
             yield row
 
@@ -338,7 +332,9 @@ class LimitedView:
         """Wait until the pipe can be written or read."""
         pipe = _opened(self._process.stdin if to_write else self._process.stdout)
         if not patience.lasts_until_ready(pipe, to_write=to_write):
-            raise self._refused(f"it did not answer within {REQUEST_S:g} s", "The machine is too busy, or its file")
+            raise self._refused(
+                f"its process did not answer within {REQUEST_S:g} s", "The machine is too busy, or the file"
+            )
 
     def _read(self, count: int, patience: _Patience) -> bytearray:
         pipe, answer = _opened(self._process.stdout), bytearray(count)

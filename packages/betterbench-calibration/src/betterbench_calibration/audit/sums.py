@@ -60,7 +60,7 @@ class Combination:
             verdict = Verdict.UNKNOWN
             why += f", but the parts were rounded themselves, and unrounded ones could give {printed}."
         elif _truncated(value, digits) == printed:
-            why += f": {printed} was cut off and not rounded."
+            why += f": {printed} was truncated instead of rounded."
         else:
             why += f", not {printed}."
         covers = (*parts, place)

@@ -138,7 +138,7 @@ def _check(results: Sequence[ChainResult]) -> None:
     for result in results:
         where = f"chain {result.number}"
         if not 0 <= result.number < len(every) or result.number in seen:
-            problem = "stands twice" if result.number in seen else f"is none of {len(every)}"
+            problem = "occurs twice" if result.number in seen else f"is none of {len(every)}"
             raise InvalidInputError(where, problem, "Give each chain once, by its number from 0")
         seen.add(result.number)
         if not result.played:
