@@ -194,7 +194,7 @@ def test_the_help_names_the_usual_numbers(capsys):
         main(["serve", "--help"])
     shown = " ".join(re.sub(r"[^\w.;]+", " ", capsys.readouterr().out).split())
     assert f"of an expert; {DEFAULT_CHUNK} if not given" in shown
-    assert f"policies that have it; {MAX_BATCH} if not given" in shown
+    assert f"policies that implement it; {MAX_BATCH} if not given" in shown
 
 
 def test_a_port_in_use_is_one_clear_error(capsys):

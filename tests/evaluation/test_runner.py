@@ -347,7 +347,7 @@ def test_a_trial_whose_policy_was_killed_is_done_again(plugin, tiny_plan, tmp_pa
     plan = tiny_plan(f"{plugin}:Dies", trials=3)
     run = evaluate(plan, tmp_path / "run")
     assert (tmp_path / "died").exists()
-    assert "it is run again" in caplog.text
+    assert "the trial is repeated" in caplog.text
     assert is_complete(run, plan)
     assert {r.outcome.success for r in run.records()} == {True}
     assert run_content(evaluate(plan, tmp_path / "calm").path) == run_content(run.path)
@@ -383,7 +383,7 @@ def _get_ready_and_leave(settings, connection):
     ("work", "text"),
     [
         (_leave, r"3 worker processes died during their start \(exit status 3\)"),
-        (_get_ready_and_leave, r"2 worker processes died one after the other \(exit status 3\)"),
+        (_get_ready_and_leave, r"2 worker processes died in a row \(exit status 3\)"),
     ],
 )
 def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan, tmp_path, monkeypatch, work, text):

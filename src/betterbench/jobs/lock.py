@@ -90,7 +90,7 @@ class RunLock:
         self._output = output or path.parent
         self._handle: int | None = None
         self._renewing = threading.Lock()
-        if is_claimed_here(self._folder):  # a journal in a folder already locked by this command
+        if is_claimed_here(self._folder):  # this command has already locked the journal's folder
             return
         require_guarded(path)
         for around in _around():  # otherwise, its folder would be created inside a removed folder

@@ -186,7 +186,7 @@ class OutputFolder:
         with self._stack:
             if self._lock is not None and error is None:
                 self._lock.require_in_place()
-            if self._fresh and error is None:  # the previous content of the file is no longer ours
+            if self._fresh and error is None:  # the digests of the previous content are no longer needed
                 self._known |= {name: (digest,) for name, digest in self._fresh.items()}
                 self._store()
 

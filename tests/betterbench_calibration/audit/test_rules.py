@@ -152,7 +152,7 @@ def test_rates_that_stay_equal_are_not_flagged():
 
 def test_a_total_that_was_cut_off_is_told_from_a_wrong_one():
     rule = {"rule": "total", "row": "sum", "column": "n", "unit": 1000}
-    for printed, says in ((3.9, "cut off"), (3.8, "not 3.8")):
+    for printed, says in ((3.9, "truncated"), (3.8, "not 3.8")):
         text = source([rule], {"x": [1500], "y": [2460], "sum": [printed]}, columns=("n",))
         [finding] = audit_source(read_source(text, "test")).findings[:1]
         assert finding.verdict is Verdict.BROKEN

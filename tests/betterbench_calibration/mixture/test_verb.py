@@ -69,7 +69,7 @@ def test_a_file_of_draws_goes_on(capsys, mixture):
         assert Path("draws.jsonl").read_bytes() == whole
     capsys.readouterr()
     assert main([*words, "--seed", "6"]) == 2
-    assert "something else than draws of this mixture" in " ".join(capsys.readouterr().err.split())
+    assert "other data than draws of this mixture" in " ".join(capsys.readouterr().err.split())
     assert Path("draws.jsonl").read_bytes() == whole
 
 

@@ -131,7 +131,7 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Meter of the differences between the demonstrations of a set, one record after the other."""
+    """Measures the differences between the demonstrations of a set, record by record."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}

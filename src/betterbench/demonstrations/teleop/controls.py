@@ -161,7 +161,7 @@ class Controls:
             return True
 
     def sent(self, page: int, text: str, now_s: float) -> bool:
-        """Process a message from the script of a page; False if the page does not drive but gives a command."""
+        """Process a message from the script of a page; return False for a command from a page that does not drive."""
         try:
             data = text.removeprefix(MARK).encode(errors="replace")
             form: _Sent = read_form(_SENT, data, where="page", cure="Reload the page")

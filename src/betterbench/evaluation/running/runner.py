@@ -207,7 +207,7 @@ class _Asked:
     """Properties of the policy that are known before the run."""
 
     info: PolicyInfo
-    envs: int  # per worker, unless told otherwise
+    envs: int  # default number per worker
     policies: PolicyFactory | None = None  # may hold the queried instance; None if a host holds it
     host: Host | None = None  # holds the policy for all workers
     shared: bool = False  # one instance serves several workers

@@ -42,7 +42,7 @@ class WorkerProcess(SpawnedProcess):
         self.lost = False  # the process has closed its end of the pipe
         self.ready = False  # the process is ready
         self.turn = settings.turn  # number among the living processes
-        self.envs = settings.envs  # trials that it can run at once, which it tells
+        self.envs = settings.envs  # maximum number of simultaneous trials, as last reported
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,7 +105,7 @@ class _Slot:
     ticket: int = -1  # ticket of the pending question, or -1
     asked_at: float = 0.0
     question: Question | None = None  # the last outcome
-    outcome: Reply | BaseException | None = None  # outcome of the last question, until the trial takes it
+    outcome: Reply | BaseException | None = None  # reply to the last question, until the trial takes it
     waits: bool = False  # the trial cannot continue before the outcome arrives
     figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
     wire_s: float = 0.0  # processor time of the messages of the trial

@@ -45,8 +45,7 @@ INDEPENDENT = register(
     PolicyKind(
         form=_FORM,
         shown="independent:HABIT-MANNER",
-        summary="A faulty policy of the independent family (written without knowledge of the diagnosis), for "
-        "calibrations.",
+        summary="A faulty policy, written without knowledge of the diagnosis.",
         needs=STATE,
         read=_read,
         make_for=_make_for,

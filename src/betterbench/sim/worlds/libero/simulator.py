@@ -3,7 +3,7 @@
 This module imports only the standard library and NumPy and, on request, packages of LIBERO's environment.
 
 Sources: openpi ``examples/libero/main.py`` for the order of seed, reset, initial state and settling steps; robosuite
-1.4.0 ``environments/base.py`` and LIBERO ``envs/bddl_base_domain.py`` for what is read.
+1.4.0 ``environments/base.py`` and LIBERO ``envs/bddl_base_domain.py`` for the attributes of the environment.
 """
 
 from __future__ import annotations

@@ -185,8 +185,7 @@ class LiberoPlusWorld(LiberoWorld):
         missing = ", ".join(f"{axis} {n}" for axis, n in self.left_out.items())
         return (
             said,
-            f"Not run, because the authors' assets are missing: {missing}. Download them and give "
-            "--libero-plus-assets.",
+            f"Not run, because the authors' assets are missing: {missing}. Give --libero-plus-assets.",
         )
 
     def to_json(self) -> dict[str, Any]:
