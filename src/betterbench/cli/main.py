@@ -206,7 +206,7 @@ def _show_overview(given: Sequence[str]) -> None:
             {name: _listed(verb, with_options=completion) for name, verb in VERBS.items()},
             prog="better",
             description="Find out why a Vision-Language-Action policy fails.\n\n"
-                       f"better VERB --help explains a verb, better --version prints the version.{here}",
+            f"better VERB --help explains a verb, better --version prints the version.{here}",
             args=list(given),
         )
 

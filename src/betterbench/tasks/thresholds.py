@@ -136,7 +136,7 @@ class Thresholds:
     settle_after_release = threshold("settle_after_release", 1.0, "s",
         "Time in which a released object comes to rest; a fall from 0.3 m takes 0.25 s, and the remainder allows for "
         "rolling and tipping.",
-        "Larger: falls are observed to their end; more execution_failure of dropped objects, fewer behavioral_inertia "
+        "Larger: falls are followed for longer; more execution_failure of dropped objects, fewer behavioral_inertia "
         "of objects put elsewhere.")
     fall_height = threshold("fall_height", 0.02, "m",
         "Height above its later resting position from which a released object was dropped; four times the height at "

@@ -167,7 +167,10 @@ def test_results_that_no_chain_can_have_are_refused(perfect):
         ([ChainResult(1000, whole.played)], "is none of"),
         ([ChainResult(1, whole.played)], "expected the subtasks"),
         ([ChainResult(0, (SubtaskResult(name, True, 3),))], "first failed subtask"),
-        ([ChainResult(0, (dataclasses.replace(whole.played[0], success=False), *whole.played[1:]))], "first failed subtask"),
+        (
+            [ChainResult(0, (dataclasses.replace(whole.played[0], success=False), *whole.played[1:]))],
+            "first failed subtask",
+        ),
     ):
         with pytest.raises(InvalidInputError, match=problem):
             summarize(wrong)

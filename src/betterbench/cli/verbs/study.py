@@ -90,7 +90,7 @@ def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | Non
 
         def on_progress(progress: StudyProgress) -> None:
             nonlocal shown
-            if shown != (progress.name, progress.note.partition(" ")[0]):  # its pace does not predict this stage
+            if shown != (progress.name, progress.note.partition(" ")[0]):  # a new stage has another pace
                 shown = (progress.name, progress.note.partition(" ")[0])
                 bar.reset(row)
             what = f"{progress.number}/{progress.stages} {progress.name}"

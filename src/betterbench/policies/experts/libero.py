@@ -328,7 +328,7 @@ def _place_of(state: WorldState, step: CarriedStep) -> Vector:
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return the target position of a step for a moved target [m]: above the rim of a container."""
+    """Return the target position of a step if the target is at ``there`` [m]; in a container it is above the rim."""
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)

@@ -184,7 +184,8 @@ def _lerobot(path: Path) -> LeRobotSource:
     lengths = _lengths_v3(path) if version == "v3.0" else _lengths_v2(path)
     if len(lengths) != info.get("total_episodes") or sum(lengths) != info.get("total_frames"):
         told = f"{info.get('total_episodes')} episodes and {info.get('total_frames')} frames"
-        problem = f"info.json says {one_line(told, most=200)}, and its episodes are {len(lengths)} with {sum(lengths)}"
+        there = f"{len(lengths)} episodes and {sum(lengths)} frames"
+        problem = f"info.json states {one_line(told, most=200)}, but the data set has {there}"
         raise InvalidInputError(str(path), problem, _AGAIN)
     first, end = _training_range(path, info, len(lengths))
     starts = list(itertools.accumulate(lengths, initial=0))

@@ -307,7 +307,7 @@ class ChainScene(ProcessScene):
 
     @property
     def engine(self) -> dict[str, str]:
-        """Versions that can change the numbers."""
+        """Name of the simulator, and the versions that can change the results."""
         return {"simulator": self.settings.name, **self._fixed["engine"], "code": self.task.bddl_sha256}
 
     @property
