@@ -530,7 +530,7 @@ def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: 
 
 
 def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
-    """Tell whether counts determine an outcome: at least :data:`NEARLY_ALWAYS` of its uncertainty."""
+    """Tell whether counts remove at least :data:`NEARLY_ALWAYS` of the uncertainty of an outcome."""
     (value, count), n = seen.most_common(1)[0], sum(seen.values())
     usual = every[value] / sum(every.values())
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
