@@ -1,6 +1,6 @@
 """betterbench: a diagnostic benchmark for the causes of failures of Vision-Language-Action policies.
 
-The public names are imported at first use, so that importing the package takes no time. Modules that
+The public names are imported at first use, so importing the package takes no time. Modules that
 extend it (tasks, assets, relations, failure modes, learners) are listed in ``docs/reference/index.md``.
 
 Every task is a Gymnasium environment: ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")`` imports this

@@ -1,7 +1,7 @@
-"""The errors that users see: each names the problem and its remedy.
+"""Errors for users, each with the problem and its remedy.
 
-Every error that betterbench raises on purpose derives from :class:`BetterError`. The command line prints its text as
-one line and exits with status 2; anything else is a bug and keeps its traceback.
+Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its text as one line
+and exits with status 2; any other exception is a bug and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ UNPRINTABLE = re.compile(
 
 
 def printable(text: str, *, most: int) -> str:
-    """Return an external text without escape sequences, and of bounded length; its line breaks are kept.
+    """Return an external text without escape sequences and with bounded length, keeping line breaks.
 
     Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and those beyond the first ``most`` by their number.
     """
@@ -39,23 +39,23 @@ def printable(text: str, *, most: int) -> str:
 
 def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
     """Return an external text for a message: :func:`printable`, and on one line."""
-    # A long text is cut before it is split, with room for the removed white space.
+    # cut a long text before splitting, with room for the removed white space
     line = " ".join(str(text)[: 4 * most + 1].split())
     return printable(line, most=most)
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last non-empty line of an external error, like :func:`one_line`: of a traceback, its end."""
+    """Return the last non-empty line of an external error or traceback, like :func:`one_line`."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 def encodable(text: str) -> str:
-    """Return a text in which characters without an encoding, such as lone surrogates, are escaped."""
+    """Return a text with characters that have no encoding, such as lone surrogates, escaped."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def line_start(stream: TextIO) -> str:
-    """Return the prefix of a message on a stream: on a terminal, the codes that erase the progress bar on the line."""
+    """Return the prefix of a message on a stream: on a terminal, the codes that erase the progress bar."""
     return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""
 
 
@@ -70,8 +70,8 @@ _OURS = str(Path(__file__).resolve().parent)
 def raised_at(problem: BaseException) -> str:
     """Return the place in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
 
-    It is the innermost place outside betterbench, the standard library and installed packages. The file is named
-    without its folder, so that a record of the error does not depend on the folder.
+    The result is the innermost place outside betterbench, the standard library and installed packages. The file is
+    named without its folder, so the record of an error does not depend on the folder.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
     if isinstance(problem, SyntaxError) and problem.filename:
@@ -85,7 +85,7 @@ def raised_at(problem: BaseException) -> str:
 
 
 def described(problem: BaseException) -> str:
-    """Return an exception of user code in one line: its type, its text and its place."""
+    """Return an exception of user code in one line: type, text and place."""
     place = raised_at(problem)
     said = problem.msg if isinstance(problem, SyntaxError) and place else problem
     text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
@@ -108,7 +108,7 @@ class UnknownNameError(BetterError):
     def __init__(self, kind: str | UnknownNameError, name: str = "", known: Iterable[str] = ()) -> None:
         """Build the message with the closest known names first.
 
-        Given another such error, copy it: Gymnasium's vector environments call the type of an error with the error.
+        Given another such error, copy it, because Gymnasium's vector environments call an error's type with the error.
         """
         if isinstance(kind, UnknownNameError):
             same = kind
@@ -182,7 +182,7 @@ class InvalidInputError(BetterError):
 
 
 def require_between(where: str, value: float, least: float, most: float) -> None:
-    """Raise InvalidInputError about a field unless its number, which may be non-finite, is within two bounds."""
+    """Raise InvalidInputError for a field unless its number (which may be non-finite) is within two bounds."""
     if not least <= value <= most:
         try:
             given = one_line(value, most=40)
@@ -201,19 +201,19 @@ class PolicyError(BetterError):
 
 
 class PolicyUnavailableError(PolicyError):
-    """A policy server cannot be reached despite retries; its trials are run again later."""
+    """A policy server cannot be reached despite retries. Its trials are repeated later."""
 
 
 class PolicyProcessError(PolicyError):
-    """A policy cannot be loaded, perhaps because memory is short: fewer instances may be possible."""
+    """A policy cannot be loaded, perhaps for lack of memory. Fewer instances may be possible."""
 
 
 class PolicyKilledError(PolicyError):
-    """The process of a policy was ended from outside; its trial is run again."""
+    """The process of a policy was killed from outside. Its trial is repeated."""
 
 
 class ModelError(BetterError):
-    """A language model cannot be reached, refuses a request, or gives an answer that cannot be read."""
+    """A language model cannot be reached, refuses a request, or gives an unreadable answer."""
 
 
 class HandshakeError(BetterError):

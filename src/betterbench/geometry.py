@@ -64,7 +64,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return ``b a*``: the rotation that takes ``a`` to ``b``, in the frame in which both are given.
 
-    It gives the same bits as :func:`multiply` and :func:`conjugate`, including the signs of zeros, in half of the time.
+    Bit-identical to :func:`multiply` with :func:`conjugate`, including the signs of zeros, in half the time.
     """
     aw, ax, ay, az = a
     bw, bx, by, bz = b
@@ -114,8 +114,8 @@ def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
     """Return the rotation vector [rad] of a unit quaternion, continuous around a rotation by half a turn.
 
     A tool that points straight down is rotated by pi: with ``w >= 0`` its rotation vector flips whenever a measurement
-    slightly exceeds pi. Here the sign of the quaternion is chosen to be closer to the unit quaternion ``near``, so that
-    the angle may exceed pi instead and is in [0, 2 pi).
+    slightly exceeds pi. Here, the sign of the quaternion is chosen closer to the unit quaternion ``near``, so the angle
+    may exceed pi and is in [0, 2 pi).
     """
     w, x, y, z = q if sum(a * b for a, b in zip(q, near, strict=True)) >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     s = math.sqrt(x * x + y * y + z * z)

@@ -1,8 +1,8 @@
-"""This installation: the commands to install extras and to start the command line.
+"""Commands for this installation, to install extras and to start the command line.
 
-Messages name commands that work where they are printed. A clone installs extras from its locks with ``make setup``. An
+Messages contain commands that work in this installation. A clone installs extras from its locks with ``make setup``. An
 installation from a wheel uses the installer of its Python. The command ``better`` is on the path only in an activated
-environment; elsewhere its script is named.
+environment; otherwise, messages name its script.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Extra:
     """An optional part of the package.
 
     Attributes:
-        use: Its purpose, in a few words.
+        use: Purpose, in a few words.
         modules: The modules that show whether it is installed.
     """
 
@@ -50,7 +50,7 @@ class Extra:
 
     @property
     def is_installed(self) -> bool:
-        """Whether all its modules can be found; they are not imported."""
+        """Whether all modules can be found, without importing them."""
         return all(_is_there(module) for module in self.modules)
 
 
@@ -106,7 +106,7 @@ def extra_command(extra: str) -> str:
 
 
 def package_command(*requirements: str, python: str | None = None) -> str:
-    """Return the shell command that installs packages beside this one, or for another Python."""
+    """Return the shell command that installs packages into this environment, or for another Python."""
     if python is None or Path(python) == Path(sys.executable):
         return _installing(*requirements)
     words, uv = shell_line(requirements), _uv()
@@ -171,7 +171,7 @@ def clone_folder() -> Path | None:
 def better_command() -> str:
     """Return the words that start this installation's command line in a shell in the current folder.
 
-    That is ``better`` if this installation is on the path, else its script, else its module.
+    The result is ``better`` if this installation is on the path, else the script, else the module.
     """
     script = _script()
     on_path = shutil.which("better")

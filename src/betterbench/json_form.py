@@ -37,17 +37,17 @@ logger = logging.getLogger(__name__)
 FormT = TypeVar("FormT")
 
 SEAL = "seal"
-"""Key of a document's seal: the SHA-256 of all other content. It shows damage, but does not prove the author."""
+"""Key of a document's seal: the SHA-256 of all other content. A seal reveals damage, but does not prove authorship."""
 
 strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
-"""Class decorator: unknown keys, non-finite numbers and values of another type are refused, also 1 for true."""
+"""Class decorator that refuses unknown keys, non-finite numbers and values of another type, including 1 for true."""
 
 open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
-"""The same, but unknown keys are ignored: for parts of a file that another version may have written."""
+"""The same, but ignoring unknown keys, for parts of a file that another version may have written."""
 
 
 growing_form = with_config(ConfigDict(strict=True, allow_inf_nan=False, extra="allow"))
-"""The same for a ``TypedDict`` whose unknown keys are kept: for a part of a file that is read and written again."""
+"""The same for a ``TypedDict``, keeping unknown keys, for a part of a file that is read and written again."""
 
 
 def _no_truth(value: object) -> object:
@@ -72,17 +72,16 @@ def read_form(
     """Return the value of a JSON form.
 
     Args:
-        adapter: Reads the form.
-        form: JSON as bytes or text, which is the fastest, or a parsed value.
+        adapter: Type adapter of the form.
+        form: JSON as bytes or text (fastest), or a parsed value.
         where: File (and place in it) for the error.
         cure: Remedy for a wrong form, for the error.
         raises: Class of the error.
-        sealed: Whether a digest has confirmed the text, so that the check for duplicate keys, which takes as long as
-            reading, can be skipped.
+        sealed: Whether a digest has confirmed the text, which allows skipping the slow check for duplicate keys.
 
     Raises:
-        BetterError: Of that class, if a field is missing, unknown, malformed or given twice; the message names the
-            first.
+        BetterError: Of the class ``raises``, if a field is missing, unknown, malformed or given twice; the message
+            names the first.
     """
     with form_errors(where, cure, raises):
         text = form if isinstance(form, bytes | str) else json.dumps(form)
@@ -136,7 +135,7 @@ def open_seal(
             the field, are read with a warning. None if every document is sealed.
 
     Raises:
-        BetterError: Of that class, if it is not a JSON object, or its seal is missing or wrong.
+        BetterError: Of the class ``raises``, if the document is not a JSON object, or its seal is missing or wrong.
     """
     with form_errors(where, cure, raises):
         form = parse_json(raw, unique=True)
@@ -166,7 +165,7 @@ def sealed_lines(lines: bytes) -> bytes:
 def open_sealed_lines(
     data: bytes, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
 ) -> list[bytes]:
-    """Return the lines of such a file without their seal; an error of that class if it is wrong or missing."""
+    """Return the lines of a :func:`sealed_lines` file without the seal; raise ``raises`` if it is wrong or missing."""
     *lines, _ = data.splitlines(keepends=True) or [b""]
     if sealed_lines(b"".join(lines)) != data:
         problem = "was changed after it was written, or an earlier version wrote it: its last line is not its seal"
@@ -186,9 +185,9 @@ _SAID: set[str] = set()
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return a map of pairs; raise InvalidInputError for a duplicate key, because readers differ in which one they use.
+    """Return a map of pairs; raise InvalidInputError for a duplicate key, for which readers differ.
 
-    It is for ``object_pairs_hook`` of ``json.loads`` and similar functions.
+    For ``object_pairs_hook`` of ``json.loads`` and similar functions.
     """
     found = dict(pairs)
     if len(found) < len(pairs):
@@ -219,7 +218,7 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
     """
     try:
         yield
-    except Exception as error:  # an untrusted form can break any code that reads it
+    except Exception as error:  # an untrusted form can cause any exception in the code that reads it
         if isinstance(error, ValidationError):
             field, problem = first_problem(error)
             wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
@@ -288,7 +287,7 @@ def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
     except ValueError as error:
         raise InvalidInputError(str(path), f"is not JSON ({error})", cure) from error
     if not isinstance(found, dict):
-        raise InvalidInputError(str(path), "is no JSON object", cure)
+        raise InvalidInputError(str(path), "is not a JSON object", cure)
     return found
 
 

@@ -1,4 +1,4 @@
-"""External texts, quoted for the format in which they are written: one function per format.
+"""Quoting of external texts, with one function per output format.
 
 A name in an untrusted data set, run, record, plan or answer may contain any characters. The output is read by a program
 (a shell, a browser, a spreadsheet, LaTeX), so each format has its rules, which are implemented once here. Lines of a
@@ -27,7 +27,8 @@ LONGEST_TEXT = 2000
 class ShellText(str):
     """Shell source text written by our own code, such as ``"$HERE/train.py"``; it is not quoted.
 
-    Text from a file or a user never becomes one. Joined with other texts it is an ordinary text again, and is quoted.
+    Text from a file or a user must never become a ShellText. Joined with other texts, it becomes an ordinary text,
+    which is quoted.
     """
 
     __slots__ = ()
@@ -39,7 +40,7 @@ def shell_word(value: object) -> str:
     Control characters are written as bytes (``$'\x1b'``, a form of bash), so a command can be printed.
 
     Raises:
-        InvalidInputError: If it contains a null character, which a command cannot have.
+        InvalidInputError: If the value contains a null character, which is not possible in a command.
     """
     if isinstance(value, ShellText):
         return str(value)

@@ -37,7 +37,7 @@ def better(capsys, monkeypatch, tmp_path, trial):
 def test_what_is_certified_is_what_eval_with_the_same_arguments_plans(better):
     status, out, _ = better("--tasks", "fast_food", "office_drawer", "--trials", "2", "--seed", "5")
     assert status == 0
-    assert "all clauses hold on every trial" in out
+    assert "all clauses hold for every trial" in out
     plan = make_plan("noop", tasks=["fast_food", "office_drawer"], trials=2, seed=5)
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     used = versions_in_use(["fast_food", "office_drawer"])

@@ -46,7 +46,7 @@ def test_a_run_in_which_every_trial_broke_is_no_success(capsys, tmp_path):
         status, out, err = run(capsys, "eval", *arguments, *last)
         assert status == 2
         said = " ".join(err.split())
-        assert "broke, so nothing was measured. morning_coffee/train1/0: KeyError: 'wrist' (" in said
+        assert "broke down, so nothing was measured. morning_coffee/train1/0: KeyError: 'wrist' (" in said
         assert "mine.py, line 6, in act)" in said
     assert json.loads(out)["variations"] == {"k": 0, "n": 1}
     assert RunFolder.open(tmp_path / "run").entries()[0].status == "done"
@@ -136,8 +136,8 @@ def test_variations_are_counted_by_axis(capsys):
         (("eval", "--policy", "expert", "--suite", "better06"), "better60"),
         (("eval", "--policy", "expert", "--suite", "better06", "--tasks", "fast_food"), "Did you mean 'better60'"),
         (("certify", "--suite", "better06", "--tasks", "fast_food"), "Did you mean 'better60'"),
-        (("eval", "--policy", "expert", "--replicas", "1"), "--replicas: it is for a Ray cluster"),
-        (("eval", "--policy", "expert", "--replica-gpus", "0.5"), "--replica-gpus: it is for a Ray cluster"),
+        (("eval", "--policy", "expert", "--replicas", "1"), "--replicas: it applies to Ray clusters"),
+        (("eval", "--policy", "expert", "--replica-gpus", "0.5"), "--replica-gpus: it applies to Ray clusters"),
         (("eval", "--policy", "expert", "--ray-address", "auto"), "or leave out --ray-address"),
         (("eval", "--policy", "expert", "--allow-other-versions"), "Give --from too"),
         (("eval", "--policy", "expert", "--variations", "X9"), "X9"),

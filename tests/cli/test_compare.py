@@ -95,7 +95,7 @@ def test_eval_says_what_its_trials_can_show_at_every_level():
         assert f"{value:.{0 if value >= 10 else 1}f} points {name} ({n} pairs)" in text
     assert re.search(r"points within an axis \(20 to 40 pairs\)", text)
     usual = 100 * smallest_paired_difference(20, opposite=0.1).value
-    assert re.search(rf"If 10 % of the pairs differ the other way, .* has to be .* and {usual:.0f} points\.", text)
+    assert re.search(rf"If 10 % of the pairs differ the other way, .* must be .* and {usual:.0f} points\.", text)
 
 
 def test_eval_says_what_its_trials_cannot_show():
@@ -108,4 +108,4 @@ def test_eval_says_what_its_trials_cannot_show():
     one = what_trials_show(make_plan("expert", tasks=["fast_food"], variations=["L1"], trials=1))
     assert one.startswith("They are too few")
     few = what_trials_show(make_plan("expert", tasks=["fast_food"], trials=1))
-    assert "96 points overall (6 pairs). If 10 % of the pairs differ the other way, they show no drop." in few
+    assert "96 points overall (6 pairs). If 10 % of the pairs differ the other way, no drop can be shown." in few

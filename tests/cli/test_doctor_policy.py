@@ -158,7 +158,7 @@ def test_conventions_that_differ_are_shown_before_the_run_is_refused(capsys, tmp
     ("arguments", "text"),
     [
         (("--policy", "exprt"), "Did you mean 'expert'"),
-        (("--policy", "replay:runs/x"), "a replay makes no requests"),
+        (("--policy", "replay:runs/x"), "a replay policy has no answers to check"),
         (("--policy", "noop", "--task", "fast_fod"), "fast_food"),
         (("--policy", "openpi://127.0.0.1:1?patience=0.1&preset=native"), "could not be reached"),
     ],

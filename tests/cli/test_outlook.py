@@ -81,7 +81,7 @@ def test_a_large_plan_names_its_trials_and_a_smaller_command(monkeypatch, capsys
     lines = said_before(
         monkeypatch, capsys, tmp_path, "--policy", policy, "--observation", "state_only", "--quality", "fast"
     )
-    assert lines[0].startswith("2,560 trials. They show a drop of 0.7 points over all (--explain-power")
+    assert lines[0].startswith("2,560 trials. They can show an overall drop of 0.7 points (details: --explain-power")
     assert lines[1].startswith("To begin with, 38 trials: ")
     command = shlex.split(lines[1].partition("trials: ")[2])
     assert Path(command[0]).name == "better"
@@ -107,7 +107,7 @@ def test_the_long_form_about_power_is_behind_an_option(monkeypatch, capsys, tmp_
 
 def test_few_trials_say_that_they_show_nothing():
     one = make_plan("expert", tasks=["fast_food"], variations=["L1"], trials=1)
-    assert smallest_drop_line(one) == "They are too few to show any drop (--explain-power says more)."
+    assert smallest_drop_line(one) == "They are too few to show any drop (details: --explain-power)."
 
 
 def test_a_task_of_the_plan_is_named_to_begin_with():

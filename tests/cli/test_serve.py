@@ -123,7 +123,7 @@ def test_a_second_signal_ends_a_server_whose_policy_hangs(serve, tmp_path):
         (("expert", "--task", "fast_food", "--condition", "T11"), "T1"),
         (("expert", "--task", "fast_food", "--seed", "-1"), "--seed"),
         (("expert", "--chunk", "0"), "--chunk"),
-        (("expert", "--seed", "0"), "--seed: it belongs to the trial of a task. Give --task too"),
+        (("expert", "--seed", "0"), "--seed: it applies only with --task. Give --task too"),
         (("expert", "--batch", "16"), "--batch: expert does not support batches"),
         (("noop", "--batch", "2"), "--batch: noop does not support batches"),
         (("noop", "--chunk", "8"), "--chunk: noop is not an expert"),
@@ -194,7 +194,7 @@ def test_the_help_names_the_usual_numbers(capsys):
         main(["serve", "--help"])
     shown = " ".join(re.sub(r"[^\w.;]+", " ", capsys.readouterr().out).split())
     assert f"of an expert; {DEFAULT_CHUNK} if not given" in shown
-    assert f"policies that have it; {MAX_BATCH} if not given" in shown
+    assert f"policies that implement it; {MAX_BATCH} if not given" in shown
 
 
 def test_a_port_in_use_is_one_clear_error(capsys):

@@ -95,7 +95,7 @@ def test_the_name_of_a_field_is_bounded_in_a_message():
     [
         (b"", "is not JSON (Expecting value: line 1 column 1 (char 0))"),
         (b"[" * 100_000, "is not JSON (it is nested too deep)"),
-        (b"[1]", "is no JSON object"),
+        (b"[1]", "is not a JSON object"),
         (b'{"a": "' + b"x" * 100 + b'"}', "is larger than 99 bytes"),
         (b"\xff{}", "is not JSON ("),
     ],

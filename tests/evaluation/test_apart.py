@@ -217,7 +217,7 @@ ENDS = {
     "Segfaults": r"ended during a request \(SIGSEGV\)",
     "Alarmed": r"ended during a request \(SIGALRM\)",
     "ClosesAll": "ended during a request",
-    "Unsayable": "Unspeakable: it cannot be shown as text",
+    "Unsayable": "Unspeakable: the error cannot be shown as text",
     "Cancelled": "CancelledError: now",
     "Interrupts": "KeyboardInterrupt",
     "Stops": "GeneratorExit",
@@ -394,7 +394,7 @@ def test_a_batch_that_ends_its_process_is_told_and_one_that_was_killed_is_asked_
         policy.act_batch(["well", "crash"])
     assert [a.tolist() for a in policy.act_batch(["well", "too"])] == [[2.0] * 7] * 2
     monkeypatch.setattr(policy_process, "MAX_KILLS", 2)
-    with pytest.raises(PolicyKilledError, match="SIGKILL, as when memory runs out"):
+    with pytest.raises(PolicyKilledError, match="SIGKILL, for example because memory ran out"):
         policy.act_batch(["kill"])
     policy.close()
     with pytest.raises(PolicyError, match="the policy is closed"):

@@ -173,7 +173,7 @@ def seeds(entries: list[JournalEntry]) -> list[int]:
 
 def test_a_cluster_without_a_place_for_a_worker_is_named_in_time(play):
     ray = FakeRay(Actor(placed=NEVER))
-    with pytest.raises(InvalidInputError, match=r"no place for a worker of one processor \(free: CPU 0\)"):
+    with pytest.raises(InvalidInputError, match=r"no free processor for a worker \(free: CPU 0\)"):
         play(ray)
     assert PLACING_S < ray.now - 1000.0 < PLACING_S + 10.0
 
@@ -196,7 +196,7 @@ def test_the_clock_begins_again_when_all_workers_are_replaced_with_their_replica
 
 def test_a_place_that_is_not_found_again_is_named_too(play):
     ray = FakeRay(Actor(works=2 * PLACING_S, fails=errors.ActorDiedError()), Actor(placed=NEVER))
-    with pytest.raises(InvalidInputError, match="no place for a worker"):
+    with pytest.raises(InvalidInputError, match="no free processor for a worker"):
         play(ray)
     assert 3 * PLACING_S < ray.now - 1000.0 < 3 * PLACING_S + 10.0
 
@@ -224,7 +224,7 @@ def test_replicas_that_load_for_long_have_their_place(play):
 
 def test_replicas_without_a_place_are_counted(play):
     ray = FakeRay(Actor(loads=5 * PLACING_S), Actor(placed=NEVER))
-    with pytest.raises(InvalidInputError, match="1 of 2 replicas with 1 graphics cards each have no place"):
+    with pytest.raises(InvalidInputError, match="1 of 2 replicas with 1 graphics cards each find no free resources"):
         play(ray, replicas=2)
 
 
@@ -236,7 +236,7 @@ def test_what_a_lost_worker_was_at_is_done_again(play, error, caplog):
 
 def test_workers_that_are_lost_again_and_again_are_one_line(play):
     ray = FakeRay(*[Actor(prepared=LOST[0])] * MAX_DEATHS_IN_A_ROW)
-    with pytest.raises(WorkerError, match="12 workers of the cluster died one after the other") as caught:
+    with pytest.raises(WorkerError, match="12 workers of the cluster died in a row") as caught:
         play(ray)
     one_line(caught.value)
 

@@ -347,7 +347,7 @@ def test_a_trial_whose_policy_was_killed_is_done_again(plugin, tiny_plan, tmp_pa
     plan = tiny_plan(f"{plugin}:Dies", trials=3)
     run = evaluate(plan, tmp_path / "run")
     assert (tmp_path / "died").exists()
-    assert "it is run again" in caplog.text
+    assert "the trial is repeated" in caplog.text
     assert is_complete(run, plan)
     assert {r.outcome.success for r in run.records()} == {True}
     assert run_content(evaluate(plan, tmp_path / "calm").path) == run_content(run.path)
@@ -359,7 +359,8 @@ def test_a_policy_that_is_always_killed_ends_its_trials_with_errors_that_are_run
     run = evaluate(plan, tmp_path / "run", workers=2)
     assert [e.status for e in run.entries()] == ["error", "error"]
     assert all(
-        "the process of the policy ended during a request (SIGKILL, as when memory runs out), 3 times" in e.message
+        "the process of the policy ended during a request (SIGKILL, for example because memory ran out), 3 times"
+        in e.message
         for e in run.entries()
     )
     cured = PLUGIN.replace("os.kill(os.getpid(), signal.SIGKILL)", "return np.array([0.0] * 6 + [-1.0])")
@@ -381,8 +382,8 @@ def _get_ready_and_leave(settings, connection):
 @pytest.mark.parametrize(
     ("work", "text"),
     [
-        (_leave, r"3 worker processes died while they started \(exit status 3\)"),
-        (_get_ready_and_leave, r"2 worker processes died one after the other \(exit status 3\)"),
+        (_leave, r"3 worker processes died during their start \(exit status 3\)"),
+        (_get_ready_and_leave, r"2 worker processes died in a row \(exit status 3\)"),
     ],
 )
 def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan, tmp_path, monkeypatch, work, text):

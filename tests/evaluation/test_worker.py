@@ -608,12 +608,12 @@ def test_workers_that_cannot_start_cost_no_trial(plugin, tiny_plan, tmp_path, ca
     file.write_text(PLUGIN.replace("ROOM = 2", f"ROOM = {room}"), encoding="utf-8")
     plan = tiny_plan(f"{plugin}:NotInWorkers", trials=4)
     if room == 1:  # for the process that was asked before the run, and no worker
-        with pytest.raises(WorkerError, match="3 worker processes died while they started"):
+        with pytest.raises(WorkerError, match="3 worker processes died during their start"):
             evaluate(plan, tmp_path / "run", workers=2)
         assert [e.status for e in RunFolder.open(tmp_path / "run").entries()] == []
         return
     run = evaluate(plan, tmp_path / "run", workers=2)
-    assert "a worker process died while it started" in caplog.text
+    assert "a worker process died during its start" in caplog.text
     assert outcomes(run) == dict.fromkeys(range(4), OVER)
 
 

@@ -165,7 +165,7 @@ def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_pa
         ({"views": [{"key": "a", "camera": "front", "fit": "fill"}]}, r"views\[0\]\.fit: .*'pad', 'crop' or 'stretch'"),
         ({"views": [{"key": "a"}]}, r"views\[0\]\.camera: is missing"),
         ({"states": [{"key": "s", "parts": ["ee_positon"]}]}, r"states\[0\]\.parts\[0\]"),
-        ({"states": [{"key": "s", "parts": []}]}, "state s: it has no parts"),
+        ({"states": [{"key": "s", "parts": []}]}, "state s: the state has no parts"),
         ({"color": "red"}, "color: is unknown"),
         ({"instruction": {"key": "p", "depth": False}}, "instruction.depth: expected a number, got a boolean"),
         ({"leading_axes": True}, "leading_axes: expected a number, got a boolean"),
@@ -178,7 +178,7 @@ def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_pa
         ({"answer": {"space": "ee_delt"}}, "Did you mean 'ee_delta'"),
         ({"answer": {"parts": [{"key": "a", "kind": "translation"}]}}, "ee_delta needs gripper, rotation, translation"),
         ({"answer": {"parts": [{"key": "a", "kind": "action", "size": 6}]}}, "6 columns, and 7 are needed"),
-        ({"answer": {"parts": [{"key": "a", "kind": "unused"}]}}, "does not say how many"),
+        ({"answer": {"parts": [{"key": "a", "kind": "unused"}]}}, "the number of columns is missing"),
         ({"answer": {"translation_unit_m": 0.0}}, "translation_unit_m: 0 is out of range"),
         ({"answer": {"parts": [{"key": p.key[0], "kind": p.kind} for p in AXES[1:]]}}, "ee_delta needs gripper"),
         (

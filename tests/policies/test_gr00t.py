@@ -801,7 +801,7 @@ def test_a_server_that_ignores_the_rest_is_told_once(client, caplog, keeps, told
         ("rtc_overlap_steps=2&horizon=8&ahead=3", "3 frozen steps are not among 2"),
         ("rtc_overlap_steps=2.5", "must be a whole number"),
         ("rtc_overlap_steps=2&layout=flat", "layout=flat has no entry for a chunk"),
-        ("rtc_overlap_steps=2&ensemble=0.01", "its chunks are not averaged"),
+        ("rtc_overlap_steps=2&ensemble=0.01", "chunks cannot be averaged"),
     ],
 )
 def test_what_cannot_be_continued_is_refused(client, options, text):

@@ -219,7 +219,7 @@ def test_x_vla_answers_poses(client):
 
 def test_no_layout_is_guessed():
     with pytest.raises(
-        InvalidInputError, match=r"neither it nor the server declares the images and state .*preset=NAME"
+        InvalidInputError, match=r"neither the address nor the server declares the images and state .*preset=NAME"
     ):
         make_policy("http://127.0.0.1:9/act")
     with pytest.raises(InvalidInputError, match=r"send\.domain_id=VALUE"):
@@ -266,7 +266,7 @@ def test_trials_are_evaluated(tmp_path):
 @pytest.mark.parametrize(
     ("reply", "text"),
     [
-        (b'"error"', "answers 'error', which these servers send for any failure"),
+        (b'"error"', "answers 'error', which such servers send for any failure"),
         (b'{"error": "Request failed"}', "reports an error: Request failed"),
         (b"", "cannot be read"),
         (b"<html>", "cannot be read"),

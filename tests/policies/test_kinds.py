@@ -141,7 +141,7 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
         ("noop:x", "Unknown policy 'noop:x'"),
         ("zoo:lexical?sterngth=0.5", "Unknown option of zoo 'sterngth'. Did you mean 'strength'"),
         ("replay:", "no run was named"),
-        ("python:mine.py", "it names no class"),
+        ("python:mine.py", "the address names no class"),
     ],
 )
 @pytest.mark.usefixtures("toy")

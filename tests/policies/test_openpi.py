@@ -649,7 +649,7 @@ def test_a_server_that_is_never_there_is_one_clear_line():
 def test_what_is_no_openpi_server_is_named():
     with (
         Server(greeting=None) as server,
-        pytest.raises(PolicyUnavailableError, match="is it an openpi server"),
+        pytest.raises(PolicyUnavailableError, match="may not be an openpi server"),
     ):
         make_policy(f"{server.address}?preset=openpi_libero&patience=0.1&timeout=0.2")
     with (

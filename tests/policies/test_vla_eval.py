@@ -412,7 +412,7 @@ def test_other_versions_and_other_servers_are_refused():
         make_policy(address)
     with (
         scripted(lambda _: []) as address,
-        pytest.raises(PolicyUnavailableError, match="is it a vla-eval server"),
+        pytest.raises(PolicyUnavailableError, match="may not be a vla-eval server"),
     ):
         make_policy(f"{address}?timeout=0.2&patience=0.1")
     with pytest.raises(UnknownNameError, match="Did you mean 'images'"):

@@ -411,7 +411,7 @@ def claims(**fields):
     [
         (lambda f: (f / "policy_preprocessor.json").unlink(), "its normalization is not known"),
         (lambda f: (f / "config.json").write_text("{"), "config.json cannot be read"),
-        (lambda f: (f / "config.json").write_text("[]"), "names no type of policy"),
+        (lambda f: (f / "config.json").write_text("[]"), "does not name a policy type"),
         (
             lambda f: (f / "config.json").write_text('{"type": "no_such_type"}'),
             "type 'no_such_type' is not known to LeRobot",
@@ -420,7 +420,7 @@ def claims(**fields):
         (lambda f: (f / "model.safetensors").write_bytes(b"\x00" * 64), "LeRobot cannot load it"),
         (lambda f: (f / "model.safetensors").unlink(), "LeRobot cannot load it"),
         (planted, "step 0 of policy_postprocessor.json names the class 'os.system'"),
-        (claims(dim_model=20_000), r"a network of more than [\d,]+ parameters, and the file of its weights has"),
+        (claims(dim_model=20_000), r"a network of more than [\d,]+ parameters, but the file of its weights has"),
         (claims(dim_feedforward=10**12), "LeRobot cannot load it"),
         (claims(n_encoder_layers=10**9), r"a network of more than [\d,]+ parameters"),
         (

@@ -255,7 +255,7 @@ def test_a_set_shows_no_file_of_the_user_to_a_model(tmp_path):
     made.mkdir()
     question_set(made)
     for place in ("../id_rsa", str(tmp_path / "id_rsa"), "images/../../id_rsa", "x" * 2000, "", ".", "images/a\nb.jpg"):
-        with pytest.raises(RecordError, match="is not the path of a file inside the set"):
+        with pytest.raises(RecordError, match="the path does not lead to a file inside the set"):
             read_set(asking_about(made, place))
     (made / "images" / "link.jpg").symlink_to(tmp_path / "id_rsa")
     asked = read_set(asking_about(made, "images/link.jpg"))

@@ -28,7 +28,7 @@ def make_env(
         observation: Observation preset; "state_only" renders no images.
         action_space: Action space.
         quality: Render preset.
-        looks: Looks of objects and rooms: "seen", or "unseen" for those that no demonstration shows.
+        looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
         render_mode: "rgb_array" for images of the front camera.
 
     Raises:
@@ -48,7 +48,8 @@ def make_env(
 def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
     """Load your own Python files with tasks, assets, relations, failure modes or learners, like ``--task-file``.
 
-    Each is loaded once, also in worker processes. If Gymnasium is imported, their tasks are registered with it.
+    Each file is loaded once, also in worker processes. If Gymnasium is imported, the tasks are registered with
+    Gymnasium.
 
     Raises:
         InvalidInputError: If a file is missing, raises an error or takes a name that exists.

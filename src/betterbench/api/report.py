@@ -1,4 +1,4 @@
-"""The report of runs with its films, which are rendered from the records."""
+"""Report of runs, with films rendered from the records."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ class ReportListener:
     """Receiver of messages while a report is built.
 
     Attributes:
-        say: Takes a message of one line.
-        warn: Takes the message that no films can be rendered here.
-        bar: Opens a step by its name, and yields a callback for its progress (done, total).
+        say: Function that takes a one-line message.
+        warn: Function that takes the warning that films cannot be rendered here.
+        bar: Context manager for a named step, which yields a callback for progress (done, total).
     """
 
     say: Callable[[str], None] = logger.info
@@ -88,7 +88,7 @@ def build_report(
     """
     if twins and len(twins) != len(runs):
         problem = f"there are {len(twins)} for {plural(len(runs), 'run')}"
-        raise InvalidInputError("--twins", problem, "Give it once per run, in the same order")
+        raise InvalidInputError("--twins", problem, "Give one per run, in the same order")
     called = run_names(runs, names)
     say = listener.say
     bases: list[RunFolder | None] = [RunFolder.open(path) for path in twins] or [None] * len(runs)
@@ -132,19 +132,19 @@ def write_report(
 ) -> Path:
     """Write the report of one or several runs, like ``better report``, and return its page.
 
-    The page needs no network and no other file; its tables are written beside it as CSV and LaTeX.
+    The page needs no network and no other file. Tables are also written as CSV and LaTeX in the same folder.
 
     Args:
         *runs: The runs, or their folders.
         out: Folder of the report; ``report`` in the folder of the first run if not given.
-        names: Name of each run on the page, in their order; that of its policy if not given.
-        twins: For runs in LIBERO-PRO: folders of the runs of the base suite by the same policies, one for each run.
+        names: Name of each run on the page, in the order of the runs; the name of its policy if not given.
+        twins: For runs in LIBERO-PRO: folders of the base suite's runs by the same policies, one for each run.
         latex: Whether to write LaTeX tables too.
         films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.
         overwrite: Whether to write to a folder that contains other files.
 
     Raises:
-        InvalidInputError: If no run is given, a number is out of range, or names or twins do not fit.
+        InvalidInputError: If no run is given, a number is out of range, or names or twins do not match the runs.
         RecordError: If a run or a record cannot be read.
         RunConflictError: If the folder contains other files, and may not be overwritten.
     """

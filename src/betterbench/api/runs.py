@@ -49,21 +49,20 @@ def evaluate(
     """Evaluate a policy, like ``better eval``, and return the run. The same call resumes an unfinished run.
 
     Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions together get as many
-    trials, and the first of them are the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better
-    eval``.
+    trials, including the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better eval``.
 
     Args:
         policy: Address of a policy ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
-            see ``better list policies``), or an instance of your own, which answers in this process.
-        tasks: Tasks to run; those of better60 if none is named.
+            see ``better list policies``), or your own instance, which answers in this process.
+        tasks: Tasks to run; all of better60 if none is named.
         variations: Variations to run ("L1", "fast_food/T1"); all if none is named.
         trials: Trials per variation.
         seed: First seed.
         out: Folder of the run; ``runs/POLICY`` if not given.
-        action_space: Action space of the policy; that of its ``info``, and ee_delta for an address, if not given.
+        action_space: Action space of the policy; if not given, from its ``info``, or ee_delta for an address.
         observation: Observation preset.
         quality: Render preset.
-        looks: Looks of objects and rooms: "seen", or "unseen" for those that no demonstration shows.
+        looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
         until_decided: Whether to stop a variation once its verdict is certain; ``trials`` is then the maximum.
         workers: Worker processes, for an address; None for one per processor. A script with more than one worker needs
             ``if __name__ == "__main__":``, because each worker imports it again.
@@ -76,7 +75,7 @@ def evaluate(
     Raises:
         InvalidInputError: If an argument is out of range, or a trial is not certified.
         UnknownNameError: If a name is unknown; the message lists the closest ones.
-        PolicyError: If every trial broke, so that nothing was measured; also if the policy cannot be reached.
+        PolicyError: If every trial broke down, so nothing was measured, or the policy cannot be reached.
         RunConflictError: If the folder contains another run, or another process writes to it.
     """
     given = None if isinstance(policy, str) else GivenPolicy(policy)
@@ -115,7 +114,7 @@ def load_run(path: Path | str) -> RunFolder:
     """Open an existing run for reading, from Python or from the command line.
 
     Raises:
-        RecordError: If the folder contains no run, a damaged one or one of another version.
+        RecordError: If the folder contains no run, or the run is damaged or of another version.
     """
     return RunFolder.open(Path(path))
 
@@ -158,7 +157,7 @@ def compare(
 
     Args:
         *runs: Two or more runs, their folders, or files of ``better export``.
-        names: Names of the runs, in their order; those of their policies if not given.
+        names: Names of the runs, in the same order; the names of their policies if not given.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
         sequential: Whether to add tests that stay valid however often you look at unfinished runs.
         allow_mixed: Whether to compare runs of different versions or engines anyway.
@@ -172,8 +171,8 @@ def compare(
     paths = [run.path if isinstance(run, RunFolder) else Path(run) for run in runs]
     folders = [RunFolder.open(path) for path in paths if path.is_dir()]
     if len(folders) == len(paths) and is_across(folders):
-        cure = "Give them to `better compare`, or to world_table and gaps_of of betterbench.comparison.across"
-        raise InvalidInputError("runs", "these are of several suites, or in CALVIN", cure)
+        cure = "Give the runs to `better compare`, or to world_table and gaps_of of betterbench.comparison.across"
+        raise InvalidInputError("runs", "these runs are of several suites, or in CALVIN", cure)
     with options_as_arguments():
         sides = load_sides(paths, names=names, allow_mixed=allow_mixed)
         return compare_sides(sides, alpha=alpha, sequential=sequential, allow_mixed=allow_mixed)

@@ -1,7 +1,7 @@
 """Access control of the page: requests without the token of its address, or from another site, are refused.
 
-The token is the first part of the path. The page's own connection uses the same address, so it contains the token too,
-and no cookie is needed, which a server on another port could read.
+The token is the first part of the path. The page's own connection uses the same address and therefore also contains the
+token. A cookie, which a server on another port could read, is not needed.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ _UNREADABLE = "This request cannot be read.\n"
 
 
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
-    """Return the answer of the inner server; a refusal if the request makes it raise an error.
+    """Return the answer of the inner server, or a refusal if the inner server raises an error.
 
-    A duplicated header or a path with invalid bytes would otherwise be a traceback of the server.
+    Otherwise, a duplicated header or a path with invalid bytes would cause a traceback of the server.
     """
     try:
         return None if inner is None else inner(connection, request)

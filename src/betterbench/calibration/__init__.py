@@ -1,4 +1,4 @@
-"""Calibration: the accuracy of the diagnosis on policies with known faults, analogous to mutation testing."""
+"""Calibration: measured accuracy of the diagnosis on policies with known faults, analogous to mutation testing."""
 
 from betterbench.calibration.policies import CalibrationPolicy, calibration_policies
 from betterbench.calibration.power import PowerTrials, measure_power, power_trials

@@ -10,11 +10,11 @@ from betterbench.tasks.interventions import vary
 
 
 def chance_of(task_name: str, name: str) -> float:
-    """Return the success rate of guessing the instruction of a variation among those that make sense in its scene.
+    """Return the success rate of guessing the instruction of a variation among the possible instructions in its scene.
 
-    Two instructions with the same objects and targets in this scene, such as "the red mug" and "the bottom mug", each
-    count as a right guess. So does an instruction that begins with all requested steps and continues, because the trial
-    succeeds before its next step. A step that is done at the start does not need to be guessed.
+    Instructions with the same objects and targets in this scene, such as "the red mug" and "the bottom mug", are all
+    right guesses. An instruction that begins with all requested steps and continues is also right, because the trial
+    succeeds before the next step. A step that is done at the start does not need to be guessed.
     """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))

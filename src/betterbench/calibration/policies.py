@@ -1,4 +1,4 @@
-"""Policies of a calibration: the expert, and every faulty policy at several strengths and levels of action noise."""
+"""Policies of a calibration: the expert, and faulty policies at several strengths and levels of action noise."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from betterbench.policies.experts import Address, expert_names
 from betterbench.policies.experts.address import EXPERT_FORM, ZOO_FORM
 
 STRENGTHS = (1.0, 0.6, 0.3)
-"""Shares of the trials in which a rule applies, because a policy with a habit does not always follow it."""
+"""Shares of the trials in which a rule applies, because policies do not always follow a habit."""
 
 ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
 """Noise on the translation of each control step that goes with a strength [m]: none, 2 cm/s and 4 cm/s."""
@@ -26,7 +26,7 @@ class CalibrationPolicy:
 
     @property
     def folder(self) -> str:
-        """Folder name of its run within the calibration."""
+        """Folder name of the policy's run within the calibration."""
         name = self.address.name.replace(":", "-")
         return f"{name}-{round(100 * self.address.strength)}"
 

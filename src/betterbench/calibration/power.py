@@ -1,7 +1,7 @@
-"""Measurement of the power matrix: every pretender on every variation, in resumable runs without repeated episodes.
+"""Measurement of the power matrix: every pretender (simulated faulty policy) on every variation, in resumable runs.
 
-The expert runs first and notes which faulty rules agree with all its decisions. Such a rule would produce exactly the
-same episode, so its trial copies the expert's outcome. The cell counts these shared trials. Every other trial is
+The expert runs first and records which faulty rules agree with all its decisions. Such a rule would produce exactly the
+same episode, so its trial copies the expert's outcome, and the cell counts these shared trials. All other trials are
 simulated.
 """
 
@@ -27,13 +27,15 @@ from betterbench.statistics import Rate, chance_p
 from betterbench.tasks import Expected, get_task, suite_tasks
 
 RULE_TRIALS = 6
-"""Trials of a faulty rule per variation; few suffice because its decisions hardly depend on the seed."""
+"""Trials of a faulty rule per variation. Few suffice, because its decisions hardly depend on the seed."""
 GUESS_TRIALS = 14
-"""Minimum number of trials without language. A guess with a chance of one in three is then right in more than half of
-the trials in 6 % of the cells; with 7 trials, in 17 %.
+"""Minimum number of trials without language.
+
+A guess with a chance of one in three is then right in more than half of the trials in 6 % of the cells (with 7 trials,
+in 17 %).
 """
 STILL_TRIALS = 2
-"""Trials of the policy that never moves; they are all alike."""
+"""Trials of the policy that never moves, which are all alike."""
 MOST_CHANCE = 0.9
 """Largest chance level for which the number of trials is computed; a single possible instruction is always guessed."""
 ALPHA = 0.05
@@ -111,7 +113,7 @@ def measure_power(
 ) -> PowerMatrix:
     """Run every pretender on every variation and return the matrix.
 
-    The same call resumes where it stopped. Trials that a rule shares with the expert count as done immediately.
+    The same call resumes where it stopped. Trials that a rule shares with the expert are done immediately.
 
     Raises:
         RunConflictError: If a folder holds another run.
@@ -171,7 +173,7 @@ def _outcomes(run: RunFolder, trials: Sequence[TrialDiagnosis]) -> Iterator[tupl
 
 
 def _same(run: RunFolder) -> dict[tuple[Key, int], frozenset[str]]:
-    """Return the rules that decided like the expert, by trial."""
+    """Return the rules that made the expert's decisions, by trial."""
     entries = [e for e in run.entries() if e.status == "done"]
     return {((e.task, e.variation or ""), e.seed): frozenset(e.ground_truth.get("same", "").split()) for e in entries}
 

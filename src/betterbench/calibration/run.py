@@ -1,4 +1,4 @@
-"""Running a calibration: one resumable run per policy, and their joint result."""
+"""Execution of a calibration: one resumable run per policy, and the combined result."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def calibrate(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
-    """Run the policies, diagnose them from their records, and compare the labels with the true ones.
+    """Run the policies, diagnose the records, and compare the labels with the true labels.
 
     Raises:
         RunConflictError: If a folder holds another run.
@@ -54,7 +54,7 @@ def run_plans(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> tuple[RunFolder, ...]:
-    """Run plans, each in a folder of its name below ``out``; the same call resumes.
+    """Run plans, each in a named folder below ``out``. The same call resumes.
 
     Raises:
         RunConflictError: If a folder holds another run.
@@ -96,7 +96,7 @@ def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
 def _judged(diagnosis: RunDiagnosis, said: Mapping[TrialId, Mapping[str, str]]) -> Iterator[Judged]:
     for trial in diagnosis.trials:
         truth = said.get(trial.trial_id)
-        # A trial that broke down outside the policy has no ground truth; the run reports it and repeats it.
+        # a trial that broke down outside the policy has no ground truth; the run reports and repeats such trials
         if truth is None or truth.get("left_out"):
             continue
         why = trial.evidence

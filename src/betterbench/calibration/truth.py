@@ -1,4 +1,4 @@
-"""True label of a faulty policy's trial, from the policy's decisions and the success of the trial."""
+"""True label of a faulty policy's trial, from its decisions and the success of the trial."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from betterbench.tasks import Expected
 def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool) -> Label:
     """Return the true label of a trial of a faulty policy.
 
-    A trial whose goal is met is a success regardless of its decisions (suite, section 5). Otherwise the first wrong
-    decision determines the label. If every decision was right, only the manipulation can have failed.
+    A trial whose goal is met is a success regardless of the decisions. Otherwise, the first wrong decision determines
+    the label. If every decision was right, only the manipulation can have failed.
 
     Args:
         ground_truth: Ground truth that the policy wrote to the journal about its episode.

@@ -3,7 +3,7 @@
 - ``main``: the table of verbs, and the options that every verb has.
 - ``verbs``: one file per verb; only the chosen verb is imported.
 - ``output``: the tables and lines that verbs print.
-- ``console``, ``progress``, ``tally``, ``help_text``, ``border``: the terminal, and errors of the command line.
+- ``console``, ``progress``, ``tally``, ``help_text``, ``border``: output, help texts, checks of options.
 """
 
 import atexit
@@ -18,7 +18,7 @@ _interrupts: list[int] = []
 
 
 def was_interrupted() -> bool:
-    """Tell whether Ctrl-C was pressed; native code that is interrupted while waiting may raise another error."""
+    """Return whether Ctrl-C was pressed. Interrupted native code may raise errors other than KeyboardInterrupt."""
     return bool(_interrupts)
 
 
@@ -28,7 +28,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _too_late(number: int, _frame: FrameType | None) -> None:
-    """Ignore the first Ctrl-C after the work is done; let the next one end a process that hangs."""
+    """Ignore the first Ctrl-C after the work is done. A second Ctrl-C ends a process that hangs."""
     signal.signal(number, signal.SIG_DFL)
 
 
@@ -46,10 +46,11 @@ def main() -> None:
         sys.stdout.write(f"betterbench {__version__}\n")
         return
     try:
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # it is ignored in a background process
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # SIGINT is ignored in a background process
             signal.signal(signal.SIGINT, _interrupt)
             atexit.register(_ignore_too_late)  # exit functions are called last in, first out
-        from betterbench.cli.main import main as run  # imports tyro, which --version does not need
+        # imported here because tyro is slow to import and --version does not need it
+        from betterbench.cli.main import main as run
 
         status = run()
         if was_interrupted():  # no further message while the process ends

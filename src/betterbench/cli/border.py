@@ -1,4 +1,4 @@
-"""Checks of a verb's arguments and output: bounds of numbers, and only the JSON document on standard output."""
+"""Checks of numeric options, and reserved standard output for verbs that print a JSON document."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "variants": (1, 10_000),
     "workers": (1, 256),
 }
-"""Least and largest value of each numeric option, by its name; ports are checked where they are bound."""
+"""Smallest and largest value of each numeric option, by option name. Ports are checked when they are bound."""
 
 
 def guarded(function: Callable[..., None]) -> Callable[..., None]:

@@ -1,6 +1,6 @@
 """Checks of this machine by ``better doctor``.
 
-Each check that needs the simulator imports it itself, so that a failed import is a finding of that check.
+Each check imports the simulator itself, so that a failed import is reported as a failure of that check.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _try(name: str, check: Callable[[], str]) -> Check:
 
 
 def _extras() -> list[Check]:
-    """Return which extras are installed; a missing extra is not a failure."""
+    """List the installed extras. A missing extra is not a failure."""
     return [
         Check(
             f"extra {name}",
@@ -62,7 +62,7 @@ def _extras() -> list[Check]:
 
 
 def _worlds() -> list[Check]:
-    """Return which simulators of other worlds are installed; a missing one is not a failure."""
+    """List the installed simulators of other worlds. A missing simulator is not a failure."""
     try:
         from betterbench.sim.worlds import all_worlds
     except BetterError as error:  # the registry imports MuJoCo, which refuses a wrong MUJOCO_GL

@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     from betterbench.jobs import OnCount
 
 LONGEST_MESSAGE = 20_000
-"""Maximum characters of one message or cell; longer texts come from outside."""
+"""Maximum characters of one message or cell; only texts from outside are longer."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 """Pattern of a numeric cell; a column of numbers is right-aligned."""
 
 
 class Terminal(Console):
-    """Prints texts without control characters, because names and messages may come from an untrusted file.
+    """Console that removes control characters, because names and messages may come from an untrusted file.
 
-    The commands in these texts begin the way this installation is called.
+    Commands in these texts start with the words that start this installation.
     """
 
     def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
@@ -145,7 +145,7 @@ def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
-    """Print a table for people; numeric columns are right-aligned, and brackets in names are not read as styles."""
+    """Print a table; numeric columns are right-aligned, and brackets in names are not read as styles."""
     from rich.table import Table
     from rich.text import Text
 
@@ -204,7 +204,7 @@ def _printable(text: str) -> str:
 
 @contextmanager
 def passing_bar(what: str) -> Iterator[OnCount]:
-    """Give what is told how much is done, of how much, and shows that in a bar that goes when the work has ended."""
+    """Yield a callback (done, total) that moves a progress bar, which disappears when the work has ended."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
 

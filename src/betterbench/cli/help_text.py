@@ -1,4 +1,4 @@
-"""Help texts, wrapped to the terminal; a default that the description already names is not repeated."""
+"""Help texts, wrapped to the terminal, without defaults that the description already names."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ INDENT = "  "
 def description_of(function: object) -> str:
     """Return the description of a function, without its arguments, wrapped to the width of the terminal.
 
-    An example that takes two lines can still be pasted into a shell.
+    A two-line example can still be pasted into a shell.
     """
     text = inspect.getdoc(function) or ""
     width = min(shutil.get_terminal_size().columns, WIDEST)
@@ -53,7 +53,7 @@ def color_as_asked() -> None:
 
 @contextlib.contextmanager
 def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
-    """Shorten the usage line of the overview to VERB where the list of all verbs would not fit the terminal."""
+    """Shorten the usage line of the overview to VERB if the list of all verbs does not fit the terminal."""
     listed = "{" + ",".join(verbs) + "}"
 
     class Brief:

@@ -65,7 +65,7 @@ class Verb:
     takes_run_file: bool = False
 
     def load(self, telling: Telling) -> Callable[..., None]:
-        """Import the function and add the options that every verb has."""
+        """Import the function of the verb and add the options common to all verbs."""
         module, _, name = self.function.partition(":")
         if module.startswith(_CALIBRATION):
             problem = "This verb is part of betterbench-calibration, which is not installed"
@@ -207,7 +207,7 @@ def _show_overview(given: Sequence[str]) -> None:
             {name: _listed(verb, with_options=completion) for name, verb in VERBS.items()},
             prog="better",
             description="Find out why a Vision-Language-Action policy fails.\n\n"
-            f"better VERB --help explains a verb, better --version says which version this is.{here}",
+            f"better VERB --help explains a verb, better --version prints the version.{here}",
             args=list(given),
         )
 

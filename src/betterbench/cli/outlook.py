@@ -1,4 +1,4 @@
-"""Estimates of the duration of a run: before it starts, after its first seconds, and while it goes on."""
+"""Estimates of the duration of a run, printed before and during the run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.evaluation import Progress
 from betterbench.tasks import TrialId
 
 FEW = 8
-"""Number of trials that must end before their pace is used as an estimate; short, successful trials end first."""
+"""Number of trials that must end before their pace is used as an estimate. Short, successful trials end first."""
 
 LONG_S = 300.0
 """Duration above which a run prints an estimate after its first seconds [s]."""
@@ -19,7 +19,7 @@ LONG_S = 300.0
 
 @dataclass(slots=True)
 class Outlook:
-    """Estimate of the time that is left, from the control steps of a session.
+    """Estimate of the remaining time, from the control steps of a session.
 
     Attributes:
         limits: Maximum steps of each trial; empty if not known.
@@ -78,7 +78,7 @@ class Outlook:
         return " · ".join([*parts, *([f"{self.steps:,} step{'' if self.steps == 1 else 's'}"] if self.steps else [])])
 
     def first_estimate(self) -> str | None:
-        """Return the message about the run's duration, once its first seconds are over; None if the run is short."""
+        """Return the message about the run's duration after its first seconds; None if the run is short."""
         if self.most_left_s is None or self.most_left_s < LONG_S:
             return None
         return (

@@ -22,10 +22,10 @@ NOTE_ROOM = 36
 LEAST_WHAT, LEAST_NOTE = 16, 16
 
 ECHO = 3
-"""Columns that stay free at the end: the terminal writes ^C there, which must not wrap."""
+"""Columns left free at the end of the line, so that the ^C of an interrupt does not wrap."""
 
 FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
-"""Time of the first progress line where no bar is drawn, and interval between later lines [s]."""
+"""Without a bar: time of the first progress line, and interval between later lines [s]."""
 
 
 class _Widths(NamedTuple):
@@ -37,7 +37,7 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns that counts and times leave, including one space before each part but the first.
+    """Divide the columns left by counts and times. All parts but the first include a leading space.
 
     Args:
         room: Total columns.
@@ -72,7 +72,7 @@ def _clock(seconds: float) -> str:
 def took(seconds: float, size: int) -> str:
     """Return the size and duration of making a data set: "1.1 GB on disk, 0:22:55 in this session".
 
-    Long work is interrupted and resumed; the time is that of this call alone.
+    The time covers only this call; a resumed job took longer in total.
     """
     return f"{filesize.decimal(size)} on disk, {_clock(seconds)} in this session"
 
@@ -92,7 +92,7 @@ def _time_text(task: Task) -> str:
 
 
 class _Line:
-    """A line that fits the width at which it is drawn."""
+    """Progress line that is shortened to the width of the terminal."""
 
     def __init__(self, task: Task, *, timed: bool) -> None:
         self.task, self.timed = task, timed
@@ -131,8 +131,8 @@ class WorkProgress(Progress):
     Args:
         console: Console on which the bar is drawn, if it is a terminal.
         timed: Whether the elapsed or the remaining time is shown; if not, the elapsed time replaces a missing note.
-        stays: Whether the bar stays when the work has ended.
-        log: Receives the lines where there is no terminal; None for no lines.
+        stays: Whether the bar remains after the work has ended.
+        log: Function that receives the lines if there is no terminal; None for no lines.
     """
 
     def __init__(self, console: Console, *, timed: bool, stays: bool, log: Callable[[str], None] | None) -> None:
@@ -150,7 +150,7 @@ class WorkProgress(Progress):
             self._log(_logged(self._tasks[task_id]))
 
     def advance(self, task_id: TaskID, advance: float = 1) -> None:
-        """Show that more is done."""
+        """Add to the amount of finished work."""
         self.update(task_id, advance=advance)
 
 

@@ -105,7 +105,7 @@ def read_run_file(path: Path) -> RunFile:
 
 
 def _require_plain(path: Path, text: bytes) -> None:
-    """Refuse the first alias or deep nesting: no option needs either, and parsing them takes long."""
+    """Refuse aliases and deep nesting: options need neither, and parsing them can take very long."""
     import yaml
 
     opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
@@ -121,7 +121,7 @@ def _require_plain(path: Path, text: bytes) -> None:
 
 
 def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
-    """Return the run file that a command line names, and the words without it."""
+    """Return the run file named on a command line, and the remaining words."""
     found: list[str] = []
     rest: list[str] = []
     waiting = iter(words)

@@ -47,7 +47,7 @@ class RunTally:
         self.policy_errors += outcome.termination == "policy_error"
 
     def note(self, progress: Progress, *, left: str | None = None) -> str:
-        """Return the text beside the bar: pace, time left, successes, errors of the policy, broken trials, verdicts.
+        """Return the note of the progress bar: pace, time left, successes, policy errors, broken trials, verdicts.
 
         If given, ``left`` replaces the pace because it is more accurate.
         """
@@ -109,7 +109,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return where the time of a run went, and a sentence that names the bottleneck and its cure.
+    """Return the time spent in each part of a run, and a sentence that names the bottleneck and its remedy.
 
     ``drawn_here`` says that the workers render the images and no other simulator does, ``chosen`` that a warm-up chose
     the number of environments.
@@ -123,11 +123,11 @@ def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
 
 
 def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return the sentence that names the bottleneck of a run and its cure, as :func:`times_text` ends."""
+    """Return the sentence of :func:`times_text` that names the bottleneck of a run and its remedy."""
     if times.bottleneck == "policy" and times.envs is None:
         return "The policy runs inside the workers and is the bottleneck: use more --workers."
     if times.bottleneck == "policy":
-        more = "more of them" if chosen else "more --envs, more of them"
+        more = "more of them" if chosen else "more --envs, more of these servers"
         return (
             f"The policy is the bottleneck: the workers waited for it {100 * times.idle:.0f} % of their time. Use a "
             f"faster server, {more} or, where the policy was trained for it, longer chunks (horizon=N)."
@@ -140,7 +140,7 @@ def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
     if times.bottleneck == "rendering":
         less = ", --quality fast or --observation state_only (if the policy needs no images)" if drawn_here else ""
         return (
-            f"Rendering is the bottleneck: a graphics card{less}, or more processors with more --workers are the cure."
+            f"Rendering is the bottleneck: a graphics card{less}, or more processors with more --workers, would help."
         )
     what = "Simulation" if drawn_here else "Simulation (with its images, if the world draws at each step)"
     cure = "more processors with more --workers, or more machines with --engine ray"

@@ -59,7 +59,7 @@ def write_metrics(
         out: Folder for its files; created if missing.
         name: Name of the run in the tracker; the name of the policy if None.
         project: Project of Weights & Biases.
-        overwrite: Whether to replace a file with the name of the event file that this function did not write.
+        overwrite: Whether to replace a file of the same name that this function did not write.
 
     Raises:
         MissingDependencyError: If the package of the tracker is not installed.
@@ -83,7 +83,7 @@ def write_metrics(
 
 
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
-    """Write one event file in place of that of an earlier export, which TensorBoard would show beside it.
+    """Write one event file in place of the file of an earlier export, because TensorBoard would show both.
 
     The file is built elsewhere and moved: on a full disk the writer thread would end, and waiting for it would hang.
     """
@@ -100,7 +100,7 @@ def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
 
 
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
-    """Write one complete run beside those of earlier exports, or nothing.
+    """Write one complete run next to the runs of earlier exports, or write nothing.
 
     wandb ends normally when the disk is full, with missing data, so the free space is checked before and after.
     ``wandb sync`` would also send the rest of a killed export, so the run is moved to its place as the last step.
@@ -125,13 +125,13 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
         prefix=_WANDB_PREFIX, suffix=PART_SUFFIX, dir=out, ignore_cleanup_errors=True
     ) as apart:
         offline = wandb.setup().settings.mode == "offline"
-        quiet = wandb.Settings(silent=True) if offline else None  # its hint names the folder before the move below
+        quiet = wandb.Settings(silent=True) if offline else None  # its hint names the folder before the final move
         with wandb.init(
             project=project, name=name, dir=apart, config=config, job_type="evaluation", settings=quiet
         ) as run:
             run.summary.update(numbers)
             run.log({"trials": wandb.Table(columns=columns, data=rows)})
-        wandb.teardown()  # its process writes until this call
+        wandb.teardown()  # the process of wandb writes until this call
         _require_room(place, room)
         place.mkdir(exist_ok=True)
         for made in (Path(apart) / "wandb").iterdir():

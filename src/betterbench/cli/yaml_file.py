@@ -26,7 +26,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """A loader that reads 1e-3 as a number, as YAML 1.2 does; YAML 1.1 requires a decimal point."""
+        """Loader that reads 1e-3 as a number, as in YAML 1.2; YAML 1.1 requires a decimal point."""
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123456789"))
 
@@ -44,7 +44,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
 
 
 def _require_once(path: Path, node: yaml.Node | None) -> None:
-    """Refuse a field that is given twice; otherwise only the last one would be read."""
+    """Refuse a field that is given twice, because YAML would silently keep only the last value."""
     if node is None or isinstance(node.value, str):
         return
     fields = [key.value for key, _ in node.value] if node.tag.endswith(":map") else []

@@ -4,6 +4,6 @@
 - ``teleop``: demonstrations of a person in the browser (`better teleop`).
 - ``shortcuts``: associations in demonstrations that a learner could use as shortcuts (`better shortcuts`).
 - ``export``: data sets of LeRobot and robomimic (`better export`).
-- ``sets``: the training set of a regime with its card, proof and audit (`better dataset`).
+- ``sets``: a training set with its card, checks and audit (`better dataset`).
 - ``recipes``: the files with which openpi, GR00T, Being-H and LeRobot train on an export (`better recipe`).
 """

@@ -1,4 +1,4 @@
-"""Episodes: one rollout of one policy in one scene, and its record."""
+"""Episodes: rollouts of a policy in a scene, with records."""
 
 from betterbench.episodes.answers import POLICY_BOUNDARY, Question, Reply, answer
 from betterbench.episodes.describe import TrialContext, describe

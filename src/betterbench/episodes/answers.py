@@ -1,4 +1,4 @@
-"""Questions and replies between an episode and its policy, and the handling of a policy's errors."""
+"""Questions and replies between an episode and its policy, and handling of a policy's errors."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """Input that an episode gives its policy; a named tuple because one is made at every control step, like its reply.
+    """Input of an episode to its policy.
+
+    A named tuple for speed, like :class:`Reply`, because every control step makes one.
 
     Attributes:
-        seen: The start of the episode, which requests no actions; an observation; or the privileged state.
+        seen: The start of the episode (which requests no actions), an observation, or the privileged state.
         wanted_in: Control steps for which the episode can continue without the reply; 0 if it must wait.
     """
 
@@ -26,10 +28,10 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Answer of a policy, with its duration.
+    """Answer of a policy, with the answer time.
 
     Attributes:
-        actions: The answer as an array of any shape and type; empty for the start of an episode.
+        actions: Answer as an array of any shape and type; empty for the start of an episode.
         took_s: Time from question to answer [s].
     """
 
@@ -45,8 +47,8 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 
     Raises:
         PolicyError: If the policy raises any exception.
-        PolicyUnavailableError: If its server cannot be reached.
-        HandshakeError: If its server now serves another policy.
+        PolicyUnavailableError: If the policy's server cannot be reached.
+        HandshakeError: If the policy's server now serves another policy.
     """
     began = time.perf_counter()
     try:
@@ -58,16 +60,17 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
         else:
             actions = np.asarray(policy.act(seen))  # type: ignore[union-attr]
     except BaseException:
-        with POLICY_BOUNDARY:  # not entered above, because a privileged policy answers at every control step
+        # not shared with the code above, for speed: a privileged policy answers at every control step
+        with POLICY_BOUNDARY:
             raise
     return Reply(actions, time.perf_counter() - began)
 
 
 class PolicyBoundary:
-    """Turns every exception of a policy into a :class:`PolicyError`: the trial ends, the run continues.
+    """Boundary that turns every exception of a policy into a :class:`PolicyError`, which ends only the trial.
 
-    Two errors pass unchanged, because they concern the whole run: a server that cannot be reached, and one that
-    declares other conventions than before. The context manager has no state, so one instance is enough.
+    Two errors that concern the whole run pass unchanged: a server that cannot be reached, and a server with changed
+    conventions. The context manager has no state, so one instance is enough.
     """
 
     __slots__ = ()
@@ -84,4 +87,4 @@ class PolicyBoundary:
 
 
 POLICY_BOUNDARY = PolicyBoundary()
-"""Boundary at which errors of policies become errors of their trial."""
+"""The shared instance of the boundary."""

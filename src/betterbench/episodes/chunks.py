@@ -1,4 +1,4 @@
-"""Action chunks: times of the requests to a policy, and the action of its answers for each control step."""
+"""Action chunks: timing of requests to a policy, and choice of the action for each control step."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from betterbench.sim.worlds import TrialScene
 
 
 class Chunks:
-    """Requests actions and executes them.
+    """Chunk execution: requests chunks and yields the action of each control step.
 
-    With ``ahead`` the next chunk is requested while some actions of the old one are left. The corresponding number of
-    actions of the reply belong to steps that have passed, and are dropped. So the observation for a chunk and the step
-    of each action do not depend on the speed of the policy.
+    With ``ahead``, the next chunk is requested while some actions of the old chunk are left. The same number of actions
+    of the reply belong to steps that have passed, and are dropped. The observation for a chunk and the step of each
+    action therefore do not depend on the speed of the policy.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class Chunks:
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
-        self._passing = 0  # actions of the next reply that are dropped, because their steps pass first
+        self._passing = 0  # actions of the next reply to drop, because their steps will have passed
         self._predictions: deque[tuple[int, np.ndarray]] = deque()
         self._views: Views | None = None
         self._latencies: list[float] = []
@@ -42,16 +42,16 @@ class Chunks:
         self._world_steps: dict[bool, list[float]] = {
             False: [],
             True: [],
-        }  # of scenes that draw in a step, by drawn or not
+        }  # step times of scenes that draw during steps, by whether the step drew
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
-        """Notify the policy that an episode begins."""
+        """Tell the policy that an episode begins."""
         scene = self._scene
         start = EpisodeStart(scene.condition.instruction.text, episode_number(scene.seed), scene.action_space.name)
         yield from self._pause(Question(start))
 
     def begin_again(self) -> Generator[Question | None, Reply | None, None]:
-        """Send the policy its next instruction, and drop its answers to the last one."""
+        """Send the policy its next instruction, and drop its answers to the last instruction."""
         if self._asked:
             yield from self._pause(None)
         self._asked, self._views = False, None
@@ -62,7 +62,7 @@ class Chunks:
     def next(
         self, state: WorldState, privileged: PrivilegedPolicy | None = None
     ) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Return the action to play now; InvalidActionError if an answer is not an array of actions.
+        """Return the action to execute now; InvalidActionError if an answer is not an array of actions.
 
         A ``privileged`` policy answers in this thread, and nothing is yielded.
         """
@@ -95,9 +95,9 @@ class Chunks:
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """Render the images of the next question, if it follows at once, before other uses of the state.
+        """Render the images of the next question, if it follows immediately, before other uses of the state.
 
-        Rendering empties the processor's caches; in this order the work up to the next action fills them only once.
+        Rendering empties the processor's caches; in this order, they are filled only once before the next action.
         """
         if self.looks_at(step):
             began = time.perf_counter()
@@ -105,19 +105,19 @@ class Chunks:
             self._observe_s += time.perf_counter() - began
 
     def looks_at(self, step: int) -> bool:
-        """Tell whether the policy is called at a step, after the current action."""
+        """Return whether the policy will be called at a step, after the current action."""
         if self._observer is None:
             return False
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Note how long a scene that draws in its steps took for one, and whether it drew [s]."""
+        """Record the duration of a step of a scene that draws during steps [s], and whether the step drew."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the time of drawing in steps: the extra time of steps with images over steps without [s].
+        """Return the time of drawing during steps [s]: the extra time of steps with images over steps without.
 
-        It is 0 if every step had images, because the two parts cannot be separated then.
+        The result is 0 if every step had images, because the parts cannot be separated then.
         """
         plain, drawn = self._world_steps[False], self._world_steps[True]
         return max(0.0, float(np.median(drawn) - np.median(plain))) * len(drawn) if plain and drawn else 0.0
@@ -139,12 +139,12 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Tell whether the next chunk should be requested while the queue is executed; never an unneeded one."""
+        """Return whether to request the next chunk while the queue is executed; False if it will not be needed."""
         left = len(self._queue)
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
 
     def _pause(self, question: Question | None) -> Generator[Question | None, Reply | None, Reply | None]:
-        """Yield, and exclude the time until the reply from that of the simulation."""
+        """Yield, and exclude the time until the reply from the simulation time."""
         self._simulation_s += time.perf_counter() - self._resumed
         try:
             return (yield question)
@@ -152,7 +152,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return the input of the policy: an observation, or the state for a privileged one."""
+        """Return the input of the policy: an observation, or the state for a privileged policy."""
         if self._observer is None:
             return state
         began = time.perf_counter()
@@ -176,7 +176,7 @@ class Chunks:
         queue.extend(chunk[passed : passed + horizon])
         if not queue:
             msg = (
-                f"the policy answered with {len(chunk)} actions, but {passed} steps had passed, so none is left. "
+                f"the policy answered with {len(chunk)} actions, but {passed} steps had passed, so no action is left. "
                 "Reduce ahead."
             )
             raise InvalidActionError(msg)
@@ -196,7 +196,7 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
     """Return a copy of an answer as a chunk, shape (horizon, dim), float64.
 
     Raises:
-        InvalidActionError: If it is neither one action nor an array of actions, or has a non-finite number.
+        InvalidActionError: If the answer is neither one action nor an array of actions, or has a non-finite number.
     """
     actions = answer[None, :] if answer.shape == (space.dim,) else answer
     if actions.ndim != 2 or actions.shape[1] != space.dim or len(actions) == 0:
@@ -218,7 +218,7 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
 
 
 def weighted_mean(actions: np.ndarray, rate: float, space: ActionSpace) -> np.ndarray:
-    """Return the mean of (n, dim) predictions for one step, the oldest first; shape (dim,).
+    """Return the weighted mean of (n, dim) predictions for one step, the oldest first; shape (dim,).
 
     The weights are exp(-m i) for the rate m, with i = 0 for the oldest. A quaternion and its negative are the same
     rotation, so their signs are aligned first.

@@ -1,4 +1,4 @@
-"""The metadata of a record."""
+"""Metadata of records."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """Facts of a trial besides its scene; fields are None on a training condition or without images."""
+    """Facts of a trial that are not in its scene. Fields are None for a training condition or without images."""
 
     policy: str
     variation: str | None = None
@@ -23,7 +23,7 @@ class TrialContext:
 
 
 def describe(scene: TrialScene, tracker: Tracker, context: TrialContext) -> RecordMetadata:
-    """Return the metadata of an episode's record; a pure function of the trial, free of clocks and machine names."""
+    """Return the metadata of an episode's record, a pure function of the trial without clocks and machine names."""
     found = scene.described(images=context.camera_preset is not None)
     return RecordMetadata(
         task=scene.task.id,

@@ -1,4 +1,4 @@
-"""The loop of an episode: observe, act, step, judge and record until it has ended."""
+"""Episode loop: observe, act, step, judge and record."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EpisodeResult:
-    """Result of an episode: its record, wall-clock times and states.
+    """Result of an episode: record, wall-clock times and states.
 
     Attributes:
         record: The privileged record, a pure function of trial and policy.
         wall: Wall-clock figures, which are not part of the record [s].
-        states: The states of all rows of the record, for a caller that uses them at once.
+        states: States of all rows of the record, for immediate use by the caller.
     """
 
     record: Record
@@ -46,17 +46,18 @@ class EpisodeResult:
 
 
 _LONGEST_BLOCK = 20
-"""Maximum number of states judged at once, so that no control step takes long."""
+"""Maximum number of states judged at once, which bounds the time of a control step."""
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
-"""An episode that waits for its policy. It yields a question. If the question can wait (``wanted_in`` > 0), None is
-sent back at once, and the reply when the episode yields None. A :class:`~betterbench.errors.PolicyError` is thrown in
-instead of a reply."""
+"""Episode as a generator that yields questions to its policy.
+
+If a question can wait (``wanted_in`` > 0), None is sent back at once, and the reply when the episode yields None. A
+:class:`~betterbench.errors.PolicyError` is thrown in instead of a reply."""
 
 _PLAIN = Execution()
 
 Disturbance = Callable[[np.ndarray], np.ndarray]
-"""Function from an action to the executed action: for demonstrations whose label is the action without noise."""
+"""Function from an action to the executed action, for demonstrations whose label is the action without noise."""
 
 
 def run_episode(
@@ -70,8 +71,8 @@ def run_episode(
 ) -> EpisodeResult:
     """Run one episode from reset to its end, with a policy that answers in this thread.
 
-    With an observer, ``act`` of the policy is called, without one ``act_on_state``. ``disturb`` is only for
-    demonstrators: the record then contains their action as ``action`` and the executed one as ``applied``.
+    With an observer, the policy's ``act`` is called, otherwise ``act_on_state``. ``disturb`` is only for demonstrators:
+    the record then contains the demonstrator's action as ``action`` and the executed action as ``applied``.
 
     Raises:
         PremiseError: If the scene contradicts the premise of the instruction.
@@ -111,7 +112,7 @@ def run_episode(
             return result
         finally:
             steps.close()
-            outcome = kept = None  # an error refers to this frame, which would keep the scene
+            outcome = kept = None  # an error refers to this frame, which would keep the scene in memory
 
 
 def episode_steps(
@@ -124,11 +125,11 @@ def episode_steps(
     on_step: Callable[[int], None] | None = None,
     privileged: PrivilegedPolicy | None = None,
 ) -> Steps:
-    """Run one episode from reset to its end, and yield whenever the policy must answer first.
+    """Run one episode from reset to its end, and yield whenever the policy must answer.
 
     One thread can thus interleave many episodes. The result does not depend on the duration of an answer. Without an
-    observer the policy gets the privileged state; ``privileged`` is then called here and nothing is yielded. Yields a
-    question, or None if the reply to the last one is needed now.
+    observer, the policy gets the privileged state; ``privileged`` is then called here, and nothing is yielded. Yields a
+    question, or None if the reply to the last question is needed now.
 
     Raises:
         PremiseError: If the scene contradicts the premise of the instruction.
@@ -174,7 +175,7 @@ def episode_steps(
 
 
 def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
-    """Take the control step that leads to ``step`` in a scene that draws in the middle of it."""
+    """Take the control step that leads to ``step`` in a scene that draws during the step."""
     drawn = chunks.looks_at(step)
     scene.draw_next(wanted=drawn)
     began = time.perf_counter()
@@ -184,13 +185,13 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 
 
 class _Judge:
-    """Records an episode and judges its states, in blocks that end where the episode can succeed at the earliest.
+    """Recorder and judge of an episode, in blocks of states that end before the episode can succeed.
 
-    Between two physics steps the processor's caches are cold, and judging one state takes two to three times as long as
-    judging one of several. A goal has to hold for some time, so what an episode does never depends on a state of the
-    same block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, least time of each block, three tasks): the
-    loop takes 1.15 to 1.16 times the bare physics, and 1.21 to 1.32 times in the same hours if every state is judged at
-    once.
+    Between two physics steps, the processor's caches are cold, and judging a single state takes two to three times as
+    long per state as judging several. A goal must hold for some time, so the course of an episode never depends on a
+    state of the current block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, least time of each block,
+    three tasks): the loop takes 1.15 to 1.16 times the bare physics, and 1.21 to 1.32 times if every state is judged
+    immediately.
     """
 
     def __init__(self, tracker: Tracker, builder: RecordBuilder, scene: TrialScene) -> None:
@@ -200,14 +201,14 @@ class _Judge:
         self._block = 1
 
     def see(self, state: WorldState, action: np.ndarray | None, applied: np.ndarray | None) -> None:
-        """Take in the next state and the action that led there; ``success`` is then up to date."""
+        """Process the next state and the action that led to it, and update ``success``."""
         self._builder.append_state(state, **self._simulator_state(), action=action, applied=applied)
         self._waiting.append(state)
         if len(self._waiting) >= self._block:
             self._judge()
 
     def finished(self) -> tuple[RecordBuilder, bool]:
-        """Return the record of all states that were seen, and whether the last one is a success."""
+        """Return the record of all processed states, and whether the last state is a success."""
         self._judge()
         return self._builder, self.success
 
@@ -249,7 +250,7 @@ def append_row(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    """Append one row of an episode to its record: the state of the scene, its truth, and the preceding action."""
+    """Append a row to the record of an episode: scene state, goal state and preceding action."""
     builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
     _append_truth(builder, truth)
 

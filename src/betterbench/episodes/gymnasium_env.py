@@ -30,20 +30,21 @@ and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the gripper 
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
-    """One task under one condition; every reset is one seed of it.
+    """Task under one condition. Every reset starts the trial of a seed.
 
     Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (7,) [rad],
     ``joint_velocities`` (7,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
     The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of
-    success, else 0. Observations are not privileged; ``info`` contains the goal state for training and evaluation code.
+    success, else 0. Observations are not privileged; ``info`` contains the goal state, for training and evaluation
+    code.
 
     Args:
         task: Task id.
-        variation: Name of a variation, or of a training condition; default the first training condition.
+        variation: Name of a variation, or of a training condition; by default the first training condition.
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.
-        looks: Looks of objects and rooms: "seen", or "unseen" for those that no demonstration shows.
+        looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -84,7 +85,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def instruction(self) -> str:
-        """Instruction of the robot; ``envs.get_attr("instruction")`` gives those of a vector environment."""
+        """Instruction of the robot; in a vector environment, use ``envs.get_attr("instruction")``."""
         return self._condition.instruction.text
 
     @property
@@ -98,8 +99,8 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Start a trial.
 
         Args:
-            seed: Seed of the trial: seed 3 here is trial 3 of ``better eval``. Without one, the next is drawn from the
-                environment's own generator.
+            seed: Seed of the trial; seed 3 is trial 3 of ``better eval``. Without a seed, the environment's own
+                generator draws one.
             options: Not used.
         """
         super().reset(seed=seed)
@@ -148,7 +149,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:
-        """Free all renderers and the scene; a reset makes new ones."""
+        """Free all renderers and the scene. A reset makes new ones."""
         self._observer.close()
         self._scene = self._tracker = None
         if self._renderer is not None:
@@ -157,7 +158,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     def _observe(self, state: WorldState) -> dict[str, Any]:
         if self._scene is None:
-            raise AssertionError("an observation is made after reset only")
+            raise AssertionError("observations exist only after a reset")
         return self._form(self._observer.observe(self._scene, state))
 
     def _form(self, seen: Observation) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Garbage collection during an episode: it ignores objects that existed before the episode, and is rare."""
+"""Rare garbage collection during an episode, which ignores objects from before the episode."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 _YOUNG_OBJECTS = 20_000
-"""Number of new objects before a collection in an episode; its states make about 10 per step."""
+"""Number of new objects before a collection during an episode, whose states make about 10 per step."""
 
 
 class _Heap:
@@ -49,13 +49,13 @@ _HEAP = _Heap()
 
 @contextmanager
 def settled_heap() -> Iterator[None]:
-    """Exclude all objects from before an episode from garbage collection during it, and collect rarely.
+    """Exclude objects from before an episode from garbage collection, and collect rarely.
 
-    A full collection over the modules and assets of a run takes some 10 ms, as long as a control step with images, and
-    one over the states of an episode, none of which is garbage, up to 2 ms. Over a whole episode of recorded actions a
-    control step takes 0.789 ms instead of 0.797 (fast_food) and 0.837 instead of 0.844 (breakfast_table; processor
-    time, least of six in turn, 2026-11-28). Whoever goes on with the states of an episode stays inside until they are
-    freed.
+    A full collection takes about 10 ms for the modules and assets of a run, as long as a control step with images, and
+    up to 2 ms for the states of an episode, which are not garbage. Over a whole episode of recorded actions, a control
+    step takes 0.789 ms instead of 0.797 ms (fast_food) and 0.837 ms instead of 0.844 ms (breakfast_table; processor
+    time, least of six alternating measurements, 2026-11-28). Code that uses the states of an episode must stay inside
+    the context until they are freed.
     """
     _HEAP.enter()
     try:

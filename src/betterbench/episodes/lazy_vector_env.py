@@ -1,7 +1,7 @@
-"""Lazy vector environments: they make their environments at a reset, and only one of a group has them at a time.
+"""Lazy vector environments, which open their environments at a reset, one vector environment of a group at a time.
 
-An evaluation over all conditions makes all its vector environments before the first episode, and uses one at a time.
-Each environment that was reset has a scene of about 25 MB, and in a separate process an interpreter too.
+LeRobot makes the vector environments of all conditions before the first episode, but uses one at a time. Each
+environment that was reset has a scene of about 25 MB and, in a separate process, an interpreter.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ Factory = Callable[[], TaskEnv]
 
 
 class ActiveEnv:
-    """A group of vector environments, of which only one has open environments."""
+    """Group of vector environments, only one of which has open environments."""
 
     def __init__(self) -> None:
         self._active: _LazyVectorEnv | None = None
 
     def take(self, env: _LazyVectorEnv) -> None:
-        """Make a vector environment the active one, and close the environments of the last one."""
+        """Activate a vector environment, and close the environments of the last active one."""
         if self._active is not None and self._active is not env:
             self._active.close_extras()
         self._active = env
 
 
 class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
-    """Base of both vector environments, which makes its environments at the first reset after they were closed."""
+    """Base class of both vector environments, which opens its environments at the first reset after a close."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
         """Prepare; ``group`` is the group of the vector environment."""
@@ -49,7 +49,7 @@ class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
         return super().reset(seed=seed, options=options)  # type: ignore[arg-type] # both kinds take a list of seeds
 
     def close_extras(self, **how: Any) -> None:  # noqa: ANN401 - Gymnasium's own signature
-        """Free all environments; a reset makes new ones."""
+        """Free all environments. A reset opens new environments."""
         if not self._empty:
             super().close_extras(**how)
             self._empty = True
@@ -73,5 +73,5 @@ class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarr
         self.envs = list(stand_ins)
 
     def _make_envs(self) -> None:
-        # A forked process would share the OpenGL context and the threads of this one.
+        # a forked process would share the OpenGL context and threads of this process
         AsyncVectorEnv.__init__(self, self._make, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)

@@ -1,7 +1,7 @@
 """LeRobot's environment hook: ``make_env`` returns every condition as a vector environment for LeRobot.
 
-``lerobot-eval`` reads the instruction from the environments themselves, with ``hasattr``. A wrapper of Gymnasium would
-hide it, so these environments are never wrapped. Nothing here imports LeRobot; LeRobot imports
+``lerobot-eval`` reads the instruction from attributes of the environments, with ``hasattr``. Gymnasium's wrappers would
+hide these attributes, so the environments are never wrapped. This module does not import LeRobot; LeRobot imports
 :mod:`betterbench.episodes.envhub`.
 """
 
@@ -22,10 +22,10 @@ from betterbench.errors import InvalidInputError
 __all__ = ["ENVIRONMENT_ID", "SETTINGS", "make_env"]
 
 ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
-"""Id under which Gymnasium makes one of these environments, without any wrapper."""
+"""Gymnasium id of these environments, made without wrappers."""
 
 SETTINGS = ("state", "cameras", "observation", "action_space", "quality")
-"""Options of a configuration besides its task, by their names in :class:`LeRobotTaskEnv`."""
+"""Options of a configuration other than its task, by their names in :class:`LeRobotTaskEnv`."""
 
 gymnasium.register(
     ENVIRONMENT_ID,
@@ -59,11 +59,11 @@ def make_env(
             named in :data:`SETTINGS` replace ``settings``.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
             list or one text separated by commas; default the whole suite better60.
-        settings: Further arguments of :class:`LeRobotTaskEnv`, the same for all.
+        settings: Further arguments of :class:`LeRobotTaskEnv`, for all environments.
 
     Returns:
-        Vector environments by suite and number; each condition is a separate suite, so that LeRobot lists its success
-        rate under its name. Seeds given to a reset are those of ``better eval``: seed 3 is trial 3.
+        Vector environments by suite and number. Each condition is a separate suite, so LeRobot lists success rates by
+        condition. Seeds of a reset equal those of ``better eval``: seed 3 is trial 3.
 
     Raises:
         InvalidInputError: If a number is out of range.
@@ -73,7 +73,7 @@ def make_env(
         raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Give at least 1")
     if getattr(cfg, "max_parallel_tasks", 1) > 1:
         raise InvalidInputError(
-            "max_parallel_tasks", "an off-screen image belongs to one thread", "Leave it at 1 and raise n_envs"
+            "max_parallel_tasks", "rendering is limited to one thread", "Leave this value at 1 and raise n_envs"
         )
     wanted = conditions if conditions is not None else getattr(cfg, "task", None)
     given = {name: value for name in SETTINGS if (value := getattr(cfg, name, None)) is not None} | settings

@@ -36,13 +36,13 @@ def joint_state(seen: Observation) -> np.ndarray:
 
 
 STATES: Mapping[str, Callable[[Observation], np.ndarray]] = {"ee": ee_state, "joints": joint_state}
-"""The state layouts by name; both have eight numbers."""
+"""State layouts by name; both have eight numbers."""
 
 STATE_DIM = 8
 
 
 class LeRobotTaskEnv(TaskEnv):
-    """One task under one condition, with LeRobot's observation keys.
+    """Task under one condition, with LeRobot's observation keys.
 
     Observation: ``pixels``, one (height, width, 3) uint8 image per camera, upright as in ``better eval``, and
     ``agent_pos`` (8,) float32. ``info["is_success"]`` is set at reset and at every step.
@@ -51,7 +51,7 @@ class LeRobotTaskEnv(TaskEnv):
         task: Task id.
         variation: Name of a variation, or of a training condition; default the first training condition.
         state: Name of the state layout, "ee" or "joints".
-        cameras: New names of the cameras ({"front": "image", "wrist": "image2"}); a camera without one keeps its own.
+        cameras: New names of the cameras ({"front": "image", "wrist": "image2"}); other cameras keep their names.
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.
@@ -88,7 +88,7 @@ class LeRobotTaskEnv(TaskEnv):
         self._state_of = STATES[state]
         self._names = {name: (cameras or {}).get(name, name) for name in own}
         if len(set(self._names.values())) < len(own):
-            raise InvalidInputError("cameras", "two of them have the same name", "Give each camera a different name")
+            raise InvalidInputError("cameras", "two cameras have the same name", "Give each camera a different name")
         self.observation_space = spaces.Dict(
             {
                 "pixels": spaces.Dict(
@@ -97,7 +97,8 @@ class LeRobotTaskEnv(TaskEnv):
                         for c in self._spec.cameras
                     }
                 ),
-                # Wider than all possible values: joints within 3.8 rad, rotation vectors within 2 pi, and meters.
+                # wider than all possible values: joints within 3.8 rad, rotation vectors within 2 pi, positions within
+                # meters
                 "agent_pos": spaces.Box(-7.0, 7.0, (STATE_DIM,), np.float32),
             }
         )

@@ -1,4 +1,4 @@
-"""Observations of a scene for a policy."""
+"""Creation of observations for a policy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def observation_of(
     depth: Mapping[str, np.ndarray] | None = None,
     masks: Mapping[str, np.ndarray] | None = None,
 ) -> Observation:
-    """Return the observation of a state, whether it is simulated now or read from a record."""
+    """Return the observation of a simulated or recorded state."""
     return Observation(
         instruction=instruction,
         step=state.step,
@@ -42,10 +42,10 @@ def observation_of(
 
 
 class Observer:
-    """Maker of observations; keeps the renderers of the last models, because making one takes tens of milliseconds."""
+    """Maker of observations, which caches renderers by model, because making a renderer takes tens of milliseconds."""
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
-        """Prepare; ``renderers`` is the maximum number of kept renderers, one per model."""
+        """Prepare; ``renderers`` is the maximum number of cached renderers, one per model."""
         self.spec = spec
         self._renderers = Renderers(renderers)
 
@@ -54,7 +54,7 @@ class Observer:
         return scene.views(self.spec, self._renderers) if self.spec.cameras else {}
 
     def observe(self, scene: TrialScene, state: WorldState, *, views: Views | None = None) -> Observation:
-        """Return the observation of a state; ``views`` are its images, if :meth:`look` has rendered them already."""
+        """Return the observation of a state; ``views`` are the images, if :meth:`look` has already rendered them."""
         if views is None:
             views = self.look(scene)
         seen = observation_of(

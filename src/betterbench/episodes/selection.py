@@ -1,4 +1,4 @@
-"""The conditions of an external loop, as named in its configuration."""
+"""Selection of conditions by name, for external loops."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from betterbench.tasks.interventions import condition_names, resolve_condition
 def select_conditions(names: str | Sequence[str] | None) -> tuple[tuple[str, str], ...]:
     """Return the conditions that a list of names selects, each once, as pairs of task and condition.
 
-    A task selects all its conditions, "task/condition" one; a text may contain several, separated by commas. Without
-    names, all of better60 are selected. An unknown name raises UnknownNameError.
+    A task selects all its conditions, "task/condition" a single condition. A text may contain several names, separated
+    by commas. Without names, all conditions of better60 are selected. Raises UnknownNameError for an unknown name.
     """
     listed = [n.strip() for n in (names.split(",") if isinstance(names, str) else names or ())]
     found: dict[tuple[str, str], None] = {}

@@ -288,7 +288,7 @@ CALVIN_DELTA = _calvin(
     "calvin_delta",
     ("roll", "pitch", "yaw"),
     "CALVIN's world frame; meters and angles about the fixed axes x, y, z, added to the last commanded pose, which is "
-    "the measured one where an instruction begins; the sum is played as an absolute pose",
+    "the measured one where an instruction begins; the sum is executed as an absolute pose",
 )
 """Delta actions as accumulated by vla-evaluation-harness (``benchmarks/calvin/benchmark.py``:
 ``_process_delta_action``). Angles are kept in [-pi, pi), and the pose is rounded to float32 before it is applied."""
@@ -312,7 +312,7 @@ WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space
     for space in (CALVIN_RELATIVE, CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, LIBERO_ABSOLUTE)
 }
-"""The action spaces that only worlds other than ours play."""
+"""Action spaces that only other worlds execute."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "": tuple(ACTION_SPACES),

@@ -96,8 +96,8 @@ class Observation:
         ee_position: (3,) tool center point in the robot base frame [m].
         ee_quaternion: (4,) tool rotation in the robot base frame, (w, x, y, z) with w >= 0.
         gripper_width: Distance of the finger pads [m].
-        depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless asked for.
-        masks: Per camera (height, width) int32 instance ids; empty unless asked for.
+        depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless requested.
+        masks: Per camera (height, width) int32 instance ids; empty unless requested.
         native: State as the clients of another world read it, by the names of our state parts; else empty.
     """
 

@@ -29,8 +29,8 @@ class Execution:
     Attributes:
         horizon: Number of actions of each chunk that are executed before the next request; None for all of them.
         ahead: Number of control steps before the end of a chunk at which the next one is requested. The rest of the old
-            chunk is executed meanwhile, and the same number of actions at the beginning of the new chunk is dropped,
-            because their steps have passed. With 0, the simulation waits for every answer.
+            chunk is executed in the meantime, and the same number of actions at the beginning of the new chunk is
+            dropped, because their steps have passed. With 0, the simulation waits for every answer.
         ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action of a
             step is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction (Zhao
             et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A negative rate
@@ -92,12 +92,12 @@ class PolicyInfo:
     Attributes:
         name: Address under which the policy was requested.
         action_space: Action space of its answers.
-        needs_images: False if it uses no images, so that none are rendered.
-        cameras: Cameras of the observation that it uses, so that no others are rendered; None for all.
-        metadata: Texts by name (checkpoint, revision, server); they are copied.
+        needs_images: False if the policy uses no images, which are then not rendered.
+        cameras: Cameras that the policy uses; other cameras are not rendered. None for all.
+        metadata: Texts by name (checkpoint, revision, server), which are copied.
         execution: Execution settings of its action chunks.
-        heavy: True if it keeps model weights in this process. All workers of a run then share one instance if it
-            accepts batches (:class:`BatchPolicy`). Otherwise a run uses one worker unless more are requested.
+        heavy: True if the policy keeps model weights in this process. All workers of a run then share one instance if
+            it accepts batches (:class:`BatchPolicy`). Otherwise a run uses one worker unless more are requested.
     """
 
     name: str
@@ -109,7 +109,7 @@ class PolicyInfo:
     cameras: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError or UnknownNameError for invalid fields, because users define them."""
+        """Raise InvalidInputError or UnknownNameError for invalid fields, which users define."""
         for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__
@@ -128,10 +128,8 @@ class PolicyInfo:
         if cameras is not None and not (
             isinstance(cameras, tuple | list) and all(isinstance(name, str) for name in cameras)
         ):
-            raise InvalidInputError(
-                "PolicyInfo: cameras", "they are not names", "Give names of cameras, or None for all"
-            )
-        # Some kinds of mapping cannot be sent to another process.
+            raise InvalidInputError("PolicyInfo: cameras", "expected names", "Give names of cameras, or None for all")
+        # some kinds of mapping cannot be sent to another process
         object.__setattr__(self, "metadata", dict(self.metadata))
         if self.action_space:  # empty for a replay, because each record names its own
             action_space(self.action_space)

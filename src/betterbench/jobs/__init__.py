@@ -1,8 +1,8 @@
 """Resumable jobs: a plan of items, a journal or files that survive a crash, workers, and child processes.
 
-- ``job``: runs the items of a plan that are not done yet and keeps each result (:func:`run_items`), in a locked folder
-  (:func:`job_folder`). ``conflict`` refuses a folder that holds other files or another job.
-- ``item_processes``, ``item_threads``, ``retries``: work on several items at once; what died is tried again alone.
+- ``job``: runs the unfinished items of a plan and stores each result (:func:`run_items`), in a locked folder
+  (:func:`job_folder`). ``conflict`` refuses a folder with other files or another job.
+- ``item_processes``, ``item_threads``, ``retries``: process several items at once and retry items whose worker died.
 - ``line_journal``, ``durable``: one synced line per finished item, and files that are complete or absent.
 - ``lock``, ``places``, ``outputs``: one writer per folder or file, no link out of it, and nothing of others replaced.
 - ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their end with the parent.

@@ -1,4 +1,4 @@
-"""Prefetching from an iterator in a thread, so that items are made and used at the same time."""
+"""Prefetching from an iterator in a thread."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class _Ahead(Generic[ItemT]):
 
 @contextmanager
 def ahead(items: Iterator[ItemT], most: int) -> Iterator[Iterator[ItemT]]:
-    """Yield the items of an iterator, which a thread prefetches up to ``most`` ahead; its errors are raised here.
+    """Yield the items of an iterator, prefetched by a thread up to ``most`` ahead. Raises the iterator's errors.
 
     The thread ends with the context, after its current item.
     """

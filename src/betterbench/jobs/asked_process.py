@@ -1,4 +1,4 @@
-"""A process that is asked over a socket: of a policy, or of the simulator of a foreign world."""
+"""Process that answers requests over a socket, for a policy or the simulator of another world."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _PIECE = 1 << 20
 
 
 class AskedProcess:
-    """A process that answers questions by frames (:mod:`betterbench.jobs.frames`).
+    """Process that answers requests by frames (:mod:`betterbench.jobs.frames`).
 
-    It leads a session of its own, so that signals to its group, such as Ctrl-C, do not reach the run, and the other way
-    round.
+    The process leads its own session, so that signals to its group, such as Ctrl-C, do not reach the run, and vice
+    versa.
     """
 
     def __init__(
@@ -37,14 +37,14 @@ class AskedProcess:
         keeps: Sequence[int] = (),
         any_type: bool = False,
     ) -> None:
-        """Start the process; raises OSError if that is not possible.
+        """Start the process; raise OSError if this fails.
 
         Args:
-            command: Returns the command from the descriptor of the process's end of the socket.
-            output: Where its standard output and standard error go.
+            command: Function that returns the command for a descriptor of the process's end of the socket.
+            output: Descriptor for its standard output and standard error.
             environment: Its environment.
-            keeps: Other descriptors that it inherits.
-            any_type: Whether answers may hold arrays of all types.
+            keeps: Other descriptors that the process inherits.
+            any_type: Whether answers may contain arrays of all types.
         """
         self._any_type, self._asked, self._until, self._is_over = any_type, 0, math.inf, False
         self._link, theirs = socket.socketpair()
@@ -67,17 +67,17 @@ class AskedProcess:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """Process id."""
         return self._process.pid
 
     @property
     def has_ended(self) -> bool:
-        """Whether the process has ended, by itself or from outside."""
+        """Whether the process has ended for any reason."""
         return self._process.poll() is not None
 
     @property
     def waits(self) -> bool:
-        """Whether the process waits for a question: it still runs, and has sent nothing that was not asked for."""
+        """Whether the process waits for a request: it is running and has sent no unexpected frame."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):
@@ -87,19 +87,19 @@ class AskedProcess:
     def ask(
         self, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, limit_s: float = math.inf
     ) -> FrameContent:
-        """Return the answer to a question, which comes within a time [s]; an answer that was sent twice is left out.
+        """Return the answer to a request, within a time limit [s]. A repeated answer is ignored.
 
         Raises:
             FrameEndError: If the process has ended.
-            FrameTimeoutError: If it does not answer in time.
-            FrameError: If it sends what is not an answer.
+            FrameTimeoutError: If the process does not answer in time.
+            FrameError: If the process sends an invalid answer.
         """
         self._asked, self._until = self._asked + 1, time.monotonic() + limit_s
         send_frame(self, document, arrays, number=self._asked)
         return self._answer()
 
     def greeting(self, *, limit_s: float) -> FrameContent:
-        """Return what the process sends before it was asked anything; raises what :meth:`ask` raises."""
+        """Return the first frame of the process, sent without a request; raise the errors of :meth:`ask`."""
         self._until = time.monotonic() + limit_s
         return self._answer()
 
@@ -109,10 +109,10 @@ class AskedProcess:
             if number == self._asked:
                 return document, arrays
             if number > self._asked:
-                raise FrameError(f"a frame has the number {number} where {self._asked} is due")
+                raise FrameError(f"a frame has the number {number} instead of {self._asked}")
 
     def sendall(self, data: bytes) -> None:
-        """Send all bytes; raises what :meth:`recv` raises."""
+        """Send all bytes; raise the errors of :meth:`recv`."""
         left = memoryview(data)
         while left:
             self._require_time()
@@ -123,14 +123,14 @@ class AskedProcess:
                     raise BrokenPipeError("it has ended") from None
 
     def recv(self, size: int) -> bytes:
-        """Return the bytes that come next, none if the process has ended; TimeoutError if they do not come in time."""
+        """Return the next bytes, empty if the process has ended; TimeoutError if none arrive in time."""
         ended = False
         while True:
             self._require_time()
             try:
                 return self._link.recv(min(size, _PIECE))
             except TimeoutError:
-                if ended:  # a child of the process may hold its end open
+                if ended:  # a child of the process may hold the socket open
                     return b""
                 ended = self.has_ended
 
@@ -139,12 +139,12 @@ class AskedProcess:
             raise TimeoutError
 
     def hang_up(self) -> None:
-        """Let the process see the end of the questions."""
+        """Signal the end of the requests to the process."""
         with contextlib.suppress(OSError):
             self._link.shutdown(socket.SHUT_WR)
 
     def kill(self) -> None:
-        """End the process and its group at once; whoever waits for an answer sees that it has ended."""
+        """Kill the process and its group, which ends waits for an answer."""
         if self._is_over:
             return
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -153,7 +153,7 @@ class AskedProcess:
             self._link.shutdown(socket.SHUT_RDWR)
 
     def end(self, within_s: float) -> int | None:
-        """End the process, and return its exit status if it ended by itself within a time [s], else None."""
+        """End the process; return its exit status if it ended in time [s] without being killed, else None."""
         status = None
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(within_s)

@@ -1,4 +1,4 @@
-"""Conflicts of a job with what its folder holds: other files, or another job."""
+"""Conflicts of a job with the content of its folder: other files, or another job."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def require_free(path: Path, what: str, *, file: str, besides: Collection[str] =
     Args:
         path: Folder of the job.
         what: Name of what the job makes, for the message ("run").
-        file: File of the folder that describes the job; a folder with it is not looked at.
-        besides: Names of other files that a job which never began may have left.
+        file: File that describes the job; a folder with this file is not checked.
+        besides: Names of other files that an unstarted job may have left.
     """
     if path.exists() and not path.is_dir():
         raise RunConflictError(f"{path}: this is a file. Choose another folder for the {what}.")
@@ -47,12 +47,12 @@ def require_same(
 
     Args:
         path: Folder of the job.
-        there: JSON value that describes the job of the folder.
+        there: JSON value that describes the job in the folder.
         asked: JSON value that describes the requested job.
         what: Name of what the job makes, for the message ("run").
         where: Name of the description, for the message ("plan").
-        cure: What to do to resume.
-        cures: What to do instead, by the first field of the description that differs.
+        cure: Remedy, for resuming.
+        cures: Other remedies, by the first field of the description that differs.
     """
     difference = first_difference(there, asked, where)
     if difference is not None:
@@ -65,7 +65,7 @@ def require_same(
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None."""
+    """Return the path of the first difference of two JSON values in sorted order, with both values as text, or None."""
     if isinstance(there, dict) and isinstance(asked, dict):
         for key in sorted(set(there) | set(asked)):
             if key not in there or key not in asked:

@@ -1,4 +1,4 @@
-"""Files that are either complete or absent, even if the process or the machine fails while they are written."""
+"""Files that are either complete or absent, even if the process or the machine fails during writing."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _PART = re.compile(rf"\..+\.[a-z0-9_]{{3,8}}{re.escape(PART_SUFFIX)}", re.DOTALL
 
 
 class DurableFile:
-    """A file that is written beside its final place and moved there when it is finished.
+    """File that is written under a temporary name and moved to its final path when finished.
 
-    A context manager, which removes an unfinished file. A reader sees the old file or the new one, never a part.
+    A context manager that removes an unfinished file. A reader sees the old or the new file, never a part.
     Missing folders are created.
 
     Attributes:
@@ -37,9 +37,10 @@ class DurableFile:
     Raises:
         StorageError: If the disk is full, broken or protected, here or while the context manager is open, or if the
             folder locked by this process was removed or moved.
-        OSError: If the place cannot be written for another reason; it names the final file instead of its part.
+        OSError: If the path cannot be written for another reason; the error names the final file, not the unfinished
+            file.
         InvalidInputError: If a link leads out of the folder locked by this process.
-        RunConflictError: If the place contains a file that the owner of the folder did not write.
+        RunConflictError: If the path contains a file that the owner of the folder did not write.
     """
 
     def __init__(self, path: Path) -> None:
@@ -59,7 +60,7 @@ class DurableFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError):  # of a full disk, already raised
+        with contextlib.suppress(OSError):  # error of a full disk, already raised
             self.file.close()
         with contextlib.suppress(OSError):  # it was already moved, or its folder is gone or protected
             self.part.unlink()
@@ -68,7 +69,7 @@ class DurableFile:
                 raise error
 
     def finish(self) -> None:
-        """Flush the file to disk and move it to its place.
+        """Flush the file to disk and move it to its final path.
 
         Raises StorageError if its folder no longer exists, and OSError.
         """
@@ -93,7 +94,7 @@ def write_durably(path: Path, data: bytes) -> None:
     """Write a whole file like :class:`DurableFile`.
 
     Raises:
-        OSError: If the disk is full or the place cannot be written; nothing is left behind then.
+        OSError: If the disk is full or the path cannot be written; no partial file is left.
     """
     with DurableFile(path) as written:
         written.file.write(data)
@@ -106,7 +107,7 @@ def is_part(path: Path) -> bool:
 
 
 def remove_parts(folder: Path) -> None:
-    """Delete unfinished files of killed processes in a folder and below; the caller holds the lock of the folder.
+    """Delete unfinished files of killed processes in a folder and below. The caller must hold the folder's lock.
 
     A folder below with its own held lock is skipped, because another process is writing there.
     """
@@ -119,7 +120,7 @@ def remove_parts(folder: Path) -> None:
 
 
 def remove_parts_of(file: Path) -> None:
-    """Delete the unfinished part of a single file left by killed processes; the caller holds the lock of that file."""
+    """Delete unfinished versions of a single file left by killed processes. The caller must hold the file's lock."""
     for part in file.parent.glob(f".{glob.escape(file.name)}.*{PART_SUFFIX}"):
         if is_part(part) and part.name.count(".") == file.name.count(".") + 3:
             part.unlink(missing_ok=True)
@@ -127,14 +128,14 @@ def remove_parts_of(file: Path) -> None:
 
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
-    """Turn an error of a full, broken or protected disk into a StorageError; further writes fail too."""
+    """Turn an error of a full, broken or protected disk, where further writes would also fail, into a StorageError."""
     try:
         yield
     except OSError as problem:
         cure = STORAGE_CURES.get(problem.errno or 0)
         if cure is None:
             raise
-        raise StorageError(f"{path}: {problem.strerror}. Nothing finished is lost: {cure}.") from problem
+        raise StorageError(f"{path}: {problem.strerror}. Finished work is kept: {cure}.") from problem
 
 
 def sync_folder(folder: Path) -> None:

@@ -1,7 +1,7 @@
-"""Frames between a run and a process that it asks, of a policy or a simulator: a JSON document and arrays, no pickles.
+"""Frames between a run and the process of a policy or a simulator: a JSON document and arrays, without pickles.
 
-The process of a simulator reads this file too, in an environment without betterbench: it imports the standard library
-and NumPy alone.
+The process of a simulator also imports this file, in an environment without betterbench, so the file imports only the
+standard library and NumPy.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from typing import Any, Protocol
 import numpy as np
 
 MAX_HEAD_BYTES = 16 << 20
-"""Largest JSON of a frame [byte]."""
+"""Maximum size of the JSON of a frame [byte]."""
 
 MAX_ARRAY_BYTES = 256 << 20
-"""Largest sum of the arrays of a frame [byte]."""
+"""Maximum total size of the arrays of a frame [byte]."""
 
 _LENGTHS = struct.Struct(">IIQQ")
-"""Bytes of the document, of the forms of the arrays and of the arrays, and the number of the frame."""
+"""Frame head: sizes of the document, of the array forms and of the arrays [byte], and number of the frame."""
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _LONGEST_TYPE = 40
 _MAX_AXES = 32
 _BLOCK = 1 << 20
 _ALIGNED = 8
-"""Arrays begin at a multiple of so many bytes, as far as those before them let them."""
-_ENCODE = json.JSONEncoder(allow_nan=False).encode  # bound before a policy can put something else into its place
+"""Alignment of the arrays in a frame [byte]."""
+_ENCODE = json.JSONEncoder(allow_nan=False).encode  # bound before a policy can replace it
 _BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, SyntaxError, TypeError, ValueError)
 
 
@@ -39,31 +39,31 @@ FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
 class FrameError(Exception):
-    """The other side has gone, or sent bytes that are not a frame."""
+    """The other side has ended, or sent bytes that are not a frame."""
 
 
 class FrameEndError(FrameError):
-    """The other side has closed the link, or has ended."""
+    """The other side has closed the link or ended."""
 
 
 class FrameTimeoutError(FrameError):
-    """The other side does not send or read in time."""
+    """The other side did not send or read in time."""
 
 
 class Link(Protocol):
-    """A socket, or what waits for one."""
+    """Socket, or object with the same methods and a deadline."""
 
     def sendall(self, data: bytes, /) -> None:
         """Send all bytes."""
 
     def recv(self, size: int, /) -> bytes:
-        """Return the bytes that come next, as far as they have come; none if the other side has gone."""
+        """Return the next bytes that have arrived; empty if the other side has ended."""
 
 
 def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
-    """Send a document and arrays by name; FrameError if the other side has gone or does not read in time.
+    """Send a document and arrays by name; FrameError if the other side has ended or does not read in time.
 
-    The ``number`` is that of a question, and stands in its answer too. An array of Python objects is sent as its shape.
+    The ``number`` identifies a request and its answer. Of an array of Python objects, only the shape is sent.
     """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _ENCODE(document).encode()
@@ -83,14 +83,14 @@ def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.
 
 
 def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str, Any], dict[str, np.ndarray]]:
-    """Return the number of the next frame, its document, and its arrays, which cannot be written to.
+    """Return the number, the document and the read-only arrays of the next frame.
 
     Args:
         link: Socket.
-        any_type: Accept arrays of all types; those of Python objects come without them.
+        any_type: Accept arrays of all types; arrays of Python objects arrive without content.
 
     Raises:
-        FrameError: If the other side has gone, sends what is not a frame, or does not send in time.
+        FrameError: If the other side has ended, sends an invalid frame, or does not send in time.
     """
     head_bytes, forms_bytes, body_bytes, number = _LENGTHS.unpack(_received(link, _LENGTHS.size))
     if head_bytes + forms_bytes > MAX_HEAD_BYTES or body_bytes > MAX_ARRAY_BYTES:
@@ -101,7 +101,7 @@ def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str,
         document = _loaded(frame[:head_bytes])
         places, end = _places(frame[head_bytes:body_at], any_type)
         if not isinstance(document, dict):
-            raise TypeError(f"it holds a {type(document).__name__} and no document")
+            raise TypeError(f"it contains a {type(document).__name__} instead of a document")
         if end != body_bytes:
             raise ValueError(f"it holds {body_bytes} bytes of arrays and names {end}")
         arrays = {
@@ -114,10 +114,10 @@ def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str,
 
 
 def answer_requests(link: Link, answer: Callable[[dict[str, Any], dict[str, np.ndarray]], FrameContent | None]) -> None:
-    """Answer the questions that come over a link, until an answer is None: the main loop of a process that is asked.
+    """Answer requests from a link until an answer is None (main loop of an answering process).
 
     Raises:
-        FrameError: If the other side has gone.
+        FrameError: If the other side has ended.
     """
     while True:
         number, document, arrays = receive_frame(link)
@@ -146,9 +146,9 @@ _DECODE = json.JSONDecoder(parse_constant=_finite, parse_float=_finite).decode
 def _forms_text(
     names: tuple[str, ...], forms: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
 ) -> tuple[bytes, list[np.dtype[Any]] | None]:
-    """Return names, types and shapes of arrays as JSON, and the types to send where an array has another byte order.
+    """Return names, types and shapes of arrays as JSON, and the types to convert to for another byte order.
 
-    Most frames have the arrays of the one before.
+    Cached, because most frames have the same arrays as the previous frame.
     """
     kinds = [kind.newbyteorder("<") for kind, _ in forms]
     shapes = {name: (kind.str, shape) for name, kind, (_, shape) in zip(names, kinds, forms, strict=True)}
@@ -158,7 +158,7 @@ def _forms_text(
 
 @lru_cache(maxsize=64)
 def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...], int], ...], int]:
-    """Return name, type and shape of arrays and where each begins, and where the last one ends [byte]."""
+    """Return name, type, shape and offset of each array, and the end of the last array [byte]."""
     found, at = [], 0
     for name, (kind, shape) in _loaded(text).items():
         known = isinstance(kind, str) and (len(kind) <= _LONGEST_TYPE if any_type else _TYPES.fullmatch(kind))
@@ -167,7 +167,7 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
         if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
             raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
         dtype = np.dtype(kind)
-        # NumPy refuses sizes that are too large also where one of them is 0.
+        # NumPy refuses too large sizes even if another size is 0
         if not dtype.itemsize or math.prod(n or 1 for n in shape) * dtype.itemsize > MAX_ARRAY_BYTES:
             raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
         found.append((name, dtype, tuple(shape), at))
@@ -176,7 +176,7 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
 
 
 def _received(link: Link, count: int) -> bytes:
-    """Return exactly so many bytes."""
+    """Return exactly the given number of bytes."""
     blocks = []
     while count:
         try:
@@ -190,7 +190,7 @@ def _received(link: Link, count: int) -> bytes:
 
 
 def _failed(error: OSError) -> FrameError:
-    """Return the error of a link that cannot be read or written."""
+    """Return the error about a link that cannot be read or written."""
     if isinstance(error, TimeoutError):
         return FrameTimeoutError("no answer in time")
     return FrameEndError(f"it cannot be reached ({error})")

@@ -1,4 +1,4 @@
-"""Many items, such as trials that are certified, over worker processes; an item that kills its process is found."""
+"""Processing of many items in worker processes, with detection of items that kill their process."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ logger = logging.getLogger(__name__)
 
 
 def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers: int) -> Iterator[FoundT]:
-    """Yield the result of each item as it comes; the items of a pool that breaks are worked on again alone.
+    """Yield the result of each item on completion. The items of a broken pool are processed again alone.
 
-    With one worker or one item the work is done in this process.
+    With one worker or one item, this process does the work.
 
     Raises:
         WorkerError: If worker processes keep dying.
@@ -39,8 +39,8 @@ def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers
         try:
             yield from _pooled(ledger, pending, workers, work)
         except BrokenProcessPool as error:
-            logger.warning("a worker process died; its %d items are worked on again", len(pending))
-            how = "it was ended from outside, as when memory runs out"
+            logger.warning("a worker process died; its %d items are processed again", len(pending))
+            how = "it was killed, for example because memory ran out"
             for item in ledger.worker_died(list(pending.values()), how):
                 raise WorkerError(f"{item}: {ledger.reason(how)}.") from error
 
@@ -51,7 +51,7 @@ def _pooled(
     workers: int,
     work: Callable[[ItemT], FoundT],
 ) -> Iterator[FoundT]:
-    """Yield the results of one pool, which holds ``pending``: all suspects one by one, or all waiting items."""
+    """Yield the results of a pool with the ``pending`` items: all suspects one by one, or all waiting items."""
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
     started: set[BaseProcess] = set()
@@ -64,7 +64,7 @@ def _pooled(
                     new = ledger.take(2 * workers - len(pending))
                 else:
                     new = [ledger.take_suspect()] if ledger.suspects and not pending else []
-                with interrupts_blocked():  # the process that starts others decides what happens at Ctrl-C
+                with interrupts_blocked():  # the parent process handles Ctrl-C
                     others = set(multiprocessing.active_children()) - started
                     for item in new:
                         pending[pool.submit(work, item)] = item
@@ -79,6 +79,6 @@ def _pooled(
                     yield found
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in started:  # Python would wait for what they are at
+            for process in started:  # Python would wait for their current items
                 process.kill()
             raise

@@ -1,4 +1,4 @@
-"""Processing of many items, such as the trials of a run, in threads with a resource each, such as a renderer."""
+"""Processing of many items, such as trials, in threads that each own a resource, such as a renderer."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Stoppable(Protocol):
     """A resource of a thread."""
 
     def stop(self) -> None:
-        """Make any thread that waits for the resource end soon with an error."""
+        """Let threads that wait for the resource fail soon with an error."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):
-    """Resource of a thread whose work needs none."""
+    """Empty resource."""
 
     def stop(self) -> None:
         """Do nothing."""
@@ -44,17 +44,17 @@ def in_threads(
     open_resource: Callable[[], AbstractContextManager[ResourceT]],
     in_order: bool = False,
 ) -> Iterator[FoundT]:
-    """Yield the result of each item; items are begun in the order given, at most ``workers`` before one has ended.
+    """Yield the result of each item. Items are started in order, at most ``workers`` at a time.
 
-    What is left behind must not depend on the number of workers. After an error, after Ctrl-C, or when the iterator is
-    closed, no further item is begun, the resources are stopped, and the error is raised when all threads have ended.
+    After an error, after Ctrl-C, or when the iterator is closed, no further item is started, the resources are stopped,
+    and the error is raised when all threads have ended. The finished items then do not depend on the number of workers.
 
     Args:
         items: The items.
-        work: Works on one item with the resource of its thread.
+        work: Function that processes an item with the resource of its thread.
         workers: Number of threads.
-        open_resource: Opens the resource of a thread.
-        in_order: Yield results in the order of the items, and not as they come.
+        open_resource: Function that opens the resource of a thread.
+        in_order: Yield results in the order of the items instead of the order of completion.
 
     Raises:
         InvalidInputError: If the number of workers is out of range.
@@ -71,7 +71,7 @@ def in_threads(
             with lock:
                 closing.push(opened)
                 resources.append(own.resource)
-            if stopped.is_set():  # while it was opened
+            if stopped.is_set():  # failed while opening the resource
                 own.resource.stop()
         return work(own.resource, item)
 

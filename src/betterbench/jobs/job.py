@@ -1,4 +1,4 @@
-"""Resumable jobs: the items of a plan that are not done yet are worked on, and each result is kept as it comes."""
+"""Resumable jobs, which process the unfinished items of a plan and store each result immediately."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ ItemT = TypeVar("ItemT", bound=Hashable)
 FoundT = TypeVar("FoundT")
 
 OnCount = Callable[[int, int], None]
-"""Called with the number of items that are done and the number of all."""
+"""Callback with the number of finished items and the number of all items."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobProgress(Generic[FoundT]):
-    """Progress of a job: items that are done, items planned, and the last result (None at the start)."""
+    """Progress of a job: finished items, planned items, and the last result (None at the start)."""
 
     done: int
     planned: int
@@ -35,14 +35,14 @@ def run_items(
     keep: Callable[[FoundT], object] = lambda _: None,
     on_progress: Callable[[JobProgress[FoundT]], None] | None = None,
 ) -> int:
-    """Work on the items that are not done, and return their number; the same call after an interruption goes on.
+    """Process the unfinished items and return their number. Repeat the call after an interruption to continue.
 
     Args:
-        planned: The items of the job; each is worked on once.
-        is_done: Tells whether a journal or a file already has the result of an item.
-        work: Returns the results of the items that are not done, in any order and as they come: ``in_processes``,
-            ``in_threads``, or a generator in this thread.
-        keep: Stores a result durably, as a journal does.
+        planned: Items of the job; each is processed once.
+        is_done: Function that returns whether a journal or a file already has the result of an item.
+        work: Function that yields the results of the given items, in any order: ``in_processes``, ``in_threads``, or a
+            generator in this thread.
+        keep: Function that stores a result durably, such as in a journal.
         on_progress: Called at the start and after every result.
     """
     items = dict.fromkeys(planned)
@@ -64,21 +64,21 @@ def run_items(
 
 
 def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | None:
-    """Return a callback for :func:`run_items` that passes on the two numbers alone."""
+    """Return a callback for :func:`run_items` that passes on only the two numbers."""
     return None if on_count is None else lambda progress: on_count(progress.done, progress.planned)
 
 
 @contextmanager
 def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
-    """Hold the lock of a job's folder, after removing what killed processes left half-written in it.
+    """Hold the lock of a job's folder, after removing unfinished files of killed processes.
 
     Args:
-        path: The folder; made if it is missing.
+        path: The folder, which is created if missing.
         waits: Wait for another process that holds the lock.
 
     Raises:
-        RunConflictError: If another process holds the lock, unless this one waits.
-        StorageError: If the disk is full or protected, or, at a good end, if the folder was removed or moved meanwhile.
+        RunConflictError: If another process holds the lock, unless ``waits``.
+        StorageError: If the disk is full or protected, or, at a successful end, if the folder was removed or moved.
     """
     with on_disk(path):
         lock = RunLock(path / LOCK_NAME, waits=waits)

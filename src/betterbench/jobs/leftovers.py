@@ -1,4 +1,4 @@
-"""Leftover processes of an ended parent process: found by a mark in their environment, and ended."""
+"""Termination of leftover child processes, found by a mark in their environment."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _ROUNDS = 5
 def end_leftovers(variable: str, value: str, session: int) -> None:
     """End all processes of a session, and all whose environment had a variable with this value at their start.
 
-    A child may leave the group and the session of its parent, but a fork keeps the environment. Without ``/proc``, this
-    does nothing.
+    A child process may leave the group and the session of its parent, but a fork keeps the environment. Without
+    ``/proc``, this function does nothing.
     """
     mark = f"{variable}={value}".encode()
-    for _ in range(_ROUNDS):  # they may start further processes
+    for _ in range(_ROUNDS):  # repeated, because they may start further processes
         found = list(_marked(mark, session))
         if not found:
             return

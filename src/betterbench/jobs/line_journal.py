@@ -1,7 +1,7 @@
-"""An append-only file of JSON lines that survives a killed process and a full disk.
+"""Append-only file of JSON lines that survives a killed process and a full disk.
 
 Each line contains a link, the SHA-256 of the previous link and of the line itself, so that a changed, missing or moved
-line is detected. An incomplete last line is a lost tail: it is ignored with a warning.
+line is detected. An incomplete last line is ignored with a warning.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class LineJournal:
 
     Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
     :meth:`_take_in` and removes an unfinished last line of a killed process. Each appended line is on disk when
-    :meth:`_append_line` returns. A file that is removed, replaced or truncated by another program is written again.
-    With ``alone`` only the file is locked, not its folder. With ``renews`` the whole folder may be removed, because its
-    owner writes the other files again; otherwise StorageError is raised.
+    :meth:`_append_line` returns. A file that another program removes, replaces or truncates is written again. With
+    ``alone``, only the file is locked, not its folder. With ``renews``, the whole folder may be removed, because its
+    owner writes the other files again; otherwise, StorageError is raised.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
@@ -52,7 +52,7 @@ class LineJournal:
                 self._handle = open_in_place(path)
                 if os.fstat(self._handle).st_size > self._length:
                     _require_begun(path, os.pread(self._handle, 1, self._length))
-                    logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
+                    logger.warning("%s: removed an unfinished last line; its trial will be repeated", path)
                     os.ftruncate(self._handle, self._length)
                 os.fsync(self._handle)
                 sync_folder(path.parent)
@@ -66,7 +66,7 @@ class LineJournal:
         return self._length == 0
 
     def _take_in(self, lines: list[bytes]) -> None:
-        """Read the existing lines of the file when it is opened."""
+        """Process the existing lines of the file at opening."""
         raise NotImplementedError
 
     def _append_line(self, form: object) -> None:
@@ -91,7 +91,7 @@ class LineJournal:
         self._content += line
 
     def restore(self) -> bool:
-        """Write the file again if it was removed, replaced or changed since it was opened; return whether it was."""
+        """Rewrite the file if it was removed, replaced or changed since opening, and return whether it was."""
         if self._handle is None or (
             self._stands_there(self._handle) and os.pread(self._handle, self._length, 0) == self._content
         ):
@@ -100,7 +100,7 @@ class LineJournal:
         return True
 
     def _stands_there(self, handle: int) -> bool:
-        """Tell whether the open file is still the one at its path, with the written length."""
+        """Return whether the open file is still the file at its path, with the written length."""
         ours = os.fstat(handle)
         try:
             there = os.lstat(self._path)
@@ -136,7 +136,7 @@ def link_after(before: str, form: Mapping[str, object]) -> str:
 
 
 def not_following(where: str, cure: str) -> RecordError:
-    """Return the error of a line whose link does not fit."""
+    """Return the error about a line whose link does not match."""
     return RecordError(f"{where} does not follow from the lines before it: one was changed, removed or moved. {cure}.")
 
 
@@ -147,11 +147,11 @@ def linked_forms(
 
     Args:
         path: File for the error.
-        lines: Its lines, or those after some that were read earlier.
+        lines: All lines, or the lines after those that were read earlier.
         cure: Remedy for a changed line.
-        first: Number of the first of them.
+        first: Number of the first of these lines.
         before: Link of the previous line.
-        needed: False for a file that earlier versions may have begun, whose first lines have no links; this is logged.
+        needed: False for a file that may begin with lines of earlier versions, without links; this is logged.
 
     Raises:
         RecordError: If a line is not a JSON object, or does not follow from the lines before it.
@@ -183,7 +183,7 @@ def _require_begun(path: Path, begun: bytes) -> None:
 def complete_lines(path: Path) -> tuple[list[bytes], int]:
     """Return the complete lines of a file, empty if it is missing, and their size in bytes.
 
-    The part after the last line break is ignored: it is a lost tail, or is being written.
+    The part after the last line break is ignored: it is unfinished or being written.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_BYTES, cure="Restore the file from a copy", raises=RecordError)

@@ -20,13 +20,13 @@ LOCK_NAME = ".lock"
 """File in a folder that carries the lock of the folder."""
 
 _TRIES = 25
-_PAUSE_S = 0.02  # a check of the lock holds it for a shorter time
+_PAUSE_S = 0.02  # longer than a check of the lock by another process
 
 
 def is_locked(path: Path) -> bool:
-    """Tell whether a living process holds the lock of a run, without disturbing it.
+    """Return whether a living process holds the lock of a run, without disturbing this process.
 
-    A lock held on another machine is seen if the file system shares locks.
+    A lock held on another machine is detected if the file system shares locks.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -71,15 +71,15 @@ class HeldFolder:
 class RunLock:
     """An exclusive lock on a run folder that is released when its process ends.
 
-    The file stays; only the kernel's lock on it counts, so a crash leaves nothing to clean up. Processes forked while
-    the lock is held do not keep it. While it is held, no file is written below its folder through a link that leads out
-    of it (:mod:`betterbench.jobs.places`), and none after the folder was removed or moved (:func:`require_held`):
-    earlier files would be missing beside it. With ``renews`` the owner writes those again, and the lock is taken again.
-    Messages name the ``output``, if its parts are collected in the folder.
+    The lock file stays; only the kernel's lock matters, so a crash leaves nothing to clean up. Forked processes do not
+    keep the lock. While the lock is held, no file is written below the folder through a link that leads out of the
+    folder (:mod:`betterbench.jobs.places`), or after the folder was removed or moved (:func:`require_held`), because
+    earlier files would then be missing. With ``renews``, the owner writes the earlier files again, and the lock is
+    taken again. Messages name the ``output``, if its parts are collected in the folder.
 
     Raises:
         RunConflictError: If another process holds the lock, unless it ``waits``.
-        InvalidInputError: If the lock file is a link, not an ordinary file, or has a second name.
+        InvalidInputError: If the lock file is a link, not an ordinary file, or has a second name (hard link).
         StorageError: If a surrounding folder locked by this process was removed or moved.
     """
 
@@ -90,10 +90,10 @@ class RunLock:
         self._output = output or path.parent
         self._handle: int | None = None
         self._renewing = threading.Lock()
-        if is_claimed_here(self._folder):  # a journal in a folder that this verb has locked
+        if is_claimed_here(self._folder):  # this command has already locked the journal's folder
             return
         require_guarded(path)
-        for around in _around():  # otherwise its folder would be created within one that was removed
+        for around in _around():  # otherwise, its folder would be created inside a removed folder
             if around.folder != self._folder:
                 around.require_folder(path)
         self._handle = self._noted(waits=waits)
@@ -155,8 +155,8 @@ class RunLock:
     def _taken(self, *, waits: bool) -> int:
         """Return the descriptor of the locked file that is still at its path.
 
-        The last holder of the lock may have removed the file or its folder; a lock on a removed file would exclude no
-        process.
+        The last holder of the lock may have removed the file or its folder, and a lock on a removed file would not
+        exclude other processes.
         """
         while True:
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -186,9 +186,9 @@ class RunLock:
         return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
 
     def require_in_place(self) -> None:
-        """Raise StorageError if the folder was removed or moved since it was locked: its files are then incomplete.
+        """Raise StorageError if the folder was removed or moved since it was locked, because files are then missing.
 
-        Call it last, when a command would otherwise report its output as complete.
+        Call this last, before a command reports its output as complete.
         """
         if self._handle is not None and not _stands_at(self._path, self._handle):
             raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
@@ -221,7 +221,7 @@ class RunLock:
 
 
 class FileLock(RunLock):
-    """An exclusive lock on a single file, beside it (``.NAME.lock``); the lock file is removed at its release."""
+    """Exclusive lock on a single file, by a lock file ``.NAME.lock`` in the same folder that is removed at release."""
 
     _is_folder = False
 
@@ -230,7 +230,7 @@ class FileLock(RunLock):
         super().__init__(file.with_name(f".{file.name}.lock"), waits=waits)
 
     def _guard(self) -> None:
-        """Do nothing: the folder is the user's choice, and contains other files."""
+        """Do nothing, because the folder is the user's choice and contains other files."""
 
     def _unguard(self) -> None:
         """Do nothing."""
@@ -253,7 +253,7 @@ class FileLock(RunLock):
 
 
 def require_held(path: Path) -> None:
-    """Raise StorageError if a file to be written is in a locked folder that was removed or moved meanwhile.
+    """Raise StorageError if a file to be written is in a locked folder that was removed or moved.
 
     The locks of this process and those passed on by its parent (:func:`write_within`) are checked. Raises
     RunConflictError if another process has taken a renewed lock.
@@ -273,9 +273,9 @@ def held_folders() -> tuple[HeldFolder, ...]:
 
 
 def write_within(folders: Iterable[HeldFolder]) -> None:
-    """Forbid this process to write below folders locked by its parent process, once they no longer exist.
+    """Forbid this process to write below folders locked by its parent process after their removal.
 
-    A worker that continues to write would create a removed folder again, and the same command could then not use it.
+    A worker that continued to write would recreate a removed folder, which the same command could then not use.
     """
     _OF_PARENT.extend(folders)
 
@@ -288,7 +288,7 @@ def _lost_text(output: Path, lock_name: str, consequence: str) -> str:
 
 
 def _stands_at(path: Path, handle: int) -> bool:
-    """Tell whether an open file is still the one at a path."""
+    """Return whether an open file is still the file at its path."""
     ours = os.fstat(handle)
     return _is_file(path, (ours.st_dev, ours.st_ino))
 
@@ -303,7 +303,7 @@ def _is_file(path: Path, identity: tuple[int, int]) -> bool:
 
 
 def _lock_exclusively(handle: int) -> None:
-    """Take the lock, with a few retries: a reader may be checking it."""
+    """Take the lock, with a few retries, because a reader may be checking the lock."""
     for left in reversed(range(_TRIES)):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,10 +1,10 @@
-"""The files and folders that a command names as its output: files that better did not write are not replaced.
+"""Output files and folders of commands. Files that better did not write are not replaced.
 
-One rule applies to every verb. A file is ours if it has the mark of the verb (:func:`mark_of`) or the content that the
-verb itself checks. A folder is ours if its list ``.written.json`` says that the same verb wrote it, and a file in it is
-ours if its SHA-256 is in that list: an edited page belongs to the user. Our files are replaced without asking, all
-others only with ``--overwrite``; folders, pipes and devices are never replaced. While an output is open, no other
-process can write to it, and unfinished files of killed processes are deleted.
+One rule applies to every verb. A file is ours if it has the mark of the verb (:func:`mark_of`) or content that the verb
+recognizes. A folder is ours if its list ``.written.json`` names the same verb, and a file in this folder is ours if the
+list contains its SHA-256: an edited page belongs to the user. Our files are always replaced, other files only with
+``--overwrite``; folders, pipes and devices are never replaced. While an output is open, no other process can write to
+it, and unfinished files of killed processes are deleted.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LIST_NAME = ".written.json"
 
 _MAX_LIST_BYTES = 64 << 20
 _ENDS_BYTES = 1 << 16
-"""Length of the part at either end of a file that is searched for a mark [byte]: PNG has its texts first, MP4 last."""
+"""Length of the part at either end of a file that is searched for a mark [byte]. PNG has texts first, MP4 last."""
 
 
 def mark_of(verb: str) -> str:
@@ -42,7 +42,7 @@ def mark_of(verb: str) -> str:
 
 
 def bears_mark(path: Path, verb: str) -> bool:
-    """Tell whether a file has the mark of a verb near its beginning or its end; raises OSError."""
+    """Return whether a file has the mark of a verb near its beginning or end. Raises OSError."""
     mark = mark_of(verb).encode()
     with open_ordinary(path) as file:
         if mark in file.read(_ENDS_BYTES):
@@ -60,7 +60,7 @@ def require_replaceable(
         path: Path of the file to write.
         verb: Verb that writes it.
         overwrite: Whether files that this verb did not write may be replaced.
-        is_ours: Tells whether an existing regular file was written by this verb; its mark is checked if None.
+        is_ours: Function that returns whether this verb wrote an existing regular file; None to check the mark.
     """
     try:
         there = os.lstat(path).st_mode
@@ -88,7 +88,7 @@ class OutputFile:
     """A file that a verb writes, locked while it is open; a context manager that returns the path.
 
     Raises:
-        RunConflictError: If a file there must not be replaced, or another process writes it.
+        RunConflictError: If the existing file must not be replaced, or another process is writing it.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class OutputFile:
         self._lock: FileLock | None = None
 
     def __enter__(self) -> Path:
-        self._require()  # before a lock is created beside another file
+        self._require()  # before a lock file is created
         self._lock = FileLock(self._path)
         try:
             self._require()
@@ -131,21 +131,21 @@ _WRITTEN = TypeAdapter(_Written)
 class OutputFolder:
     """A folder to which a verb writes its files, locked while it is open; a context manager.
 
-    Every file that this process writes there (:class:`~betterbench.jobs.durable.DurableFile`) is checked and listed;
-    subfolders with their own lock are left to their owners.
+    Every file that this process writes there (:class:`~betterbench.jobs.durable.DurableFile`) is checked and listed,
+    except in subfolders with their own lock.
 
     Args:
-        path: The folder; created if it is missing.
+        path: The folder, which is created if missing.
         verb: Verb that writes it.
         overwrite: Whether other files may be replaced, and a folder with other files may be used.
-        holds: Tells whether an unlisted entry of the folder belongs there, such as a run.
-        is_ours: Tells whether a folder without a list is ours anyway, such as one of an older version.
+        holds: Function that returns whether an unlisted entry of the folder belongs there, such as a run.
+        is_ours: Function that returns whether a folder without a list is ours, such as a folder of an older version.
 
     Raises:
         RunConflictError: If the folder contains other files, a file in it was changed since it was written, or another
             process writes there.
-        InvalidInputError: If a link leads out of it.
-        StorageError: At the end, if it was removed or moved meanwhile.
+        InvalidInputError: If a link leads out of the folder.
+        StorageError: At the end, if the folder was removed or moved.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class OutputFolder:
             remove_parts(self.path)
             guard(self.path, self)
             stack.callback(unguard, self.path, self)
-            if self._listed() is None:  # first, so that the folder of a killed command is marked as ours
+            if self._listed() is None:  # written first, to mark the folder of a killed command as ours
                 self._store()
             self._stack = stack.pop_all()
         return self
@@ -186,7 +186,7 @@ class OutputFolder:
         with self._stack:
             if self._lock is not None and error is None:
                 self._lock.require_in_place()
-            if self._fresh and error is None:  # the previous content of a file is no longer ours
+            if self._fresh and error is None:  # the digests of the previous content are no longer needed
                 self._known |= {name: (digest,) for name, digest in self._fresh.items()}
                 self._store()
 
@@ -243,7 +243,7 @@ class OutputFolder:
         )
 
     def note(self, path: Path, sha256: str) -> None:
-        """List a file that is about to be moved to its place, beside its possible predecessor."""
+        """List a file that is about to be moved to its path, in addition to its predecessor."""
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:
             return
@@ -258,7 +258,7 @@ class OutputFolder:
 
 
 def _is_name(name: str) -> bool:
-    """Tell whether a listed name can be one of a file in the folder."""
+    """Return whether a listed name can be the name of a file in the folder."""
     return name.isprintable() and not {"..", "/"} & set(Path(name).parts)
 
 

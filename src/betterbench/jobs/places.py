@@ -1,4 +1,4 @@
-"""Paths that are written: no file is written through a link that leads out of a command's folder.
+"""Protection of written paths: no file is written through a link that leads out of a command's folder.
 
 An untrusted run folder may contain a link to a file of the user. A folder named as an output means only that folder. A
 folder locked by a process (:class:`~betterbench.jobs.lock.RunLock`) is therefore guarded: every file written below it
@@ -20,7 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Claim of a command on the files of a folder, which determines the files that may be replaced."""
+    """A command's claim on a folder, which determines the files that may be replaced."""
 
     @property
     def thread(self) -> int:
@@ -30,7 +30,7 @@ class FolderClaim(Protocol):
         """Raise RunConflictError if a path contains a file that must not be replaced."""
 
     def note(self, path: Path, sha256: str) -> None:
-        """Note that a file is about to be moved to its place."""
+        """Record that a file is about to be moved to its path."""
 
 
 _GUARDED: dict[Path, list[FolderClaim | None]] = {}
@@ -43,7 +43,7 @@ def guard(folder: Path, claim: FolderClaim | None = None) -> None:
 
 
 def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Undo a :func:`guard` with the same arguments; harmless without one."""
+    """Undo a :func:`guard` with the same arguments; harmless without a guard."""
     claims = _GUARDED.get(folder, [])
     if claim in claims:
         claims.remove(claim)
@@ -57,7 +57,7 @@ def is_claimed_here(folder: Path) -> bool:
 
 
 def claim_of(path: Path) -> FolderClaim | None:
-    """Return the claim on a file: that on the innermost guarded folder around it."""
+    """Return the claim on the innermost guarded folder around a file."""
     around = [folder for folder in tuple(_GUARDED) if path.absolute().is_relative_to(folder)]
     innermost = max(around, key=lambda folder: len(folder.parts), default=None)
     return None if innermost is None else next(filter(None, reversed(_GUARDED.get(innermost, []))), None)
@@ -86,7 +86,7 @@ def require_guarded(path: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Make an OSError name the user's file or folder instead of a lock or a part beside it."""
+    """Let an OSError name the user's file or folder instead of a lock file or an unfinished file."""
     try:
         yield
     except OSError as error:
@@ -95,7 +95,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def open_in_place(path: Path) -> int:
-    """Open a file for reading and writing in place, created if it is missing, and return its descriptor.
+    """Open a file for reading and writing in place, creating it if missing, and return its descriptor.
 
     A journal and a lock are written in place, so another file under that name would be changed.
 

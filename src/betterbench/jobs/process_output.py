@@ -13,7 +13,7 @@ import time
 from betterbench.errors import printable
 
 MAX_SHOWN_BYTES = 1 << 20
-"""Maximum number of output bytes of one process that are shown."""
+"""Maximum output of one process that is shown [byte]."""
 
 _LONGEST_LINE = 2000
 _PIECE = 1 << 16
@@ -21,9 +21,9 @@ _DRAIN_S = 0.5
 
 
 class ProcessOutput:
-    """A pipe that replaces standard output and standard error of a process.
+    """Pipe that replaces standard output and standard error of a process.
 
-    The process never gets our own standard error, because it could change the flags and length of that file.
+    The process must not get our own standard error, because it could change the flags and length of that file.
 
     Attributes:
         theirs: File descriptor for the process.
@@ -36,7 +36,7 @@ class ProcessOutput:
         self._thread = threading.Thread(target=self._pass_on, name="policy output", daemon=True)
 
     def begin(self) -> None:
-        """Show the output from now on; the process has been started."""
+        """Show the output from now on, after the start of the process."""
         os.close(self.theirs)
         self._thread.start()
 
@@ -65,7 +65,7 @@ class ProcessOutput:
             self._show(self._line)
 
     def _take(self, piece: bytes) -> None:
-        """Show the complete lines; of a line that is overwritten repeatedly (a progress bar) the last state."""
+        """Show the complete lines, and only the last state of a repeatedly overwritten line (a progress bar)."""
         *lines, self._line = (self._line + piece).split(b"\n")
         self._line = self._line[-2 * _LONGEST_LINE :]
         for line in lines:

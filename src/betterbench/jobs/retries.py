@@ -1,4 +1,4 @@
-"""The retry ledger: the remaining items, the items with which workers died, and the limits of retries."""
+"""Retry ledger: remaining items, items whose workers died, and limits of retries."""
 
 from __future__ import annotations
 
@@ -9,20 +9,19 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""Number of worker deaths with an item until the item is given up; after the first death it runs alone."""
+"""Number of worker deaths after which an item is given up. After the first death, the item runs alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
-"""Number of consecutive worker deaths, without a finished item, until the whole job is given up."""
+"""Number of consecutive worker deaths, without a finished item, after which the job is given up."""
 
 Item = TypeVar("Item", bound=Hashable)
 
 
 class RetryLedger(Generic[Item]):
-    """The items without a worker, and the deaths of workers so far.
+    """Items without a worker, and worker deaths so far.
 
-    The distributor of the work takes items from the ledger and reports their results. The items of a worker that died
-    are
-    suspects: each of them runs again alone, so that an item that kills its worker affects no other one.
+    The distributor of the work takes items from the ledger and reports results. The items of a dead worker are
+    suspects: each of them is repeated alone, so that an item that kills its worker affects no other item.
     """
 
     def __init__(self, items: Iterable[Item], *, workers: str, cure: str) -> None:
@@ -53,19 +52,19 @@ class RetryLedger(Generic[Item]):
         return [self._waiting.popleft() for _ in range(min(count, len(self._waiting)))]
 
     def take_suspect(self) -> Item:
-        """Return an item for an idle worker, which gets no other item until this one has ended."""
+        """Return an item for an idle worker, which must get no other item until this item has ended."""
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Queue items again before all others; their worker ended for another reason."""
+        """Queue items again before all others, because their worker ended for another reason."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:
-        """Note that a worker has finished an item."""
+        """Record that a worker has finished an item."""
         self._in_a_row = 0
 
     def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:
-        """Queue the items of a dead worker again, each to run alone; return those with too many deaths.
+        """Queue the items of a dead worker again, to run alone, and return the items with too many deaths.
 
         Raises WorkerError after too many consecutive deaths.
         """
@@ -76,7 +75,7 @@ class RetryLedger(Generic[Item]):
         if given_up:
             self._in_a_row = 0
         if self._in_a_row >= MAX_DEATHS_IN_A_ROW:
-            raise WorkerError(f"{self._in_a_row} {self._workers} died one after the other ({how}). {self._cure}")
+            raise WorkerError(f"{self._in_a_row} {self._workers} died in a row ({how}). {self._cure}")
         return given_up
 
     def reason(self, how: str) -> str:

@@ -1,4 +1,4 @@
-"""Worker processes of a job: their start with a pipe, signals, numbers of threads, and the end with their parent."""
+"""Worker processes of a job: start with a pipe, signals, numbers of threads, and end with the parent process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.jobs.lock import HeldFolder, write_within
 
 
 class SpawnedProcess:
-    """A process of ours with a pipe, in which Ctrl-C is blocked: the process that started it decides what happens then.
+    """Child process with a pipe, in which Ctrl-C is blocked, because the parent process handles Ctrl-C.
 
     Attributes:
         process: The process.
@@ -33,7 +33,7 @@ class SpawnedProcess:
         theirs.close()
 
     def end(self, within_s: float = 0.0) -> str:
-        """Close the pipe, end the process if it has not ended within a time [s], and return how it did."""
+        """Close the pipe, kill the process if it has not ended within a time limit [s], and return how it ended."""
         self.connection.close()
         self.process.join(within_s)
         self.process.kill()
@@ -42,11 +42,11 @@ class SpawnedProcess:
 
 
 def exit_text(status: int | None) -> str:
-    """Return how a process ended, from its exit status, which is negative for a signal."""
+    """Return how a process ended, as text, from its exit status (negative for a signal)."""
     if status is None or status >= 0:
         return f"exit status {status}"
     name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
-    return f"{name}, as when memory runs out" if name == "SIGKILL" else name
+    return f"{name}, for example because memory ran out" if name == "SIGKILL" else name
 
 
 @contextlib.contextmanager
@@ -63,7 +63,7 @@ def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
     """Limit numerical libraries and the software renderer to one thread each, and end with the parent process.
 
     The log level is that of ``BETTERBENCH_LOG_LEVEL``, set by ``--log-level``. Nothing is written below folders locked
-    by the parent (``held``) once they no longer exist.
+    by the parent (``held``) after their removal.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -76,7 +76,7 @@ def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the run is killed, so that it cannot write to a resumed run."""
+    """End this process when the run is killed, to keep it from writing to a resumed run."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

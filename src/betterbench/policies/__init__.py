@@ -1,4 +1,4 @@
-"""Policies: their declarations, the clients of policy servers, and built-in policies.
+"""Policies: declarations, clients of policy servers, and built-in policies.
 
 - ``address``: parsing of addresses such as ``openpi://host:port?preset=libero``.
 - ``kinds``: one file per kind of policies, and the registry of kinds by address scheme.

@@ -1,6 +1,6 @@
 """Addresses of policies: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero``.
 
-A kind of policies declares the form of its addresses and their options; one parser reads all forms.
+Each kind of policies declares the form of its addresses and their options; one parser reads all forms.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Option:
     """An option of an address, written ``?name=value``.
 
     Attributes:
-        name: Name. A name that ends with a period is followed by a key: ``camera.KEY=value``.
+        name: Name. A key follows a name that ends with a period: ``camera.KEY=value``.
         meaning: Description of the value with its unit, for messages ("the deadline of one answer [s]").
         reads: Type of the value; numbers are finite and ≥ 0.
         most: Largest allowed number; infinity for no limit.
@@ -41,12 +41,12 @@ class Option:
 
     @property
     def takes_key(self) -> bool:
-        """Whether a key follows its name."""
+        """Whether a key follows the name."""
         return self.name.endswith(".")
 
     @property
     def shown(self) -> str:
-        """Its name in messages."""
+        """Name in messages."""
         return f"{self.name}KEY" if self.takes_key else self.name
 
     def fits(self, name: str) -> bool:
@@ -56,7 +56,7 @@ class Option:
 
 EXECUTION = (
     Option("horizon", "the number of actions of a chunk that are executed before the next chunk is requested", "whole"),
-    Option("ahead", "the number of steps before the end of a chunk at which the next one is requested", "whole"),
+    Option("ahead", "the number of steps before the end of a chunk at which the next chunk is requested", "whole"),
     Option("ensemble", "the rate at which older chunks lose weight in an average over chunks", "number"),
 )
 """Options for the execution of action chunks; see :class:`betterbench.interface.Execution`."""
@@ -94,7 +94,7 @@ CONSTANT = Option("send.", "the constant that each request contains as KEY")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddressForm:
-    """Form of the addresses of one kind of policies.
+    """Form of the addresses of a kind of policies.
 
     Attributes:
         scheme: Name of the kind, the prefix of its addresses.
@@ -113,7 +113,7 @@ class AddressForm:
     port: int = 0
 
     def has(self, text: str) -> bool:
-        """Tell whether an address has this scheme, and a target if the scheme requires one."""
+        """Return whether an address has this scheme, with a target if the scheme requires a target."""
         head = text.partition("?")[0]
         scheme, colon, _ = head.partition(":")
         needed = {"none": "", "required": ":"}.get(self.target, colon)
@@ -124,7 +124,7 @@ class AddressForm:
 
         Args:
             text: The address.
-            world: The world in whose conventions the policy acts; empty for those of our own scenes.
+            world: World whose conventions the policy uses; empty for our own scenes.
 
         Raises:
             UnknownNameError: If the address has an option that the kind does not know.
@@ -173,8 +173,8 @@ class AddressForm:
 class PolicyAddress:
     """A parsed address: the target of a policy ("localhost:8000") and its options.
 
-    :meth:`AddressForm.read` has checked the options. ``world`` is the world in whose conventions it acts
-    ("libero"), empty for our own scenes: a preset is what the clients of that world do.
+    :meth:`AddressForm.read` has checked the options. ``world`` is the world whose conventions the policy uses
+    ("libero", empty for our own scenes); a preset then matches the clients of that world.
     """
 
     text: str
@@ -198,7 +198,7 @@ class PolicyAddress:
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     def given(self, options: Sequence[Option]) -> list[str]:
-        """Return the names of the given options that the address sets."""
+        """Return those of the given options that the address sets."""
         return [option.name for option in options if option.name in self.options]
 
     @property
@@ -245,14 +245,14 @@ class PolicyAddress:
 
     @property
     def path(self) -> str:
-        """The path of the server in requests: ``/act`` for ``POST`` unless the address names one, else "/"."""
+        """Path of requests. Without a path in the address: ``/act`` for HTTP, "/" for websockets."""
         path = urlsplit(f"//{self.target}").path
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
-        """Return how action chunks are executed; raise InvalidInputError if the options contradict each other.
+        """Return the execution of action chunks; raise InvalidInputError if the options contradict each other.
 
-        ``usual_horizon`` is that of the adapter, used if the address sets neither a horizon nor an ensemble.
+        ``usual_horizon`` is the adapter's, used if the address sets neither a horizon nor an ensemble.
         """
         ahead, horizon = self.whole("ahead", 0), None
         if "horizon" in self.options:
@@ -277,7 +277,7 @@ class PolicyAddress:
             self.number(name)
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number ≥ 0; raise InvalidInputError for any other value or one above the option's limit."""
+        """Return a finite number ≥ 0; raise InvalidInputError for other values and above the option's limit."""
         text = self.options.get(name)
         if text is None:
             return default
@@ -304,7 +304,7 @@ class PolicyAddress:
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
-        """Return one of several words; raise UnknownNameError for any other word."""
+        """Return a value from a list of words; raise UnknownNameError for any other word."""
         if name not in self.options:
             return default
         for word in choices:
@@ -313,5 +313,5 @@ class PolicyAddress:
         raise UnknownNameError(name, self.options[name], choices)
 
     def __str__(self) -> str:
-        """Return the address as it was given."""
+        """Return the address as given."""
         return self.text

@@ -47,8 +47,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     ) -> None:
         """Start the thread that calls ``answer``.
 
-        ``expected`` returns how many requests may be pending at once, including those that are; it is called in that
-        thread.
+        ``expected`` returns how many requests may be pending at once, including the current ones. The thread calls this
+        function.
         """
         self._answer, self._limit, self._expected = answer, max(1, limit), expected
         self._shortest_s = math.inf  # duration of the shortest call
@@ -64,10 +64,10 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         timeout_s: float | None = None,
         ready_at: Callable[[], float] = lambda: -math.inf,
     ) -> AnswerT:
-        """Return the answer to a request; an exception of the answering function is raised here.
+        """Return the answer to a request, or raise the exception of the answering function.
 
         The timeout [s] includes the wait behind other requests and starts no earlier than ``ready_at``
-        (``time.perf_counter``). Raises TimeoutError if no answer came in time; the call itself cannot be stopped.
+        (``time.perf_counter``). Raises TimeoutError if no answer came in time; the call itself continues.
         Raises RuntimeError if the collector is closed.
         """
         if self._closed:
@@ -89,7 +89,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         return pending.answer  # type: ignore[return-value]
 
     def close(self, *, timeout_s: float | None = None) -> bool:
-        """Answer pending requests, end the thread and return whether it has ended; a hanging call cannot be stopped."""
+        """Answer pending requests, end the thread, and return whether it has ended (a hanging call may continue)."""
         self._closed = True
         self._waiting.put(None)
         self._thread.join(timeout_s)
@@ -107,7 +107,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
                 return
 
     def _gathered(self) -> list[_PendingQuestion[QuestionT, AnswerT] | None]:
-        """Wait for the requests of the next call; a None at the end marks a closed collector."""
+        """Wait for the requests of the next call; a final None marks a closed collector."""
         waiting = [self._waiting.get()]
         until = time.perf_counter() + (self._shortest_s if math.isfinite(self._shortest_s) else 0.0)
         while len(waiting) < self._limit and waiting[-1] is not None:

@@ -1,4 +1,4 @@
-"""Decision rules of privileged policies: a rule decides on the next step, and the skills execute it."""
+"""Decision rules of privileged policies, whose decisions the motor skills execute."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from betterbench.tasks.relations.closed import drawer_to_move
 
 @dataclass(frozen=True, slots=True)
 class GraspOffset:
-    """A deliberate grasp error, for faulty policies.
+    """Deliberate grasp error, for faulty policies.
 
     Attributes:
-        miss_by_m: Gap between pads and object when the gripper closes beside it [m], or None for a good grasp.
+        miss_by_m: Gap between pads and object when the gripper closes next to the object [m], or None for a good grasp.
         drop: Whether to open the gripper in mid-air after the lift.
     """
 
@@ -51,7 +51,7 @@ class GraspAt:
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """Decision to start toward an object and then stop for good; without an object, never to start."""
+    """Decision to start toward an object and then stop for good; without an object, to never start."""
 
     toward: str | None
 
@@ -71,10 +71,10 @@ Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Trial of a decision rule: all that the rule knows besides the state.
+    """Trial, as known to a decision rule in addition to the state.
 
     Attributes:
-        task: The task, with its training regime.
+        task: The task, with its training conditions.
         condition: The condition of the trial.
         seed: Seed of the trial.
     """
@@ -85,7 +85,7 @@ class Situation:
 
 
 class DecisionRule(Protocol):
-    """Decision rule of a privileged policy, called for one decision after the other."""
+    """Decision rule of a privileged policy."""
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision.
@@ -97,7 +97,7 @@ class DecisionRule(Protocol):
 
 
 def carried(goal: Subgoal) -> bool:
-    """Tell whether a subgoal is reached by carrying its object, and not by moving a drawer."""
+    """Return whether a subgoal requires carrying its object, rather than moving a drawer."""
     return relation(goal.relation).carried
 
 
@@ -112,7 +112,7 @@ def at_target(state: WorldState, name: str, target: str, relation_name: str, reg
 
 
 def reached(state: WorldState, condition: Condition, index: int) -> bool:
-    """Tell whether the required number of objects of a subgoal are at its target."""
+    """Return whether the required number of objects of a subgoal are at its target."""
     goal = condition.instruction.subgoals[index]
     names = condition.resolve(goal.reference)
     return sum(at_target(state, n, goal.target, goal.relation, goal.region) for n in names) >= goal.count
@@ -125,9 +125,9 @@ def open_subgoal(state: WorldState, condition: Condition) -> int | None:
 
 
 def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
-    """Return the subgoals that may be worked on now: the first open one, or any if the order is free.
+    """Return the subgoals that may be executed now: the first open subgoal, or any if the order is free.
 
-    A drawer is closed only when its contents are inside. If a requested object does not exist, the others may be
+    A drawer is closed only after its contents are inside. If a requested object does not exist, other objects may be
     handled.
     """
     goals = condition.instruction.subgoals
@@ -142,7 +142,7 @@ def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
 
 
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:
-    """Return the object to take for a subgoal: one that is not at the target yet, drawn by seed among equal objects."""
+    """Return the object to take for a subgoal, drawn by seed among equal objects that are not at the target yet."""
     goals = situation.condition.instruction.subgoals
     goal = goals[index]
     resolve = situation.condition.resolve
@@ -181,6 +181,6 @@ class ExpertRule:
         return self.make_way(state, goal.target) or bring_to(goal, name)
 
     def make_way(self, state: WorldState, target: str) -> Draw | None:
-        """Return the drawer action required before an object can be put into the target, or None."""
+        """Return the drawer action that is required before an object can be put into the target, or None."""
         due = drawer_to_move(self.situation.condition, state, target)
         return None if due is None else Draw(due[0], out=due[1])

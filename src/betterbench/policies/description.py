@@ -1,4 +1,4 @@
-"""Description of a policy: its declarations as JSON of bounded size, so that two runs can be compared."""
+"""Description of a policy: declarations as JSON of bounded size, for comparison between runs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MAX_LISTED = 1000
 
 
 def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
-    """Return a policy's declarations as JSON; JSON documents in its metadata (adapter, handshake) are kept."""
+    """Return a policy's declarations as JSON. JSON documents in the metadata (adapter, handshake) are kept."""
     return {
         "address": address,
         "name": encodable(info.name),
@@ -38,7 +38,7 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
 
 
 def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
-    """Return a server's declarations as JSON of bounded size: short arrays become lists, long ones fingerprints."""
+    """Return a server's declarations as JSON of bounded size: short arrays become lists, long arrays become hashes."""
     plain = _plain(value, depth)
     if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
         return {"sha256": _fingerprint(json.dumps(plain, sort_keys=True).encode())}

@@ -1,4 +1,4 @@
-"""Policy factory: builds the policy instances of a worker from an address."""
+"""Policy factory, which builds the policy instances of a worker from an address."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SOURCE = "source file"
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-    """Return a policy's declarations, and check them against a run if one is given; a server is contacted.
+    """Return a policy's declarations, checked against a run if one is given. This contacts a server.
 
     Raises:
         UnknownNameError: If no policy has this address.
@@ -38,7 +38,7 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the deadline of one answer [s]: that in the address of a server, else that of the run.
+    """Return the deadline of one answer [s], from the address of a server or else from the run.
 
     The address may also be the name of a policy object passed by the caller of the run.
     """
@@ -49,7 +49,7 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 
 
 class PolicyFactory:
-    """Factory of the policies of one worker; as a context manager it closes an instance that was not handed out."""
+    """Factory of the policies of one worker. As a context manager, it closes an instance that was not taken."""
 
     def __init__(
         self,
@@ -63,11 +63,11 @@ class PolicyFactory:
     ) -> None:
         """Prepare the factory; nothing is loaded and no server is contacted yet.
 
-        ``world`` is the world in whose conventions a server is spoken to (``World.dialect``).
+        ``world`` is the world whose conventions are used with a server (``World.dialect``).
 
         With ``apart``, a user's policy is loaded in a separate process, within ten times the ``timeout_s`` of an answer
-        [s]. ``known`` is the declaration of the policy's server when the run began, or None if clients compare it
-        themselves. ``kind`` is the kind of policies; that of the address if not given.
+        [s]. ``known`` is the server's declaration at the start of the run, or None if clients compare declarations
+        themselves. ``kind`` is the kind of policies; the kind of the address if not given.
 
         Raises UnknownNameError if no policy has this address.
         """
@@ -91,26 +91,29 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Declarations of the policy, which is built once for this; raises the errors of :func:`check_policy`."""
+        """Declarations of the policy, built for this purpose on first use.
+
+        Raises the errors of :func:`check_policy`.
+        """
         if self._info is None:
             self._info = self._kind.describe(self._kind.parse(self.address, world=self._world))
         if self._info is None:
             self._made = self._make()
             self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
             source = self._source()
-            if source:  # a resumed run compares it
+            if source:  # compared when a run resumes
                 self._info = replace(self._info, metadata={**self._info.metadata, SOURCE: source})
         return self._info
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers the observations of many environments. The policy is built to find out."""
+        """Whether one instance answers the observations of many environments. This builds the policy."""
         return bool(self.info) and self._takes_batches
 
     def check(
         self, action_space: str | None = None, observation: str | None = None, *, rate_hz: float = CONTROL_RATE_HZ
     ) -> PolicyInfo:
-        """Return :attr:`info`, and check it as :func:`check_policy` does; the action space of a replay is empty.
+        """Return :attr:`info`, checked as in :func:`check_policy`. The action space of a replay is empty.
 
         ``rate_hz`` is the control rate of the run [Hz].
         """
@@ -122,7 +125,7 @@ class PolicyFactory:
         return info
 
     def policy(self, scene: TrialScene, trial: PlannedTrial) -> AnyPolicy:
-        """Return the policy of one episode, where it needs no thread; InvalidInputError if it knows only our world."""
+        """Return the policy of one episode, without a thread; InvalidInputError if it supports only our own world."""
         if self.needs.state or self.needs.trial:
             return make_for(self.address, scene, trial)
         if self._made is None:
@@ -130,7 +133,7 @@ class PolicyFactory:
         return self._made
 
     def take(self) -> Policy:
-        """Return an instance for the caller, who closes it."""
+        """Return an instance that the caller must close."""
         with self._lock:
             made, self._made = self._made, None
         return self._make() if made is None else made
@@ -156,20 +159,20 @@ class PolicyFactory:
         return made
 
     def close(self) -> None:
-        """Close an instance that was made and not taken; harmless if already closed."""
+        """Close an instance that was made but not taken; harmless if already closed."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)
 
     def _source(self) -> str:
-        """Return name and fingerprint of the user's file with the policy, or an empty text."""
+        """Return name and SHA-256 of the user's file with the policy, or an empty text."""
         if isinstance(self._made, PolicyProcess):
             return self._made.source
         return self._kind.source_of(self._kind.parse(self.address)) if self._kind.source_of is not None else ""
 
 
 def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> None:
-    """Raise InvalidInputError if a policy answers in another action space than that of the run, if one is given."""
+    """Raise InvalidInputError if a policy answers in another action space than a given run."""
     if info.action_space and action_space not in (None, info.action_space):
         raise InvalidInputError(
             "action space",

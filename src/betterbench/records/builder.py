@@ -25,10 +25,10 @@ _FLOAT64 = np.dtype(np.float64)
 
 
 class RecordBuilder:
-    """Collects the states of one episode.
+    """Builder that collects the states of one episode.
 
     Appending copies the simulator's arrays and keeps a reference to the state, which is a frozen value. All conversion
-    happens in :meth:`finish`, so that a control step takes only a few microseconds.
+    happens in :meth:`finish`, so appending takes only a few microseconds per control step.
 
     Raises:
         InvalidInputError: If the metadata cannot be written as JSON or has another schema version.
@@ -95,7 +95,7 @@ class RecordBuilder:
 
         The arrays ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,) are copied;
         activations are part of the physical state. ``action`` is the policy's answer and ``applied`` its clipped form,
-        both (dim,). They are None only at reset.
+        both (dim,). Both are None only at reset.
 
         Raises:
             InvalidInputError: If the step is out of order or an array changes its shape.
@@ -129,7 +129,7 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append the relations of the first row without any, in the order of the metadata.
+        """Append the relations of the first row that lacks them, in the order of the metadata.
 
         Raises:
             InvalidInputError: If a truth value is missing, or every row already has its relations.
@@ -232,10 +232,10 @@ class RecordBuilder:
         """Raise InvalidInputError if a state belongs to another scene than the metadata."""
         if state.info != self._info:
             raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
-        self._info = state.info  # makes the next comparison one of identity
+        self._info = state.info  # makes the next comparison a fast identity check
 
     def _check_truths(self, predicates: Sequence[bool], subgoals: Sequence[bool]) -> None:
-        """Raise InvalidInputError if their number differs from that in the metadata."""
+        """Raise InvalidInputError if the number of truth values differs from the metadata."""
         if (len(predicates), len(subgoals)) != self._lengths:
             problem = f"{len(predicates)} and {len(subgoals)} truth values"
             cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
@@ -265,8 +265,8 @@ class RecordBuilder:
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """Return one value per row as an array (T, *shape). Raises ValueError for a wrong shape.
 
-    Nested values are flattened first, which takes a third of the time that NumPy needs to find their shape. A row with
-    the identical value of the row before, as for objects at rest, is flattened only once.
+    Nested values are flattened first, which takes a third of the time that NumPy needs to find their shape. A value
+    that is identical to the previous row, as for objects at rest, is flattened only once.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]
     flat: Iterable[Any] = [values[i] for i in new]

@@ -1,4 +1,4 @@
-"""The columns of a record and their Parquet form."""
+"""Columns of a record and their Parquet form."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("goal", "bool"),
     Column("forbidden", "bool"),
 )
-"""All columns with one value per row and width; contacts are stored separately because their number varies."""
+"""All columns with one value per row and width. Contacts are stored separately, because their number varies."""
 
 CONTACTS = "contacts"
 """Name of the Parquet column that lists each row's contacts."""
@@ -159,5 +159,5 @@ def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, 
     if pairs.size and (pairs.min() < 0 or pairs.max() >= bodies):
         raise RecordError("a contact names a body that is not listed; record the trial again")
     if held.min() < -1 or held.max() >= widths["objects"]:
-        raise RecordError("the held object is not one of the scene; record the trial again")
+        raise RecordError("the held object is not in the scene; record the trial again")
     return arrays, Contacts((offsets - offsets[0]).astype(np.int32), pairs, items.field(2).to_numpy())

@@ -1,4 +1,4 @@
-"""Compressed blocks of bytes that are read individually and often; LZ4 decompresses fastest."""
+"""Compressed blocks of bytes for frequent individual reads, with LZ4, which decompresses fastest."""
 
 from __future__ import annotations
 

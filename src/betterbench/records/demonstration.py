@@ -1,4 +1,4 @@
-"""Metadata of a demonstration: its demonstrator, and the rows of each skill and subgoal."""
+"""Metadata of a demonstration: demonstrator, and rows of each skill and subgoal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Demonstrator:
     Attributes:
         kind: Kind of demonstrator.
         name: Name of the expert, the method or the person.
-        manner: Parameters of its motion style, by name with the unit ("speed", "approach_height_m").
+        manner: Parameters of the motion style, by name with unit ("speed", "approach_height_m").
         sources: Demonstrations from which this one was composed, "TASK/CONDITION/SEED", in order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
             ``action`` contains the intended action, which is the label to learn, and ``applied`` the executed one.
@@ -59,9 +59,9 @@ class SkillWindow:
 
     Attributes:
         kind: Effect on the object.
-        object: Name of the object; for a miss, of the object that was taken next, or "".
-        target: Target of the placement, or "" if it is not the target of a subgoal.
-        relation: Relation to the target, or "" in the same case.
+        object: Name of the object; for a miss, the object that was picked next, or "".
+        target: Target of the placement, or "" if no subgoal has this target.
+        relation: Relation to the target, or "" without a target.
         region: Region of the target, or "" if it has only one.
         start: First row.
         change: Row after the action that begins to close the gripper, or to open it for a placement.
@@ -90,12 +90,12 @@ class SubgoalSegment:
     """The rows [start, stop) that serve one subgoal; the segments of a record are contiguous.
 
     Attributes:
-        subgoal: Name of the subgoal that is done at the end of these rows, "" for rows after the last one.
+        subgoal: Name of the subgoal that is done at the end of these rows, "" for rows after the last subgoal.
         object: Name of the object that was placed or slid.
         target: Name of the target.
         relation: Relation of the subgoal.
         region: Region of the target, or "" if it has only one.
-        skills: Skill windows within these rows, in time; rows between two windows are transit.
+        skills: Skill windows within these rows, in order of time; rows between two windows are transit.
     """
 
     subgoal: str

@@ -1,4 +1,4 @@
-"""The journal of a run: one line per finished trial, and the only source for resuming the run.
+"""Journal of a run: one line per finished trial, and the only source for resuming the run.
 
 Each line contains the SHA-256 of its record, the digest of its scene, and a link (the SHA-256 of the previous link and
 of the line itself). The links detect changed, missing or reordered lines. Journals of older versions lack the digest of
@@ -29,14 +29,14 @@ class JournalEntry:
 
     Attributes:
         condition: Name of the condition within the task ("train1", "L3").
-        status: "done" if its record is on disk, "error" if it has to be run again.
+        status: "done" if its record is on disk, "error" if the trial must be repeated.
         message: Description of the failure, for "error".
         wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records contain none.
-        ground_truth: Ground truth that a faulty policy reports about its own episode, by name; neither records nor
-            verdicts use it.
-        record: SHA-256 of the file of its record, or None if there is no record or an older version wrote the line.
-        scene: Digest of the files of its scene (:func:`~betterbench.records.scene_archive.scene_digest`), or None in
-            the same cases.
+        ground_truth: Ground truth that a faulty policy reports about its own episode, by name; not used by records or
+            verdicts.
+        record: SHA-256 of the record file, or None if there is no record or an older version wrote the line.
+        scene: Digest of the scene's files (:func:`~betterbench.records.scene_archive.scene_digest`), or None in the
+            same cases.
     """
 
     task: str
@@ -60,7 +60,7 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
-    """JSON form of an entry: all fields are written; journals of older versions have no ground truth."""
+    """JSON form of an entry. All fields are written; journals of older versions have no ground truth."""
 
     task: str
     condition: str
@@ -126,9 +126,9 @@ class Journal(LineJournal):
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Append that a finished trial without a record has to be run again; raises as :meth:`append` does.
+        """Append a mark that a finished trial without a record must be repeated; raise the errors of :meth:`append`.
 
-        Nothing happens if the trial is not finished.
+        Does nothing if the trial is not finished.
         """
         if self.is_done(key):
             self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None, scene=None))
@@ -169,7 +169,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
                 raise not_following(where, _LINE_CURE)
         entry = JournalEntry(**fields)
         if entry.status == "error":
-            done.pop(entry.key, None)  # its record was missing
+            done.pop(entry.key, None)  # marked because its record was missing
         elif entry.key in done:
             raise RecordError(f"{where} finishes {entry.key} again, after line {done[entry.key]}. {_LINE_CURE}.")
         else:

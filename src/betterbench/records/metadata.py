@@ -15,11 +15,13 @@ from betterbench.records.demonstration import Demonstrator, SubgoalSegment
 from betterbench.tasks import Looks
 
 SCHEMA_VERSION = 1
-"""Version of the record's columns and metadata; it increases when an older reader would misinterpret a newer file."""
+"""Version of the record's columns and metadata; increased when an older reader would misinterpret a newer file."""
 
 Termination = Literal["success", "failure", "step_limit", "policy_error", "interrupted"]
-"""Reason for the end of an episode. The goal was met (or doing nothing was right), the goal became unreachable,
-something forbidden happened, the step limit was reached, the policy violated its protocol, or the operator stopped it.
+"""Reason for the end of an episode.
+
+In order: the goal was met (or doing nothing was right), the goal became unreachable, a forbidden interaction happened,
+the step limit was reached, the policy violated its protocol, or the operator stopped.
 """
 
 _Count = Annotated[int, Field(ge=0)]
@@ -33,7 +35,7 @@ class Outcome:
     """Outcome of an episode.
 
     Attributes:
-        success: Whether the trial counts as a success under its expected behavior.
+        success: Whether the trial is a success, given its expected behavior.
         error: Description of the error, for "policy_error" and "interrupted".
         clipped_actions: Number of actions that were clipped to the bounds of the action space.
         invalid_actions: Number of answers that could not be executed.
@@ -74,15 +76,15 @@ class RecordMetadata:
         expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").
         action_components: Name of each number of an action.
         camera_preset: Name of the observation preset, or None if no image was rendered.
-        render_quality: Name of the render preset, or None in the same case.
-        engine: Fingerprint of everything that affects the numbers: simulator and its version, renderer, model hash.
+        render_quality: Name of the render preset, or None if no image was rendered.
+        engine: Versions that affect the numbers: simulator with version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
         looks: Set of looks from which the run draws.
         room: Name of the room of the trial.
         view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
         predicate_names: Meaning of each column of ``predicates``.
         subgoal_names: Meaning of each column of ``subgoals``, in the instructed order.
-        demonstrator: Source of the demonstration; None for the trial of a policy under test.
+        demonstrator: Source of the demonstration; None for the trial of an evaluated policy.
         segments: The rows that serve each subgoal, derived from the states; only for demonstrations.
     """
 

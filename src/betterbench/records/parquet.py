@@ -34,7 +34,7 @@ twice as long. Byte stream split of the arm's floats made 17 of 18 episodes larg
 
 NO_DIGEST = b"0" * 64
 """Placeholder for the digest in a file that is not sealed yet."""
-# In the compact Thrift form of the footer, a key is followed by the type of a text (18) and its length, 64 (40).
+# in the compact Thrift form of the footer, the type of a text (18) and its length 64 (40) follow a key
 _SEAL = re.compile(re.escape(SEAL_KEY) + rb"\x18\x40([0-9a-f]{64})")
 
 MAX_FILE_BYTES = 1 << 30
@@ -119,7 +119,7 @@ _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly),
 
 _PLACE = f"Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
 _WHOLE = f"Copy it again from an intact source. {AGAIN}"
-"""Remedy for a truncated or changed record. Resuming a run moves it aside and deletes nothing."""
+"""Remedy for a truncated or changed record. Resuming a run moves such a record aside and does not delete it."""
 _MAGIC = b"PAR1"
 
 
@@ -155,14 +155,14 @@ def record_bytes(record: Record) -> bytes:
 
 
 def seal(data: bytes) -> bytes:
-    """Return a record's file with the digest of its content inserted. Raises RecordError if it has no place for it."""
+    """Return a record's file with its digest inserted. Raises RecordError if the file lacks the placeholder."""
     start, end = _seal_span(data)
     blank = data[:start] + NO_DIGEST + data[end:]
     return data[:start] + hashlib.sha256(blank).hexdigest().encode("ascii") + data[end:]
 
 
 def _seal_span(data: bytes) -> tuple[int, int]:
-    """Return the span of the digest in the file. Raises RecordError if it does not occur exactly once."""
+    """Return the span of the digest in the file. Raises RecordError unless the digest occurs exactly once."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
         raise RecordError(f"is damaged or not a record. {_PLACE}")
@@ -194,7 +194,7 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
 
 
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
-    """Read the trial and the outcome of a record; raises what :func:`read_outcome` raises."""
+    """Read the trial and the outcome of a record; raise the errors of :func:`read_outcome`."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 
@@ -204,7 +204,7 @@ def _intact(path: Path, digest: str | None) -> bytes:
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=_PLACE, raises=RecordError)
     if not data.endswith(_MAGIC) and (digest is not None or data.startswith(_MAGIC)):
         raise RecordError(f"is damaged (its end is missing). {_WHOLE}")
-    # The Parquet reader is native code that can crash on damaged files, so it only reads intact ones.
+    # the Parquet reader is native code that can crash on damaged files, so it only reads intact files
     try:
         intact = seal(data) == data
     except RecordError:
@@ -250,7 +250,7 @@ def _document_bytes(file: pq.ParquetFile) -> bytes:
 
 
 def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
-    """Raise RecordError for columns that differ from the metadata, a file without rows, or one that is too large."""
+    """Raise RecordError if columns differ from the metadata, or the file has no rows or is too large."""
     actual = file.schema_arrow
     if not actual.equals(expected):
         names = sorted(set(expected.names) ^ set(actual.names)) or [
@@ -262,7 +262,7 @@ def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
         )
     if file.metadata.num_rows < 1:
         raise RecordError("has no rows; record the trial again")
-    # Metadata of single columns is not read: pyarrow 26 aborts the process on some malformed files.
+    # do not read the metadata of single columns: pyarrow 26 aborts the process on some malformed files
     rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in expected)
     groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
     if max(sum(group.total_byte_size for group in groups), rows * per_row * 8) > MAX_UNPACKED_BYTES:

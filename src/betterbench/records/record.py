@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK_ROWS = 256
-"""Number of rows converted to states at once: large enough to be fast, small enough to save memory."""
+"""Number of rows converted to states at once, a compromise between speed and memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

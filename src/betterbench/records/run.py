@@ -1,4 +1,4 @@
-"""Run folder: the paths of its files, its plan, its lock and its context."""
+"""Run folder: paths of files, plan, lock and context."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ _RUN_DOCUMENT = TypeAdapter(_RunDocument)
 class RunFolder:
     """Folder of one run.
 
-    ``plan`` defines the run; a run can only be resumed with the same plan. ``context`` is further information that may
+    ``plan`` defines the run, which can only be resumed with the same plan. ``context`` is further information that may
     differ on resuming, such as the machine and the policy handshake.
     """
 
@@ -108,14 +108,14 @@ class RunFolder:
 
     @classmethod
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
-        """Create a run, or resume the existing one if its plan is the same or a subset of this one.
+        """Create a run, or resume the existing run if its plan is the same or a subset.
 
-        The folder is created if missing, and ``run.json`` is written before anything else. A resumed run keeps the
-        context of its first start. A plan with more trials replaces the stored one, and the context records the time.
+        The folder is created if missing, and ``run.json`` is written first. A resumed run keeps the context of its
+        first start. A plan with more trials replaces the stored plan, and the context records the time.
 
         Raises:
             RunConflictError: If the folder contains a run with another plan or other files, or is being written to.
-            RecordError: If its ``run.json`` is corrupt.
+            RecordError: If ``run.json`` is corrupt.
             InvalidInputError: If plan or context is not JSON.
         """
         path = path.absolute()
@@ -146,8 +146,8 @@ class RunFolder:
         """Open an existing run for reading.
 
         Raises:
-            RecordError: If the folder contains no run, or a run that is corrupt or of another version, or its tasks
-                need a user's file that is not loaded.
+            RecordError: If the folder contains no run, the run is corrupt or of another version, or its tasks need a
+                user's file that is not loaded.
         """
         try:
             holds_run = (path / "run.json").is_file()
@@ -172,7 +172,7 @@ class RunFolder:
 
     @property
     def report_path(self) -> Path:
-        """The folder of the report; raises as :meth:`inside` does."""
+        """The folder of the report; raises the errors of :meth:`inside`."""
         return self.inside("report")
 
     @property
@@ -206,7 +206,7 @@ class RunFolder:
         return True
 
     def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
-        """Write a plan that extends this one, and return the run."""
+        """Write a plan that extends the current plan, and return the run."""
         done = sum(entry.status == "done" for entry in self.entries())
         at_utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         step = {"at_utc": at_utc, "trials_before": len(self.plan["trials"]), "done_before": done}
@@ -223,8 +223,8 @@ class RunFolder:
     def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending, which locks the folder until it is closed.
 
-        With ``renews``, the journal continues if the folder is removed or moved meanwhile. The caller then restores the
-        run and repeats the trials whose records are missing.
+        With ``renews``, the journal continues if the folder is removed or moved. The caller then restores the run and
+        repeats the trials whose records are missing.
 
         Raises:
             RecordError: If the journal lists trials that are not planned. Other errors are those of
@@ -250,7 +250,7 @@ class RunFolder:
         return entries
 
     def entry(self, trial: TrialId) -> JournalEntry | None:
-        """Return the last line of the journal about a trial, or None; raises as :meth:`entries` does."""
+        """Return the last line of the journal about a trial, or None; raise the errors of :meth:`entries`."""
         return _known_entries(self.journal_path).get(trial)
 
     def record_digest(self, entry: JournalEntry) -> str:
@@ -258,7 +258,7 @@ class RunFolder:
         return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
 
     def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Warn once about records that the journal does not list; silent in the process that writes them."""
+        """Warn once about records that the journal does not list, except in the process that writes them."""
         told = (self.path, len(entries))
         if told in _TOLD or self.is_running:
             return
@@ -268,7 +268,7 @@ class RunFolder:
         if unlisted:
             logger.warning(
                 "%s: does not list %d existing records, of %s and others: it was truncated, or the run was killed. "
-                "They do not count; repeat the command of the run to run their trials again",
+                "These records are ignored; repeat the command of the run to repeat their trials",
                 self.journal_path,
                 len(unlisted),
                 one_line(unlisted[0]),
@@ -317,8 +317,8 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read a trial's record.
 
-        Pass the ``digest`` of the file if it was read earlier, because the run may have changed since. Otherwise the
-        digest of the journal is used.
+        Pass the ``digest`` of the file if known from earlier, because the run may have changed since. By default, the
+        digest in the journal is used.
 
         Raises:
             RecordError: If the record is missing or unreadable, or does not match plan and journal: another trial,
@@ -331,7 +331,7 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read the trial and the outcome of a record, which is fast; raises as :meth:`read_record` does.
+        """Read only the trial and the outcome of a record, which is fast; raise the errors of :meth:`read_record`.
 
         If ``entry`` is given, the journal is not read.
         """
@@ -341,7 +341,7 @@ class RunFolder:
         return brief
 
     def outcome(self, entry: JournalEntry) -> Outcome:
-        """Return the outcome of the trial of a journal line; raises as :meth:`read_record` does."""
+        """Return the outcome of the trial of a journal line; raise the errors of :meth:`read_record`."""
         return self.read_brief(entry.key, entry=entry).outcome
 
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
@@ -372,15 +372,18 @@ class RunFolder:
                 )
 
     def records(self) -> Iterator[Record]:
-        """Yield the records of finished trials in the order of the journal. Raises RecordError if one is invalid."""
+        """Yield the records of finished trials in the order of the journal.
+
+        Raises RecordError for an invalid record.
+        """
         for entry in self.entries():
             if entry.status == "done":
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move an unusable file of the run to ``RUN/set-aside`` and return its new path; None if it does not exist.
+        """Move an unusable file to ``RUN/set-aside`` and return the new path; None if there is no such file.
 
-        Nothing is deleted, because it may be the user's only copy.
+        The file is not deleted, because it may be the user's only copy.
         """
         if not path.exists() and not path.is_symlink():
             return None
@@ -392,7 +395,7 @@ class RunFolder:
         return place
 
     def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
-        """Store a scene once; raises as :func:`~betterbench.records.scene_archive.write_scene` does."""
+        """Store a scene once; raise the errors of :func:`~betterbench.records.scene_archive.write_scene`."""
         path = self.scene_path(scene_hash)
         if not path.exists():
             write_scene(path, files)
@@ -409,7 +412,7 @@ class RunFolder:
         """
         name = scene.content_hash
         path = self.scene_path(name)
-        if name not in _DIGESTS:  # computing the digest takes 30 ms, which is done once per scene
+        if name not in _DIGESTS:  # computing the digest takes 30 ms, so do this once per scene
             _DIGESTS[name] = scene_digest(name, scene.files())
         digest = _DIGESTS[name]
         if has_digest(path, digest) or (path.is_file() and path.stat().st_size == 0):
@@ -431,7 +434,7 @@ class RunFolder:
         return digest
 
     def load_scene(self, scene_hash: str, *, digest: str | None = None) -> dict[str, bytes]:
-        """Return the files of a stored scene by name, without writing them to disk; raises as ``read_scene`` does."""
+        """Return the files of a stored scene by name, without writing to disk; raise the errors of ``read_scene``."""
         return read_scene(self.scene_path(scene_hash), digest=digest)
 
     def scene_digest(self, trial: TrialId) -> str | None:
@@ -445,7 +448,7 @@ class RunFolder:
         if entry.scene is None and self.path not in _WITHOUT_SCENES:
             _WITHOUT_SCENES.add(self.path)
             logger.warning(
-                "%s: an earlier version wrote it without digests of the scenes, so a replaced scene would not be "
+                "%s: an earlier version wrote this journal without digests of scenes, so a replaced scene would not be "
                 "detected",
                 self.journal_path,
             )
@@ -454,7 +457,7 @@ class RunFolder:
     def scene_of(self, record: RecordMetadata) -> dict[str, bytes]:
         """Return the files of the scene of a recorded trial, verified against the journal.
 
-        Raises as :func:`~betterbench.records.scene_archive.read_scene` does.
+        Raises the errors of :func:`~betterbench.records.scene_archive.read_scene`.
         """
         digest = self.scene_digest(TrialId(record.task, record.condition, record.seed))
         return self.load_scene(record.scene_hash, digest=digest)
@@ -486,12 +489,12 @@ _WITHOUT_SCENES: set[Path] = set()
 """Runs whose missing scene digests have been reported."""
 
 _TOLD: set[tuple[Path, int]] = set()
-"""Runs that were checked for unlisted records, with the number of trials that they listed then."""
+"""Runs that were checked for unlisted records, with the number of listed trials at that time."""
 
 
 @lru_cache(maxsize=8)
 def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
-    """Return the entries of a journal by trial; cached by file size and time of the last change."""
+    """Return the entries of a journal by trial, cached by file size and time of the last change."""
     del size, changed_ns
     entries = {entry.key: entry for entry in read_journal(path)}
     say_lost_tail(path)
@@ -514,11 +517,11 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
     found: dict[TrialId, Mapping[str, Any]] = {}
     for trial in listed:
         form = trial if isinstance(trial, dict) else {}
-        # Variations are listed by their own condition; plans of the first versions gave the condition they are derived
-        # from.
+        # Variations are listed by their own condition. Plans of the first versions listed the training condition of a
+        # variation.
         task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
         if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
-            return None  # the reader of the plan reports the problem
+            return None  # reported by the reader of the plan
         found[TrialId(task, condition, seed)] = form
     return found
 
@@ -570,11 +573,11 @@ def _seed(seed: int) -> int:
 
 
 _GROWING = ("trials", "task_versions", "task_files")
-"""Parts of a plan that may grow when a run is continued; planned trials stay unchanged."""
+"""Parts of a plan that may grow when a run is continued, without changing planned trials."""
 
 
 def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether a plan extends another one by trials and is otherwise equal."""
+    """Return whether a plan equals another plan except for additional trials."""
     rest, others = ({k: v for k, v in p.items() if k not in _GROWING} for p in (plan, other))
     if dump_json(rest) != dump_json(others):
         return False

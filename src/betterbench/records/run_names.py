@@ -1,4 +1,4 @@
-"""Unique names of several runs that are shown side by side."""
+"""Unique names for several runs shown together."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.records.run import RunFolder
 
 BUILT_IN = re.compile(r"expert|noop|random|(expert|zoo|probe|replay|independent|learned):.*", re.IGNORECASE)
-"""Reserved names of built-in policies. A user's class that declares one of them is called by its address instead.
+"""Reserved names of built-in policies. A user's class that declares a reserved name is shown by its address instead.
 
 Reading records does not import the policy kinds; a test compares this pattern with them.
 """
@@ -27,7 +27,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
     their policy instead. If that is also shared, the folder of the run is added in parentheses.
 
     Raises:
-        InvalidInputError: If the number of given names is not that of the runs, or a name is empty, too long or
+        InvalidInputError: If the number of given names differs from the number of runs, or a name is empty, too long or
             repeated.
     """
     if given:
@@ -40,7 +40,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 
 
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
-    """Return unique names: equal names get the folder of the run, and a number if that is not enough."""
+    """Return unique names. Equal names get the folder of the run, and then a number if necessary."""
     counts = Counter(names)
     named = [
         name if counts[name] == 1 else f"{name} ({Path(place).resolve().name if str(place) else number})"
@@ -58,7 +58,7 @@ def _declared(run: RunFolder) -> str:
 
 
 def _shown(name: object) -> str:
-    """Return an external name as one line of bounded length; empty if it is invalid."""
+    """Return an external name as one line of bounded length; empty for an invalid name."""
     line = "".join(c if c.isprintable() else " " for c in name).strip() if isinstance(name, str) else ""
     return line if len(line) <= MOST_CHARACTERS else f"{line[: MOST_CHARACTERS - 1]}…"
 
@@ -66,7 +66,7 @@ def _shown(name: object) -> str:
 def _checked(given: Sequence[str], runs: int) -> tuple[str, ...]:
     if len(given) != runs:
         problem = f"there {'is 1 name' if len(given) == 1 else f'are {len(given)} names'} for {runs} run(s)"
-        raise InvalidInputError("--name", problem, "Give it once per run, in the same order")
+        raise InvalidInputError("--name", problem, "Give one name per run, in the same order")
     for name in given:
         if not name.strip() or _shown(name) != name:
             cure = f"Give 1 to {MOST_CHARACTERS} printable characters"

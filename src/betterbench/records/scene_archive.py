@@ -1,8 +1,8 @@
 """Archive of a compiled scene: a reproducible zip file, which may come from an untrusted source.
 
-The comment of the zip file contains the digest of the scene's name and of all its files (:func:`scene_digest`). It is
-verified before any file is used, so that MuJoCo never loads a changed model or the archive of another scene. The
-journal of a run also contains the digest of each trial's scene, which detects an archive that was replaced together
+The comment of the zip file contains the digest of the scene's name and of all its files (:func:`scene_digest`). The
+digest is verified before any file is used, to keep MuJoCo from loading a changed model or the archive of another scene.
+The journal of a run also contains the digest of each trial's scene, which detects an archive that was replaced together
 with its digest.
 """
 
@@ -79,7 +79,7 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
 
 
 def has_digest(path: Path, digest: str) -> bool:
-    """Return whether an archive states a digest; its files are verified when they are read."""
+    """Return whether an archive contains a digest. Reading the archive verifies its files."""
     seal = _seal(digest)
     try:
         with open_ordinary(path) as stream:

@@ -1,9 +1,9 @@
-"""Segments of a record: the rows of each subgoal, derived only from the states.
+"""Segments of a record: rows of each subgoal, derived only from the states.
 
-A skill lasts from the action that closes the gripper to the action that opens it. An object that was held in between
-was picked and placed, a drawer that moved was slid, and otherwise it was a miss. A skill's window begins when the tool
-comes within :data:`NEAR_M` of the position of the gripper change, and ends when the tool has left it. A segment ends
-with the skill that achieves its subgoal.
+A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
+skill is a pick and place; if a drawer moved, a slide; otherwise, a miss. A skill's window begins when the tool comes
+within :data:`NEAR_M` of the position of the gripper change, and ends when the tool has left it. A segment ends with the
+skill that achieves its subgoal.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ LIFTED_M = 0.06
 LEFT_M = 0.10
 """Distance from that position at which the windows of a placement and of a slide end [m]."""
 HELD_ROWS = 3
-"""Minimum number of rows for which an object is held to count as picked."""
+"""Minimum number of rows for which a picked object is held."""
 SLID_M = 0.005
-"""Minimum motion of a drawer that counts as a slide [m]: the largest gap of a closed drawer."""
+"""Minimum motion of a drawer in a slide [m]: the largest gap of a closed drawer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +149,7 @@ def _begin(record: Record, change: int, earliest: int) -> int:
 
 
 def _end(record: Record, change: int, away_m: float, latest: int) -> int:
-    """Return the row after the first one at which the tool is far from a change's position, at most ``latest``."""
+    """Return the row after the tool first is far from a change's position, at most ``latest``."""
     row = min(change, len(record) - 1)
     away = np.flatnonzero(_distances(record, row, latest, row) >= away_m)
     return min(row + int(away[0]) + 1, latest) if len(away) else latest

@@ -15,7 +15,7 @@ class Axis(StrEnum):
 
     @property
     def letter(self) -> str:
-        """Letter that begins the ids of this axis' variations: L, R, O or T."""
+        """First letter of the names of this axis's variations: L, R, O or T."""
         return {"s": "L", "p": "R", "a": "O", "t": "T"}[self.value[0]]
 
     @classmethod

@@ -49,7 +49,7 @@ class ObjectSpec:
     """Specification of an object in a condition.
 
     Attributes:
-        name: Name in the scene. It carries no meaning: renaming every object changes no verdict.
+        name: Name in the scene. Names carry no meaning: renaming all objects leaves every verdict unchanged.
         kind: Noun of the object in instructions ("red mug").
         category: Category of its asset ("mug").
         color: Color of its asset, or None to let the generator choose.
@@ -67,7 +67,7 @@ class ObjectSpec:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Fully specified setting of a task: layout, identities, initial state, instruction, goal and ordered subgoals.
+    """Fully specified setting of a task: layout, object identities, initial state, instruction and subgoals.
 
     Attributes:
         name: Name within the task ("train1", "L3").

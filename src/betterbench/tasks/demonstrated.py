@@ -1,8 +1,8 @@
-"""Measured points of release and final poses of the expert's demonstrations: the file and its look-up.
+"""File of release points and final poses measured in the expert's demonstrations, and look-up in this file.
 
-``better certify --demonstrations`` measures it. Scenes draw the poses of pre-placed objects from it, and clause (b) of
-the certificate compares releases with it. It is packaged with the suite; for the tasks of a user's file it is stored
-beside that file.
+``better certify --demonstrations`` writes the file. Scenes draw the poses of pre-placed objects from the final poses,
+and clause (b) of the certificate compares releases with the release points. The file of the suite is part of the
+package; the file of user tasks is stored next to the task file.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.user_files import companion_of, options_for
 
 HEIGHT_MM = 5.0
-"""Largest vertical distance of a release from a trained release height [mm]; suite, §3."""
+"""Maximum vertical distance of a release from a trained release height [mm]."""
 REACH_MM = 15.0
-"""Largest horizontal distance of a release in a container from a trained one [mm]: the jitter of a slot."""
+"""Maximum horizontal distance of a release in a container from a trained release [mm]: the jitter of a slot."""
 
 PACKAGED = "demonstrations.json"
 FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
@@ -72,11 +72,11 @@ class Releases:
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return the distance of a height from the nearest trained one [mm]; negative below it."""
+        """Return the distance of a height from the nearest trained height [mm]; negative below the trained height."""
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
-        """Return the distance of a point, in the frame of ``points_mm``, from the nearest trained one [mm]."""
+        """Return the distance of a point, in the frame of ``points_mm``, from the nearest trained point [mm]."""
         return min(math.dist((x_mm, y_mm), point) for point in self.points_mm)
 
 
@@ -130,10 +130,10 @@ class Demonstrated:
     def final_poses_at(
         self, target_kind: str, relation: str, region: str, *, kind: str, assets: tuple[str, str]
     ) -> tuple[FlatPose, ...]:
-        """Return the final poses at a target of the most similar object.
+        """Return the demonstrated final poses of the most similar object at a target.
 
-        These are the poses of the same assets (of object and target), else of the same asset of the object, else of its
-        kind, else of any object brought there; empty if there are none.
+        The poses come from the same assets of object and target; if there are none, from the same object asset, then
+        from the same kind of object, then from any object at that target.
         """
         place = (target_kind, relation, region)
         there = [p for p in self.final_poses if (p.target_kind, p.relation, p.region) == place]
@@ -182,7 +182,7 @@ _measured: dict[str, Demonstrated] = {}
 
 @contextmanager
 def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
-    """Set a task's demonstrations temporarily: those measured so far determine where the next ones begin."""
+    """Set a task's measurements temporarily, because earlier demonstrations determine the starts of later ones."""
     before = _measured.get(task)
     if found is not None:
         _measured[task] = found
@@ -202,7 +202,8 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
         engine: Version of the physics engine in use; its minor version must be the same.
 
     Raises:
-        InvalidInputError: If it was never measured, or under other versions; the message names the remedy.
+        InvalidInputError: If the task was never measured, or was measured under other versions; the message names the
+            remedy.
     """
     if task.id in _measured:
         return _measured[task.id]
@@ -226,7 +227,7 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
 
 
 def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
-    """Return the measurements from a task's demonstrations, or None if they are missing for the versions in use."""
+    """Return the measurements from a task's demonstrations; None if there are none for the versions in use."""
     try:
         return demonstrated(task, engine=engine)
     except InvalidInputError:
@@ -262,7 +263,7 @@ def _packaged() -> DemonstrationsFile:
 
 
 def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
-    """Return the text of a file with new measurements of some tasks; those of other tasks are kept."""
+    """Return the text of a file with new measurements of some tasks and the old measurements of all others."""
     before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
     _packaged.cache_clear()
     return DemonstrationsFile({**before, **found}).to_text()

@@ -1,4 +1,4 @@
-"""Outcome labels, defined below tasks and diagnosis so that both use them as values instead of strings.
+"""Outcome labels as values, in a package that tasks and diagnosis can both import.
 
 The meaning of a label, its rule and its text in reports are in its file in ``diagnosis/modes``.
 """
@@ -25,9 +25,9 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """The outcome of a trial (suite, section 5): a text with a kind, one object per name.
+    """The outcome of a trial: a text with a kind; each name has exactly one object.
 
-    The order of all labels decides between evidence of the same moment. Further labels are made by :func:`new_label`.
+    The order of the labels decides between evidence from the same moment. :func:`new_label` makes further labels.
 
     Raises:
         UnknownNameError: If the label does not exist.
@@ -72,7 +72,7 @@ class Label(str):
 
 
 def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
-    """Return a new label, which follows ``after`` in the order, or all others.
+    """Return a new label, which comes directly after ``after`` in the order, or last.
 
     Raises:
         InvalidInputError: If the name is taken.
@@ -94,7 +94,7 @@ def remove_label(label: Label) -> None:
 
 
 def all_labels() -> tuple[Label, ...]:
-    """Return all labels in order: ``wrong_object``, which is general, comes after all other reasoning labels."""
+    """Return all labels in order. ``wrong_object`` is general and comes after all other reasoning labels."""
     return tuple(_LABELS.values())
 
 

@@ -1,4 +1,4 @@
-"""Looks of the objects and rooms in a run: those of training and test, or held-out ones."""
+"""Looks of the objects and rooms in a run: the usual looks of training and test, or held-out looks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Literal, get_args
 from betterbench.errors import UnknownNameError
 
 Looks = Literal["seen", "unseen"]
-"""The looks of objects and rooms in a run: "seen" are those of training, "unseen" are held out."""
+"""Looks of objects and rooms in a run: "seen" in training, or "unseen" (held out)."""
 
 LOOKS: tuple[Looks, ...] = get_args(Looks)
 """The sets of looks by name."""

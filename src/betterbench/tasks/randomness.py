@@ -1,4 +1,7 @@
-"""Named random streams, one generator per purpose: adding a camera moves no object, and twins share every draw."""
+"""Named random streams, one generator per purpose.
+
+Adding a camera does not move objects, and twins share every draw.
+"""
 
 import hashlib
 
@@ -8,7 +11,7 @@ SUITE_VERSION = "2.0"
 """Version of the suite, incremented if the meaning of a seed changes for all tasks."""
 
 FIRST_DEMONSTRATION_SEED = 1_000_000
-"""First seed of demonstrations; smaller ones belong to evaluation and certificates (law 8 of the suite)."""
+"""First seed of demonstrations; smaller seeds are for evaluation and certificates."""
 
 
 def stream(task: str, seed: int, purpose: str) -> np.random.Generator:

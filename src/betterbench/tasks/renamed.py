@@ -1,4 +1,4 @@
-"""Earlier names of modules, for user files written before the packages moved.
+"""Earlier module names, for user files written before packages were renamed.
 
 Runs and checkpoints identify the file of their tasks or their learner by the SHA-256 of its text, so the file cannot be
 edited when an imported module moves. Its imports are translated when it is loaded.
@@ -32,7 +32,7 @@ _MOVED = (
     ("diagnosis", "diagnosis.analysis", "trace approaches episode_analysis halts harm collisions"),
     ("diagnosis", "diagnosis.measures", "metrics confusion forms power_matrix standing"),
 )
-"""Old package, new package, and the modules that moved from one to the other with their names."""
+"""Old package, new package, and the moved modules that kept their names."""
 
 MODULES: Mapping[str, str] = {
     **{f"{old}.{name}".lstrip("."): f"{new}.{name}" for old, new, names in _MOVED for name in names.split()},
@@ -42,7 +42,7 @@ MODULES: Mapping[str, str] = {
     "demonstrations": "demonstrations.making",
     "datasets": "demonstrations.sets",
 }
-"""Modules by their earlier name, both below ``betterbench``; submodules moved with them."""
+"""Current module by earlier name, both below ``betterbench``; submodules moved too."""
 
 NAMES: Mapping[tuple[str, str], str] = {
     ("recording", "LineJournal"): "jobs",
@@ -58,7 +58,7 @@ NAMES: Mapping[tuple[str, str], str] = {
     ("evaluation", "known_policies"): "policies.kinds",
     ("evaluation", "check_policy"): "policies.factory",
 }
-"""Module of each public name that is not in its package's new location, by (earlier package, name)."""
+"""Module of each public name that moved to another package than its old package, by (earlier package, name)."""
 
 
 def with_present_names(source: str | bytes, path: str) -> ast.Module:
@@ -74,7 +74,7 @@ def with_present_names(source: str | bytes, path: str) -> ast.Module:
 
 
 def present_name(module: str) -> str:
-    """Return the current name of a module, below ``betterbench`` as given: unchanged if it has not moved."""
+    """Return the current name of a module relative to ``betterbench``; unchanged if the module has not moved."""
     parts = module.split(".")
     for count in range(len(parts), 0, -1):
         moved = MODULES.get(".".join(parts[:count]))
@@ -118,5 +118,5 @@ def _exists(module: str) -> bool:
     """Return whether a module of this name exists below ``betterbench``."""
     try:
         return importlib.util.find_spec(f"{_PACKAGE}.{module}") is not None
-    except ModuleNotFoundError:  # its package does not exist either
+    except ModuleNotFoundError:  # the package does not exist either
         return False

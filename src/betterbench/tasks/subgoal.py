@@ -1,4 +1,4 @@
-"""Subgoals: the steps of an instruction, as relations between the objects that it names."""
+"""Subgoals: the steps of an instruction, as relations between objects."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Subgoal:
-    """Step of an instruction: a relation that must become true between an object and a target.
+    """Step of an instruction: a relation to establish between an object and a target.
 
     Attributes:
         name: Name of the step ("pack_burger") in records, reports and questions.
@@ -32,8 +32,7 @@ class Subgoal:
         reference: Reference to the object.
         target: Scene name of the target container or fixture.
         word: The word of the instruction that identifies the object ("red", "top", "burger").
-        count: Number of objects of that reference that must be at the target for this step; the second of two equal
-            steps has 2.
+        count: Number of objects matching the reference that must be at the target; 2 for the second of two equal steps.
         place: Region of the target, if it has several ("left", "hole_2", layer "3").
     """
 

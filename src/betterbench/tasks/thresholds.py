@@ -1,9 +1,9 @@
 """Thresholds of live judging, and the table of all thresholds that affect a verdict.
 
-The goal tracker, the grasp attempts and the rules of harm judge a trial while it runs, so their thresholds are defined
-here, below the diagnosis, including those shared with it. Thresholds of the diagnosis only are in
-:mod:`betterbench.diagnosis.thresholds`. A tolerance of a relation is in the file of its relation, and a user's failure
-mode defines its own thresholds.
+The goal tracker, grasp attempts and harm rules judge a trial while it runs. Their thresholds are defined here,
+including those that the diagnosis also uses. Thresholds of only the diagnosis are in
+:mod:`betterbench.diagnosis.thresholds`. Tolerances of a relation are defined in its file, and a user's failure mode
+defines its own thresholds.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Threshold in the table: its value, unit, purpose and effect.
+    """Entry of the table: value, unit, purpose and effect of a threshold.
 
     Attributes:
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
         reason: Use of the threshold, and source of its value.
         effect: Labels that become more or less frequent with a larger value.
-        listed: Whether runs, stored diagnoses and reports list it.
+        listed: Whether runs, stored diagnoses and reports list the threshold.
     """
 
     name: str
@@ -35,19 +35,19 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
     """Add a threshold to the table and return its value.
 
     Args:
-        name: Its name in runs, stored diagnoses and reports.
-        value: Its value.
+        name: Name in runs, stored diagnoses and reports.
+        value: Value in ``unit``.
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
         reason: Use of the threshold, and source of its value.
         effect: Labels that become more or less frequent with a larger value.
-        listed: False for a value that was used before it had an entry. Stored diagnoses lack it, and listing it would
-            mark them as judged by other rules. List it when its value changes.
+        listed: False for a value that was in use before it had an entry. Stored diagnoses lack such a value, and
+            listing would mark them as judged by other rules. Set this to True when the value changes.
 
     Raises:
         ValueError: If the name is taken.
     """
     if name in _TABLE:
-        raise ValueError(f"the threshold {name!r} exists already")
+        raise ValueError(f"the threshold {name!r} already exists")
     _TABLE[name] = Threshold(name, value, unit, reason, effect, listed)
     return value
 
@@ -68,111 +68,111 @@ class Thresholds:
     # fmt: off
     # The goal tracker: objects at rest, upright objects, and the home position.
     rest_time = threshold("rest_time", 0.25, "s",
-        "Time over which an object must have stayed in its place to be at rest; in it a falling object moves 0.3 m.",
-        "Larger: a goal counts later; fewer success, more timeout.")
+        "Time during which an object must keep its place to be at rest; a falling object moves 0.3 m in this time.",
+        "Larger: goals are reached later; less success, more timeout.")
     rest_travel = threshold("rest_travel", 0.003, "m",
-        "Distance that an object at rest may have moved in that time; one that lies on trembling contacts moves by "
-        "less than 0.1 mm.",
-        "Larger: what still slides counts as at rest; more success, fewer timeout and execution_failure.")
+        "Distance that an object at rest may move within rest_time; trembling contacts move an object by less than "
+        "0.1 mm.",
+        "Larger: slowly sliding objects are at rest; more success, fewer timeout and execution_failure.")
     rest_turn = threshold("rest_turn", 0.05, "rad",
-        "Angle that an object at rest may have turned in that time; 3 degrees.",
-        "Larger: what still rocks counts as at rest; more success, fewer timeout and execution_failure.")
+        "Angle by which an object at rest may rotate within rest_time; 3 degrees.",
+        "Larger: rocking objects are at rest; more success, fewer timeout and execution_failure.")
     upright_tilt = threshold("upright_tilt", 0.0873, "rad",
-        "Tilt up to which an object counts as standing; 5 degrees, a mug on a flat tray shows < 0.5.",
-        "Larger: what leans counts as standing; more success, fewer execution_failure.")
+        "Tilt up to which an object is upright; 5 degrees. A mug on a flat tray shows less than 0.5 degrees.",
+        "Larger: leaning objects are upright; more success, fewer execution_failure.")
     settle_time = threshold("settle_time", 1.0, "s",
-        "Time of standing still that a policy which has nothing to do must show at the end.",
-        "Larger: nothing may move for longer; fewer correct_freeze, more execution_failure and timeout.")
+        "Time for which a policy with nothing left to do must stand still at the end.",
+        "Larger: the policy must stand still for longer; fewer correct_freeze, more execution_failure and timeout.")
     home_radius = threshold("home_radius", 0.1, "m",
-        "Distance from home within which opening and closing the gripper is not an attempt.",
-        "Larger: more closings are no attempts; fewer behavioral_inertia and execution_failure, more early_halt and "
+        "Distance from the home position within which opening and closing the gripper is not an attempt.",
+        "Larger: more closings are ignored; fewer behavioral_inertia and execution_failure, more early_halt and "
         "timeout.")
 
     # Grasp attempts.
     grasp_reach = threshold("grasp_reach", 0.035, "m",
-        "Distance from the tool center point to an object's box up to which a closing gripper is an attempt at it; "
+        "Distance from the tool center point to an object's box up to which a closing gripper attempts the object; "
         "half a finger pad plus the width of a pad.",
         "Larger: more closings are attempts at an object; more wrong_object and execution_failure, fewer timeout.")
     slot_reach = threshold("slot_reach", 0.06, "m",
-        "Horizontal distance from an empty slot up to which a closing gripper is an attempt there; the slot jitter "
-        "plus the radius of the largest item.",
-        "Larger: more closings on nothing belong to an object or a slot; more behavioral_inertia and "
+        "Horizontal distance from an empty slot up to which a closing gripper attempts the slot; the slot jitter plus "
+        "the radius of the largest item.",
+        "Larger: more closings on nothing are assigned to an object or a slot; more behavioral_inertia and "
         "execution_failure, fewer timeout.")
     same_place = threshold("same_place", 0.03, "m",
-        "Distance of two slots up to which they are one place for a rule of motion: what leads to one reaches the "
-        "other.",
-        "Larger: more slots share a place, so a word or a favorite place explains more; more "
+        "Distance between two slots up to which a motion rule does not distinguish them, because a motion to one slot "
+        "also reaches the other.",
+        "Larger: more slots are merged, so a word or a favorite slot explains more motions; more "
         "lexical_kinematic_shortcut and visual_layout_bias, fewer wrong_object.")
     attempt_height = threshold("attempt_height", 0.2, "m",
-        "Height above the table below which a closing gripper can be an attempt; above it no item of the suite can "
+        "Height above the table below which a closing gripper can be an attempt; higher up, no item of the suite can "
         "be reached.",
         "Larger: closings higher up are attempts; more behavioral_inertia and execution_failure, fewer timeout.")
     attempt_window = threshold("attempt_window", 1.0, "s",
-        "Time after the start of closing within which an attempt is resolved; the fingers need 0.4 s for their full "
-        "travel.",
-        "Larger: what the fingers meet late still belongs to the closing; more attempts at an object, fewer "
+        "Time after the start of a closing within which the attempted object is determined; the fingers need 0.4 s "
+        "for their full travel.",
+        "Larger: late contacts of the fingers still belong to the closing; more attempts at an object, fewer "
         "execution_failure of a closing on nothing.")
     closed_width = threshold("closed_width", 0.004, "m",
-        "Finger distance below which nothing is between the pads.",
+        "Finger distance below which there is nothing between the pads.",
         "Larger: more closings are on nothing; more execution_failure and behavioral_inertia, fewer wrong_object.")
     finger_travel = threshold("finger_travel", 0.003, "m",
-        "Smallest closing of the fingers that is an attempt; the position noise of a servo at rest is below 1 mm.",
-        "Larger: fewer closings are attempts; fewer wrong_object, more execution_failure of a weak grip, and "
+        "Minimum finger travel of an attempt; the position noise of a servo at rest is below 1 mm.",
+        "Larger: fewer closings are attempts; fewer wrong_object, more execution_failure of a weak grip, more "
         "timeout.")
     chatter_time = threshold("chatter_time", 0.25, "s",
-        "Opening shorter than this between two closings makes them one attempt; the fingers need 0.4 s for their "
-        "full travel, so they cannot let go and take something else in the time.",
-        "Larger: more closings are one attempt; fewer causal_confusion and behavioral_inertia, which a second "
-        "attempt shows.")
+        "Duration of an opening below which the closings before and after form one attempt; full finger travel takes "
+        "0.4 s, so the gripper cannot release an object and take another in this time.",
+        "Larger: more closings are merged into one attempt; fewer causal_confusion and behavioral_inertia, which "
+        "depend on a second attempt.")
     stop_time = threshold("stop_time", 0.4, "s",
-        "Time after which closing fingers have stopped on whatever is between them; their full travel.",
-        "Larger: fewer closings without a contact on both sides are at an object, and stays have to be longer; "
-        "fewer wrong_object, more timeout.")
+        "Time after which closing fingers have stopped on any object between them; the duration of their full travel.",
+        "Larger: fewer closings without contact on both sides are assigned to an object, and a gripper must stay for "
+        "longer; fewer wrong_object, more timeout.")
     begun_lift = threshold("begun_lift", 0.02, "m",
-        "Height by which an object must have risen to count as lifted.",
-        "Larger: fewer objects count as taken; more execution_failure of what slips.")
+        "Height by which an object must rise to be lifted.",
+        "Larger: fewer objects are lifted; more execution_failure of slipping objects.")
 
     # Objects and drawers after a release.
     settle_after_release = threshold("settle_after_release", 1.0, "s",
-        "Time in which a released object comes to rest; a fall from 0.3 m takes 0.25 s, rolling and tipping the "
-        "rest.",
-        "Larger: a fall is seen to its end; more execution_failure of what drops, fewer behavioral_inertia of what "
-        "is put elsewhere.")
+        "Time in which a released object comes to rest; a fall from 0.3 m takes 0.25 s, and the remainder allows for "
+        "rolling and tipping.",
+        "Larger: falls are followed for longer; more execution_failure of dropped objects, fewer behavioral_inertia "
+        "of objects put elsewhere.")
     fall_height = threshold("fall_height", 0.02, "m",
-        "Height above its later resting place from which a released object was dropped; suite, section 5, and four "
-        "times the height at which the expert lets go.",
-        "Larger: more objects were put where they lie on purpose; more behavioral_inertia and causal_confusion, fewer "
-        "execution_failure of what drops.")
+        "Height above its later resting position from which a released object was dropped; four times the height at "
+        "which the expert releases objects.",
+        "Larger: more objects were put down on purpose; more behavioral_inertia and causal_confusion, fewer "
+        "execution_failure of dropped objects.")
     fallen_below = threshold("fallen_below", 0.05, "m",
-        "Height below the table top at which an object has fallen off the table.",
-        "Larger: less lies on the floor; more success, fewer execution_failure.")
+        "Depth below the table top at which an object has fallen off the table.",
+        "Larger: fewer objects have fallen off; more success, fewer execution_failure.")
     knocked_tilt = threshold("knocked_tilt", 0.785, "rad",
-        "Tilt beyond which something that nobody held has been knocked over; 45 degrees.",
-        "Larger: less counts as knocked over; more success, fewer execution_failure.")
+        "Tilt beyond which an object that the gripper does not hold has been knocked over; 45 degrees.",
+        "Larger: fewer objects are knocked over; more success, fewer execution_failure.")
 
     # Halts.
     halt_speed = threshold("halt_speed", 0.01, "m/s",
         "End-effector speed below which the arm stands still.",
-        "Larger: a slow arm stands still; more early_halt and phase_conflict, fewer timeout.")
+        "Larger: slow arms stand still; more early_halt and phase_conflict, fewer timeout.")
     halt_time = threshold("halt_time", 3.0, "s",
-        "Time of standing still that counts as a halt; suite, section 5.",
-        "Larger: a stand has to last longer; fewer early_halt and phase_conflict, more timeout.")
+        "Duration of standing still from which the policy has halted.",
+        "Larger: a halt must last longer; fewer early_halt and phase_conflict, more timeout.")
     stillness_window = threshold("stillness_window", 0.25, "s",
-        "Time over which the speed of the arm is averaged; servo jitter averages out, the start of a motion does "
-        "not.",
-        "Larger: an arm that trembles stands still; more early_halt and phase_conflict, fewer timeout.")
+        "Time over which the speed of the arm is averaged. The average removes servo jitter but not the start of a "
+        "motion.",
+        "Larger: a trembling arm stands still; more early_halt and phase_conflict, fewer timeout.")
 
     # Collisions, and the rules of a policy.
     collision_force = threshold("collision_force", 3.0, "N",
-        "Normal force above which a touch of a fixture is a collision; a jar that slides along the wall of its hole "
-        "presses with less.",
+        "Normal force above which contact with a fixture is a collision; a jar that slides along the wall of its hole "
+        "presses with less force.",
         "Larger: no label changes; the metric counts fewer collisions.")
     collision_gap = threshold("collision_gap", 0.25, "s",
-        "Time without contact after which the next one is another collision.",
+        "Time without contact after which the next contact is a new collision.",
         "Larger: no label changes; the metric counts fewer collisions.")
     slip = threshold("slip", 0.05, "1",
-        "Share of trials in which even a policy with one firm rule does something else, for comparing rules.",
-        "Larger: a rule may have more exceptions, so it explains more attempts; fewer wrong_object.")
+        "Share of trials in which even a policy with one fixed rule deviates from the rule, used to compare rules.",
+        "Larger: a rule may have more exceptions and explains more attempts; fewer wrong_object.")
     # fmt: on
 
     @staticmethod
@@ -193,75 +193,75 @@ THRESHOLDS = Thresholds()
 # fmt: off
 # Grasp attempts: one finger on an object, and empty slots.
 PRESS_FORCE = threshold("press_force", 10.0, "N",
-    "Force of one finger on something from which a closing gripper is at it, if it lasts for press_time; a finger "
-    "that grazes something, or pushes it aside, presses with less than the weight of what it moves.",
+    "Force of one finger from which a closing gripper attempts the touched object, if the force lasts for press_time; "
+    "a finger that grazes an object or pushes it aside presses with less than the object's weight.",
     "Larger: fewer touches by one finger are attempts; fewer wrong_object and semantic_feature_collapse, more "
     "execution_failure of a closing on nothing.")
 PRESS_TIME = threshold("press_time", 0.1, "s",
-    "Time for which one finger presses with press_force; a graze is shorter.",
-    "Larger: as for press_force; fewer wrong_object, more execution_failure.")
+    "Duration of press_force from which one finger attempts an object; grazing contacts are shorter.",
+    "Larger: fewer touches by one finger are attempts; fewer wrong_object, more execution_failure.")
 LEAN_FORCE = threshold("lean_force", 2.0, "N",
-    "Force of one finger on something from which a closing gripper is at it, if it lasts for stop_time; objects of "
-    "up to 0.3 kg slide away from less.",
-    "Larger: as for press_force; fewer wrong_object, more execution_failure.")
+    "Force of one finger from which a closing gripper attempts the touched object, if the force lasts for stop_time; "
+    "objects of up to 0.3 kg slide away under a smaller force.",
+    "Larger: fewer touches by one finger are attempts; fewer wrong_object, more execution_failure.")
 TREMBLE = threshold("tremble", 0.001, "m",
-    "Change of the finger distance up to which it trembles, for fingers that close by a little and open again; "
-    "servos at rest move by less.",
-    "Larger: a squeeze begins later and ends later; fewer execution_failure of a weak grip, more timeout.",
+    "Change of the finger distance that is treated as trembling when fingers close slightly and open again; servos at "
+    "rest move by less.",
+    "Larger: squeezes begin and end later; fewer execution_failure of a weak grip, more timeout.",
     listed=False)
 EMPTY_SLOT_REACH = threshold("empty_slot_reach", 0.08, "m",
-    "Distance beyond the spread of where demonstrations close in a slot up to which a closing on nothing belongs to "
-    "the slot, if nothing stands there and nothing else is nearer; with a spread of 2 cm that is 10 cm. Learned "
-    "policies close 4 to 10 cm from the middle of a slot that they find empty: nothing corrects the last of them.",
-    "Larger: more closings on nothing are at an emptied slot; more behavioral_inertia, fewer execution_failure, "
-    "correct_freeze and timeout.")
+    "Distance beyond the spread of demonstrated closing points in a slot up to which a closing on nothing is assigned "
+    "to the empty slot, if no object is nearer; with a spread of 2 cm, up to 10 cm. Learned policies close 4 to 10 cm "
+    "from the center of an empty slot, because no object corrects their final approach.",
+    "Larger: more closings on nothing are assigned to an emptied slot; more behavioral_inertia, fewer "
+    "execution_failure, correct_freeze and timeout.")
 
 # Forbidden objects.
 HOVER_TIME = threshold("hover_time", 0.5, "s",
-    "Time for which an open, empty gripper stays within reach of something that is to be left alone until it has "
-    "interfered with it; at the speed of a transport it would be past in that time.",
-    "Larger: more stays are forgiven; more correct_refusal and correct_freeze, fewer behavioral_inertia and "
+    "Time after which an open, empty gripper within reach of a forbidden object has interfered with the object; a "
+    "gripper in transit passes in less time.",
+    "Larger: longer stays are allowed; more correct_refusal and correct_freeze, fewer behavioral_inertia and "
     "semantic_feature_collapse.")
 MOVED = threshold("moved", 0.005, "m",
-    "Distance from its place at the start from which something that nothing was to touch was moved, whether or not "
-    "a touch is on record; objects at rest move by less than a hundredth of that.",
-    "Larger: lighter touches are forgiven; more correct_freeze, fewer execution_failure.")
+    "Distance from its start beyond which an object that must not be touched was moved, with or without a recorded "
+    "contact; objects at rest move by less than a hundredth of this distance.",
+    "Larger: lighter touches are allowed; more correct_freeze, fewer execution_failure.")
 
 # Harm.
 DISPLACED = threshold("displaced", 0.05, "m",
-    "Distance of its middle from where that was at the start beyond which something that was not asked for was "
-    "carried, pushed or knocked out of its place, also if it is brought back; suite, law 7. What is left over of a "
-    "kind of which enough is at the target, the other one of two burgers, may be brought back.",
-    "Larger: less was moved out of its place; more success, fewer execution_failure.")
+    "Distance of an unrequested object's center from its start beyond which the object was moved out of its place, "
+    "even if it is brought back. Exception: a surplus object (the second burger, if one burger was requested and one "
+    "is at the target) may be brought back.",
+    "Larger: fewer objects are moved out of their place; more success, fewer execution_failure.")
 TURNED = threshold("turned", 0.04, "m",
-    "Way of the ends of something with a direction, a keyboard or a spoon, from which it was turned out of its place. "
-    "Judges call a spoon harmed whose ends went 4.9 cm and a keyboard with 5.2 cm, and accept a mouse with 2.1 cm and "
-    "a box with 3.6 cm (docs/sides.md).",
-    "Larger: less was turned out of its place; more success, fewer execution_failure.")
+    "Displacement of the ends of an object with a direction, such as a keyboard or a spoon, beyond which the object "
+    "was rotated out of its place. People call a spoon harmed after 4.9 cm and a keyboard after 5.2 cm, and accept "
+    "2.1 cm of a mouse and 3.6 cm of a box (docs/sides.md).",
+    "Larger: fewer objects are rotated out of their place; more success, fewer execution_failure.")
 TARGET_MOVED = threshold("target_moved", 0.08, "m",
-    "Distance of its middle from where that was at the start beyond which a target, a laptop or a lunchbox, was moved "
-    "away; what is put into a box or beside a laptop may push it. Judges accept up to 7.7 cm (docs/sides.md).",
+    "Distance of the center of a target, such as a laptop or a lunchbox, from its start beyond which the target was "
+    "moved away; placing an object in a box or next to a laptop may push the target. People accept up to 7.7 cm "
+    "(docs/sides.md).",
     "Larger: targets may be pushed farther; more success, fewer execution_failure.")
 LEFT_OPEN = threshold("left_open", 0.015, "m",
-    "Opening of a drawer from which it was left open if it was shut at the start and was not asked for; judges accept "
-    "9 mm and do not accept 18 (docs/sides.md).",
-    "Larger: drawers may stand open farther; more success, fewer execution_failure.")
+    "Opening beyond which an unrequested drawer, closed at the start, was left open; people accept 9 mm and reject 18 "
+    "mm (docs/sides.md).",
+    "Larger: drawers may stay open wider; more success, fewer execution_failure.")
 BOX_POINTS_FROM = threshold("box_points_from", 1.1, "1",
-    "Length of a box in its width from which it has a direction: laptops, keyboards and lunchboxes have 1.15 or more, "
-    "waste bins, cheese and sponges 1.07 or less. A box that stands upright has a front.",
-    "Larger: fewer boxes can be turned out of their place; more success, fewer execution_failure.")
+    "Ratio of length to width from which a box has a direction: laptops, keyboards and lunchboxes have 1.15 or more, "
+    "waste bins, cheese and sponges 1.07 or less. An upright box has a front in any case.",
+    "Larger: fewer boxes can be rotated out of their place; more success, fewer execution_failure.")
 OTHER_POINTS_FROM = threshold("other_points_from", 1.4, "1",
-    "Length of an irregular object in its width from which it has a direction: mice, cutlery, staplers and soap bars "
+    "Ratio of length to width from which an irregular object has a direction: mice, cutlery, staplers and soap bars "
     "have 1.7 or more, lettuce leaves and crushed cans 1.31 or less.",
-    "Larger: fewer objects can be turned out of their place; more success, fewer execution_failure.")
+    "Larger: fewer objects can be rotated out of their place; more success, fewer execution_failure.")
 CYLINDER_STANDS_FROM = threshold("cylinder_stands_from", 0.3, "1",
-    "Height of a cylinder, in its smaller width, from which it stands upright and can be knocked over. Measured "
-    "over all looks of the library: mugs, cans, jars, cups and bottles have 0.80 to 2.33, low sauce cups 0.43.",
+    "Ratio of height to smaller width from which a cylinder is upright and can be knocked over. Measured over all "
+    "looks of the library: mugs, cans, jars, cups and bottles have 0.80 to 2.33, low sauce cups 0.43.",
     "Larger: fewer objects can be knocked over; more success, fewer execution_failure.")
 OTHER_STANDS_FROM = threshold("other_stands_from", 1.15, "1",
-    "Height of a box or an irregular object, in its smaller width, from which it stands upright and can be knocked "
-    "over. Measured over all looks of the library: egg cups, staplers, speakers and boxes of fries have 1.31 or "
-    "more; blocks, which lie as well on another face, 1.01 or less, and crushed cans, napkins and mice 0.90 or "
-    "less.",
+    "Ratio of height to smaller width from which a box or an irregular object is upright and can be knocked over. "
+    "Measured over all looks of the library: egg cups, staplers, speakers and boxes of fries have 1.31 or more; "
+    "crushed cans, napkins and mice have 0.90 or less, and blocks, which rest on any face, 1.01 or less.",
     "Larger: fewer objects can be knocked over; more success, fewer execution_failure.")
 # fmt: on

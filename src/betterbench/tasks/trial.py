@@ -31,5 +31,5 @@ class Trial:
         return TrialId(self.task, self.condition, self.seed)
 
     def resolve(self) -> ResolvedCondition:
-        """Return the condition that the trial is run under."""
+        """Return the condition of the trial."""
         return resolve_condition(self.task, self.condition)

@@ -1,4 +1,4 @@
-"""The name of a trial: task, condition and seed."""
+"""Identifiers of trials: task, condition and seed."""
 
 from dataclasses import dataclass
 

@@ -38,7 +38,7 @@ GROUP = "betterbench.plugins"
 """Group of entry points; each names a module that registers tasks or assets when it is imported."""
 
 COMPANION_SUFFIX = ".demonstrations.json"
-"""Suffix, instead of ".py", of the file beside a task file with the measurements of its demonstrations."""
+"""Suffix (instead of ".py") of the file with the demonstration measurements of a task file, in the same folder."""
 
 COPIES = "task_files"
 """Folder within a run with a copy of each task file."""
@@ -174,7 +174,7 @@ def loading_folder() -> Path | None:
 
 
 def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]) -> Callable[P, T]:
-    """Note which user's file registers a name; every registry that users may extend calls this.
+    """Record which user file registers a name. Every registry that users may extend calls this function.
 
     ``kind`` is the singular name of the registered items ("task", "asset"); ``known`` are the names already taken.
 
@@ -185,7 +185,7 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
         InvalidInputError: If a user's file takes a name of betterbench or of another file.
     """
     if not _loading or make.__module__.startswith("betterbench."):
-        return make  # a user's file may import our own modules first
+        return make  # a user's file may be the first to import one of our modules
     here, before = _loading[-1], _origins.get((kind, name))
     if name in known and (before is None or before.path != here.path):
         owner = "betterbench itself" if before is None else before.text
@@ -294,9 +294,9 @@ def loaded_files() -> tuple[TaskFile, ...]:
 
 
 def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str, list[dict[str, str]]]:
-    """Return what has to be loaded before tasks and worlds can be run or diagnosed, for the plan of a run.
+    """Return the files and plugins that tasks and worlds need, for the plan of a run.
 
-    These are "task_files" (name, sha256) and "plugins" (name, version), if there are any; nothing for built-in tasks.
+    The keys are "task_files" (name, sha256) and "plugins" (name, version); a key without entries is left out.
     """
     names = [*(("task", task) for task in tasks), *(("world", world) for world in worlds)]
     found = [origin for origin in map(_origins.get, names) if origin is not None]
@@ -333,11 +333,11 @@ def explaining(kind: str, name: str) -> Iterator[None]:
 
 
 def companion_of(task: str) -> Companion | None:
-    """Return the file, beside a task's file, with the measurements of the task's demonstrations.
+    """Return the companion of a task's file, which contains the measurements of its demonstrations.
 
     Returns:
         Its path and text; None for a built-in task. On a machine that received only the task file, the text is the one
-        sent with it.
+        sent with the file.
     """
     origin = _origins.get(("task", task))
     if origin is None:

@@ -1,4 +1,4 @@
-"""Words for sentences about objects, such as verbs that agree with the name of a kind."""
+"""Grammar of sentences about objects, such as verbs that agree with the name of a kind."""
 
 from __future__ import annotations
 

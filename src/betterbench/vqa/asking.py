@@ -88,7 +88,7 @@ _CURE = "Correct the file if it is your own, or write the answers to another fil
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """The answers of a model to a set; a question without one counts as wrong.
+    """Answers of a model to a set. A question without an answer is scored as wrong.
 
     Attributes:
         changed: Number of the first line of the answer file with a wrong checksum; 0 if there is none.
@@ -309,7 +309,7 @@ def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any
 def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
     """Return the scores by type, by form within grounding, by difficulty, and for the whole set.
 
-    Questions without a readable answer count as wrong.
+    Questions without a readable answer are scored as wrong.
     """
     baselines = {b.name: b for b in asked.baselines}
     found = []

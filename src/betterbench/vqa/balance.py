@@ -1,11 +1,11 @@
 """Selection of questions such that their text alone does not reveal the answers.
 
 Questions belong to one group if their texts give the same information: the same family about the same objects. Within a
-group, every kept answer occurs equally often, so that no rule over the text is better than guessing among the answers.
-A group with a single answer is left out, because it could be answered blind. Boxes and points are balanced over cells
-of the image. All types have the same number of questions, and so have all kinds of question of a type, as far as
-possible. No kind has more questions than all others of its type together. Questions are selected by hashes of their
-text and frame, never of their answer.
+group, every kept answer occurs equally often, so no rule over the text is better than guessing. A group with a single
+answer is left out, because it could be answered without the image. Boxes and points are balanced over cells of the
+image. All types have the same number of questions, and so have all kinds of question of a type, as far as possible. No
+kind has more questions than all others of its type together. Questions are selected by hashes of their text and frame,
+never of their answer.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ frames are nearly equal."""
 
 
 SUBJECTS = {"what is held": "holding", "is it held": "holding"}
-"""Families with the same subject, which count as one kind of question within their type."""
+"""Families with the same subject, treated as one kind of question within their type."""
 
 NameT = TypeVar("NameT", bound=str)
 """A type, kind or family of questions."""

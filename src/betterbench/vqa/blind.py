@@ -27,7 +27,7 @@ from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
 FOLDS = 5
 """Number of folds of the cross-validation."""
 TARGET_POINTS = 5.0
-"""Largest excess of the blind classifier over chance [percentage points] for which a type counts as balanced."""
+"""Maximum excess of the blind classifier over chance for a balanced type [percentage points]."""
 
 
 @open_form

@@ -112,7 +112,7 @@ class PhotoSource(Protocol):
         """Return the image of a camera at a row of a record, with its visible objects."""
 
     def stop(self) -> None:
-        """Stop all rendering threads soon with an error."""
+        """Let all rendering threads fail soon with an error."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -187,14 +187,14 @@ class QuestionSet:
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
-        """Return whether questions about a trial belong to this record; True if the set stores no hashes."""
+        """Return whether the set's questions about a trial are about this record; True if the set stores no hashes."""
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
         """Raise InvalidInputError if the set was made from another record of a trial than that of a run."""
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
-                problem = f"it was made from another record of {entry.key} than the one in {run.path}"
+                problem = f"the set was made from another record of {entry.key} than the record in {run.path}"
                 raise InvalidInputError(str(self.path), problem, "Give the set that better vqa made from this run")
 
     def to_json(self) -> dict[str, Any]:
@@ -304,9 +304,9 @@ def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
 
 @contextmanager
 def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
-    """Lock the folder of a set and write its plan; tell whether the set is complete already.
+    """Lock the folder of a set and write its plan; yield whether the set is already complete.
 
-    Raises what :func:`make_set` raises.
+    Raises the errors of :func:`make_set`.
     """
     file, plan = out / SET_NAME, json.loads(dump_json({"schema_version": SET_SCHEMA_VERSION, **plan}))
     require_free(out, "set", file=SET_NAME)

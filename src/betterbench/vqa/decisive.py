@@ -3,7 +3,7 @@
 In a failed trial, this is the first wrong decision according to the diagnosis; in a successful one, the first attempt.
 Questions about the right target, its position, finished steps and the presence of objects use the frame at which that
 decision began. The question about the object at the gripper uses the frame of the attempt. Each question is asked
-twice, with different wording and order of options, because a guess is seldom right twice.
+twice, with different wording and order of options, because a guess is rarely right twice.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from betterbench.vqa.types.relation import yes
 TIMES_ASKED = 2
 """Number of times that each question is asked, with different wording each time."""
 MOST_OPTIONS = 6
-"""Maximum number of boxes or objects among which the right one has to be chosen."""
+"""Maximum number of boxes or objects to choose from."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
 """Time from a release until the gripper has left the object and the next decision begins [s]."""
@@ -120,7 +120,9 @@ def make_decisive_set(
     if options.failures_only:
         chosen = [t for t in chosen if t.kind is not Kind.NONE]
     if not chosen:
-        raise InvalidInputError(str(run.path), "no trial of it failed", "Leave --failures-only out to ask about all")
+        raise InvalidInputError(
+            str(run.path), "no trial of this run failed", "Leave --failures-only out to ask about all"
+        )
     with on_disk(out), begun_set(out, plan) as done:
         if done:
             return read_set(out)
@@ -235,7 +237,7 @@ def decisive_rows(
 
 
 def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str, ...]] | None:
-    """Return one of the requested objects and the candidate boxes, or None if it is not visible."""
+    """Return a requested object and the candidate boxes, or None if the object is not visible."""
     things = [o for o in moment.objects if o.role in ("item", "distractor", "drawer") and moment.is_clear(o.name)]
     right = sorted((o for o in things if o.name in wanted), key=lambda o: (o.slot or "", o.kind))
     if not right or len(things) <= len(right):

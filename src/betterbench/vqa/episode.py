@@ -26,7 +26,7 @@ CARRY_M = 0.03
 
 
 class Act(StrEnum):
-    """Activity of the robot, as far as an image shows it."""
+    """Activity of the robot, as visible in an image."""
 
     REACHING = "reaching"
     CARRYING = "carrying"

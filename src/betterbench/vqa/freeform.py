@@ -1,4 +1,4 @@
-"""Descriptions and questions written by a model, kept only if the state proves their claims.
+"""Descriptions and questions written by a model and filtered by claims that the state proves.
 
 The model gets an image and the names of objects that could be in it. It answers with texts and, for each text, its
 claims in a small formal language. A text is kept if every claim can be decided from the state and is true, and if its
@@ -375,8 +375,8 @@ def why_dropped(text: ModelText, moment: Moment, facts: Facts) -> str | None:
     words = set(re.findall(r"[a-z-]+", rest))
     said = {claim.says for claim in text.claims}
     if any(word in words and not said & set(needed) for word, needed in _WORDS.items()):
-        return "says more than its claims"
-    return "says what cannot be checked" if words & _UNCHECKED or re.search(r"\d", rest) else None
+        return "contains words without a claim"
+    return "contains words that cannot be checked" if words & _UNCHECKED or re.search(r"\d", rest) else None
 
 
 def _line(image: str, text: ModelText, source: FrameSource) -> dict[str, Any]:

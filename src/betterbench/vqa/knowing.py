@@ -173,14 +173,14 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
             by_trial.setdefault(q.source.trial, []).append(q)
     trials = [t for t in diagnosis.trials if t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)]
     if not any(t.trial_id in by_trial for t in trials):
-        cure = "Make one with better vqa --run RUN --out SET and ask it"
+        cure = "Make a set with better vqa --run RUN --out SET, and let the model answer it"
         raise InvalidInputError(str(asked.path), "contains no questions about this run", cure)
     mine = [q for t in trials for q in by_trial.get(t.trial_id, [])]
     answered = [q for q in mine if answers.has(q)]
     if not answered:
         cure = "Run better vqa SET --ask, or give a file with answers to that set"
         raise InvalidInputError(
-            f"answers of {answers.head.model!r}", f"none belongs to a question of {asked.path}", cure
+            f"answers of {answers.head.model!r}", f"no answer belongs to a question of {asked.path}", cure
         )
     blind = _blind_by_role(asked.questions)
     found = tuple(

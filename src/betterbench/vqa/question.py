@@ -1,4 +1,4 @@
-"""A question about one image with its answer, as a plain value with a JSON form."""
+"""Questions about an image with their answers, as values with a JSON form."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def _inside(place: str) -> str:
         or ".." in parts
         or not place.isprintable()
     ):
-        raise ValueError("it is not the path of a file inside the set")
+        raise ValueError("the path does not lead to a file inside the set")
     return place
 
 

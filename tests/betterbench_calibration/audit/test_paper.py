@@ -153,7 +153,7 @@ def test_the_total_of_the_frames_was_cut_off(audit):
     finding = one(audit, "vla_data", "total", "Total", "frames")
     assert finding.recomputed == "47.70"
     assert "47.6968" in finding.why
-    assert "cut off" in finding.why
+    assert "truncated" in finding.why
     assert one(audit, "vla_data", "total", "Total", "episodes").recomputed == "924093"
 
 

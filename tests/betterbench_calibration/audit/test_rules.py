@@ -152,7 +152,7 @@ def test_rates_that_stay_equal_are_not_flagged():
 
 def test_a_total_that_was_cut_off_is_told_from_a_wrong_one():
     rule = {"rule": "total", "row": "sum", "column": "n", "unit": 1000}
-    for printed, says in ((3.9, "cut off"), (3.8, "not 3.8")):
+    for printed, says in ((3.9, "truncated"), (3.8, "not 3.8")):
         text = source([rule], {"x": [1500], "y": [2460], "sum": [printed]}, columns=("n",))
         [finding] = audit_source(read_source(text, "test")).findings[:1]
         assert finding.verdict is Verdict.BROKEN
@@ -279,5 +279,5 @@ def test_the_fewest_missing_questions_are_named():
 def test_two_tables_of_one_name_are_refused():
     document = json.loads(source([]))
     document["tables"] *= 2
-    with pytest.raises(BetterError, match="'t' is there twice"):
+    with pytest.raises(BetterError, match="'t' occurs twice"):
         read_source(json.dumps(document), "test")

@@ -20,7 +20,7 @@ def test_it_prints_what_does_not_hold_first(capsys):
     assert status == 0
     assert not err
     flat = " ".join(out.split())
-    assert flat.index("38.37 = 155/404") < flat.index("13/20 cannot be told from guessing")
+    assert flat.index("38.37 = 155/404") < flat.index("13/20 cannot be distinguished from")
     assert "167 checks: 11 do not hold, 10 are not supported by their trials, 8 cannot be checked, 138 hold." in flat
 
 

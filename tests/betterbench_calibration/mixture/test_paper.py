@@ -73,5 +73,5 @@ def test_hours_and_wrong_numbers():
     assert budget.gpu_hours == pytest.approx(6 * 2e9 * 1e7 / 156e12 / 3600)
     with pytest.raises(InvalidInputError, match="gpus: 0"):
         budget_of(parts, prices(), gpus=0, steps=1)
-    with pytest.raises(InvalidInputError, match="none is given for DROID"):
+    with pytest.raises(InvalidInputError, match="no value for DROID"):
         budget_of(parts, {}, gpus=1, steps=1)

@@ -109,12 +109,12 @@ def test_what_cannot_be_drawn_from():
         MixtureSampler((MixturePart("a", "g", 3),))
     with pytest.raises(RunConflictError, match="another mixture"):
         MixtureSampler(parts).load_state_dict(MixtureSampler(parts, seed=1).state_dict())
-    with pytest.raises(InvalidInputError, match="no number of draws"):
+    with pytest.raises(InvalidInputError, match="not a number of draws"):
         MixtureSampler(parts).load_state_dict({"position": -1})
     for weights in ((0.0, 0.0), (1.0, -1.0), (1.0, float("nan"))):
         with pytest.raises(InvalidInputError, match=r"weight"):
             small(3, 4, weights=weights)
-    with pytest.raises(InvalidInputError, match="nothing to draw"):
+    with pytest.raises(InvalidInputError, match="no items to draw"):
         small(3, 0)
     with pytest.raises(InvalidInputError, match="have this name"):
         shares_of([WeightedGroup("g", 1.0, (MixturePart("a", "g", 1), MixturePart("a", "g", 2)))])

@@ -89,8 +89,8 @@ def test_a_mixture_over_files(tmp_path):
         ({"groups": [{"name": "g", "weight": 1.0, "sets": []}]}, r"mixture.yaml: groups\[0\].sets"),
         ({"groups": [{"name": "g", "weight": -1.0, "sets": [{"path": "v2"}]}]}, r"mixture.yaml: groups\[0\].weight"),
         ({"groups": [{"name": "g", "weight": 1.0, "sets": [{"path": "tests"}]}]}, "questions are for test"),
-        ({"groups": [{"name": "g", "weight": 1.0, "sets": [{"path": "short"}]}]}, "its episodes are 4 with 17"),
-        ({"groups": [{"name": "g", "weight": 1.0, "sets": [{"path": "split"}]}]}, "no range of its episodes"),
+        ({"groups": [{"name": "g", "weight": 1.0, "sets": [{"path": "short"}]}]}, "has 4 episodes and 17 frames"),
+        ({"groups": [{"name": "g", "weight": 1.0, "sets": [{"path": "split"}]}]}, "not a range of its episodes"),
         ({"groups": [{"name": "g", "weight": 1.0, "sets": [{"path": "old"}]}]}, "its version is v1.6"),
     ],
 )

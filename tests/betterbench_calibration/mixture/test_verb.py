@@ -69,7 +69,7 @@ def test_a_file_of_draws_goes_on(capsys, mixture):
         assert Path("draws.jsonl").read_bytes() == whole
     capsys.readouterr()
     assert main([*words, "--seed", "6"]) == 2
-    assert "something else than draws of this mixture" in " ".join(capsys.readouterr().err.split())
+    assert "other data than draws of this mixture" in " ".join(capsys.readouterr().err.split())
     assert Path("draws.jsonl").read_bytes() == whole
 
 
@@ -95,11 +95,11 @@ def test_what_is_no_file_is_not_read_without_an_end(capsys, mixture):
     ("words", "said"),
     [
         (["--shard", "2/2", "--draws", "5"], "shard: 2 is out of range"),
-        (["--shard", "x"], "names no shard"),
-        (["--out", "x.jsonl"], "there is nothing to write"),
-        (["--gpus", "3"], "only one of them is given"),
+        (["--shard", "x"], "is not a shard"),
+        (["--out", "x.jsonl"], "there are no draws to write"),
+        (["--gpus", "3"], "only one of --gpus and --steps is given"),
         (["--tokens", "DROIT=3"], "Unknown data set in --tokens"),
-        (["--tokens", "DROID=x"], "gives no number"),
+        (["--tokens", "DROID=x"], "is not NAME=NUMBER"),
         (["no.yaml"], "no.yaml"),
         (["list.yaml"], "it contains no fields"),
         (["alias.yaml"], "it has an alias"),

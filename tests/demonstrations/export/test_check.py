@@ -274,7 +274,7 @@ FIELDS = {
     "png": (
         (table(DATA, rotated), "episode 0: observation.images.front.0. is "),
         (fields(SOURCE, lambda f: f.update(images="video")), "chunk_index is absent, expected 0"),
-        (fields(SOURCE, lambda f: f.update(images="gif")), "has neither videos nor PNG files"),
+        (fields(SOURCE, lambda f: f.update(images="gif")), "there are neither videos nor PNG files"),
     ),
     "said": (
         (fields(INFO, lambda f: [f["features"].pop(f"language_{n}") for n in ("persistent", "events")]), "columns: la"),

@@ -138,7 +138,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing_at_the_place(demonstrations,
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
     monkeypatch.setattr(part, "write_durably", full)
-    with pytest.raises(StorageError, match=r"No space left on device\. Nothing finished is lost"):
+    with pytest.raises(StorageError, match=r"No space left on device\. Finished work is kept"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "set"))
     assert not (tmp_path / "set").exists()
 
@@ -318,7 +318,7 @@ def test_a_file_larger_than_the_disk_takes_is_one_line(demonstrations, tmp_path)
     ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     assert "Traceback" not in ended.stderr
-    assert "File too large. Nothing finished is lost" in " ".join(ended.stderr.split())
+    assert "File too large. Finished work is kept" in " ".join(ended.stderr.split())
     assert not (tmp_path / "set").exists()
 
 

@@ -167,7 +167,7 @@ def test_another_learner_than_that_which_played_is_refused(run, diagnosis, tmp_p
         ask(stranger)
     with pytest.raises(InvalidInputError, match=r"trained without questions.*co_training"):
         ask(Learner.load(_written(tmp_path / "b", answers=())))
-    with pytest.raises(InvalidInputError, match="shown images"):
+    with pytest.raises(InvalidInputError, match="uses images"):
         ask(Learner.load(_written(tmp_path / "c", **PIXELS)))
 
 

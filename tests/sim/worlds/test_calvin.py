@@ -177,7 +177,7 @@ def test_a_process_refuses_a_second_chain(plan_of):
     scene = _scene(world, processes, 0)
     scene.reset()
     start = scene.start()
-    with pytest.raises(process.WorldError, match="a chain needs a process of its own"):
+    with pytest.raises(process.WorldError, match="a chain needs a new process"):
         scene._process.start({"robot": start.robot.tolist(), "scene": start.scene.tolist(), "images": False})
     scene.close(well=False)
     processes.close()

@@ -163,11 +163,14 @@ def test_results_that_no_chain_can_have_are_refused(perfect):
     whole, name = perfect[0], calvin_chains()[0].names[0]
     for wrong, problem in (
         ([], "there is none"),
-        ([whole, whole], "stands twice"),
+        ([whole, whole], "occurs twice"),
         ([ChainResult(1000, whole.played)], "is none of"),
-        ([ChainResult(1, whole.played)], "does not have the subtasks"),
-        ([ChainResult(0, (SubtaskResult(name, True, 3),))], "first failure"),
-        ([ChainResult(0, (dataclasses.replace(whole.played[0], success=False), *whole.played[1:]))], "first failure"),
+        ([ChainResult(1, whole.played)], "expected the subtasks"),
+        ([ChainResult(0, (SubtaskResult(name, True, 3),))], "first failed subtask"),
+        (
+            [ChainResult(0, (dataclasses.replace(whole.played[0], success=False), *whole.played[1:]))],
+            "first failed subtask",
+        ),
     ):
         with pytest.raises(InvalidInputError, match=problem):
             summarize(wrong)

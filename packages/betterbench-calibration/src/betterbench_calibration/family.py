@@ -1,4 +1,4 @@
-"""Calibration on the independent family: plans of trials in which each habit shows."""
+"""Calibration on the independent family, with plans of trials in which each habit shows."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Pla
 
     Args:
         part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.
-        trials: Trials per policy in which its habit decides or acts wrongly, or in which an honest one acts. They are
-            spread over the tasks. A habit whose label needs several trials gets whole tasks, until there are so many.
-        seed: Seed of all trials; the next ones where a habit shows in fewer conditions than there are trials.
+        trials: Trials per policy in which its habit decides or acts wrongly (or, for an honest habit, acts), spread
+            over the tasks. A habit whose label needs several trials gets whole tasks until this number is reached.
+        seed: Seed of all trials; the next seeds are added if a habit shows in fewer conditions than ``trials``.
 
     Raises:
-        InvalidInputError: If there is no such part, or ``trials`` is below 1.
+        InvalidInputError: If the part does not exist, or ``trials`` is below 1.
     """
     if part not in FAMILY_PARTS:
         raise InvalidInputError("part", f"{part!r} is unknown", f"Use {' or '.join(FAMILY_PARTS)}")
@@ -45,7 +45,7 @@ def calibrate_independent(
 ) -> Calibration:
     """Run a part of the independent family, diagnose its records, and compare the labels with the true ones.
 
-    Raises what :func:`independent_plans` and :func:`~betterbench.calibration.run.calibrate` raise.
+    Raises the errors of :func:`independent_plans` and :func:`~betterbench.calibration.run.calibrate`.
     """
     plans = {plan.policy.replace(":", "-"): plan for plan in independent_plans(part, trials=trials, seed=seed)}
     return assess(run_plans(plans, out, workers=workers, on_progress=on_progress))

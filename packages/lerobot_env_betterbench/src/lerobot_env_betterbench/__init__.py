@@ -1,4 +1,4 @@
-"""Plugin that LeRobot (version 0.6 or later) imports automatically, so that ``--env.type=betterbench`` works."""
+"""Plugin that LeRobot 0.6 or later imports automatically, which makes ``--env.type=betterbench`` work."""
 
 from betterbench.episodes.envhub.config import BetterbenchEnv
 

@@ -1,1 +1,1 @@
-"""What verbs print; imported by a verb when it has something to print."""
+"""Tables and texts printed by verbs; a verb imports them when needed."""

@@ -16,7 +16,7 @@ from betterbench.tasks.worlds.calvin import ChainSummary
 
 
 def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
-    """Print the table of the paper, the comparisons of its rows, and the illusion gaps of every world."""
+    """Print Table 4 of the paper, the comparisons of its rows, and the illusion gaps of every world."""
     libero = [row for row in table.rows if row.suites]
     if libero:
         rows = [[shown, *(_rate(row.suites.get(name)) for row in libero)] for name, shown in LIBERO_COLUMNS.items()]
@@ -28,7 +28,7 @@ def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
         OUT.print()
         rows = [[str(i + 1), *(_rate(found.in_a_row[i]) for _, found in chains)] for i in range(5)]
         rows.append(["Avg Len", *(_length(found) for _, found in chains)])
-        title = "CALVIN ABC→D, chains with that many subtasks done in a row, in percent"
+        title = "CALVIN ABC→D, percent of chains with at least this many subtasks done in a row"
         print_table(["in a row", *(policy for policy, _ in chains)], rows, title=title)
         _print_subtasks(chains)
     if table.contrasts or table.chain_contrasts:

@@ -15,7 +15,7 @@ from betterbench.report.pages.calibration_page import KINDS, calibration_summary
 from betterbench.report.pages.power_page import power_sentences, power_tables
 
 WRONG_SHOWN = 12
-"""Maximum of wrong labels that the terminal lists; the page lists all."""
+"""Maximum number of wrong labels listed on the terminal; the page lists all."""
 
 
 def print_calibration(found: Calibration) -> None:
@@ -63,7 +63,7 @@ def _trial(key: str) -> tuple[str, str, int]:
 
 
 def print_power(found: PowerMatrix) -> None:
-    """Print the success of every pretender over the suite, and a summary of the power matrix."""
+    """Print the success of every pretender (simulated faulty policy), and a summary of the power matrix."""
     table = power_tables(found)[0]
     rows = [[cell.replace("`", "") for cell in row] for row in table.rows]
     print_table(list(table.columns), rows, title="power matrix: success, %")

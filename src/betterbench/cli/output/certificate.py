@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, print_table
 
 
 def print_certificate(certificate: Certificate) -> None:
-    """Print the conditions on which a clause fails, and the totals of the certificate."""
+    """Print the conditions for which a clause of the certificate fails, and the totals."""
     groups = summaries(certificate.trials)
     short = [s for s in groups if s.passed < s.n]
     if short:
@@ -20,10 +20,10 @@ def print_certificate(certificate: Certificate) -> None:
         print_table(
             ["condition", "passed", *(f"({letter})" for letter in CLAUSES)],
             rows,
-            title="conditions on which a clause fails",
+            title="conditions with a failed clause",
         )
     else:
-        OUT.print("all clauses hold on every trial", markup=False)
+        OUT.print("all clauses hold for every trial", markup=False)
     variations = sum(not s.training for s in groups)
     n, solved = len(certificate.trials), sum(t.clauses["a"].passed for t in certificate.trials)
     passed = sum(t.passed for t in certificate.trials)

@@ -14,23 +14,24 @@ if TYPE_CHECKING:
 
 
 def bar_note(progress: SetProgress) -> str:
-    """Return the note beside the bar: the number of attempts, and the start of the last attempt."""
+    """Return the note of the progress bar: the number of attempts, and the start of the last attempt."""
     last = "" if progress.last is None else f", {progress.last.trial}"
     return f"{progress.attempts} attempts{last}"
 
 
 def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] = ()) -> None:
-    """Print the variety of a set of demonstrations, if any can be compared, beside that of their sources."""
+    """Print the variety of a set of demonstrations and of their sources, if there is one to compare."""
     from betterbench.demonstrations.making.variety import SPREADS, variety_rows
 
     if variety:
         title = "variety: mean difference of two demonstrations [cm, s, °]"
-        headings = (heading.split(" [")[0] for heading in SPREADS.values())  # without units they fit into 80 columns
+        # no units, to fit the table into 80 columns
+        headings = (heading.split(" [")[0] for heading in SPREADS.values())
         print_table(("task", "of", *headings), variety_rows(variety, sources), title=title)
 
 
 def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
-    """Write the report of a set of demonstrations, and print its summary and how long the attempts took."""
+    """Write the report of a set of demonstrations, and print its summary and the pace of the attempts."""
     from betterbench.demonstrations.making.acceptance import acceptance_of, write_acceptance
     from betterbench.demonstrations.making.failure_films import film_failures
     from betterbench.demonstrations.making.paths import draw_paths

@@ -14,7 +14,7 @@ from betterbench.statistics import percent
 from betterbench.tasks import Kind, Label
 
 SHOWN_CHANGES = 20
-"""Maximum number of trials and of metrics whose change is printed; ``--json`` lists all."""
+"""Maximum number of changed trials, and of changed metrics, that are printed; ``--json`` lists all."""
 
 
 def diagnosed(run: RunFolder, *, twins_in: RunFolder | None = None) -> RunDiagnosis:
@@ -48,7 +48,7 @@ def print_diagnosis(result: RunDiagnosis) -> None:
 
 
 def _verdict(result: RunDiagnosis, name: str) -> list[str]:
-    """Return the cell of the verdict: empty on a training condition; no cell unless the run is sequential."""
+    """Return the verdict's cells: one cell for a sequential run (empty for a training condition), else none."""
     if result.until_decided is None:
         return []
     answer = result.until_decided.answer(name)

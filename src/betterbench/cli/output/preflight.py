@@ -1,4 +1,4 @@
-"""Declarations and answers of a policy to ``better doctor --policy``, as text."""
+"""Result of the preflight check (``better doctor --policy``), as text."""
 
 from __future__ import annotations
 

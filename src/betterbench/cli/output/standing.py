@@ -1,4 +1,4 @@
-"""Comparison of a policy with the pretenders, as text."""
+"""Comparison of a policy with the pretenders (simulated faulty policies), as text."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from betterbench.report.pages.pretenders import scope_columns, score_rows
 from betterbench.tasks import Axis
 
 SHOWN_LINES = 8
-"""Maximum of reference lines that the terminal lists; ``--json`` and the report list all."""
+"""Maximum number of reference lines on the terminal; ``--json`` and the report list all."""
 
 
 def print_standing(policy: str, standing: Standing) -> None:
-    """Print the success that the pretenders would reach, and the pretender most similar to the policy."""
+    """Print the success rates of the pretenders, and the pretender most similar to the policy."""
     print_standings([policy], [standing])
 
 
 def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> None:
-    """Print the policies above the best reference lines of the first; all must have run the same trials."""
+    """Print a table of policies and the best reference lines of the first policy. All must have run the same trials."""
     first = standings[0]
     columns = scope_columns(standings)
     OUT.print()

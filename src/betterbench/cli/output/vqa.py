@@ -1,4 +1,4 @@
-"""A set of questions, scores of answers to it, and a model's knowledge beside a policy's behavior, as text."""
+"""Question sets, scores of answers, and a model's knowledge compared with a policy's behavior, as text."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def print_scores(scores: Sequence[Score]) -> None:
 
 
 def print_knowledge(known: Knowledge) -> None:
-    """Print how often a model's answers agree with the behavior of a policy, by label."""
+    """Print the agreement between a model's answers and a policy's behavior, by label."""
     columns = ["label", "trials", "knows", "without image", *(s.value.replace("_", " ") for s in KnowledgeStanding)]
     rows = [
         [
@@ -69,7 +69,7 @@ def print_knowledge(known: Knowledge) -> None:
         ]
         for x in known.labels
     ]
-    print_table(columns, rows, title=f"what {known.model} knows of what {known.policy} does")
+    print_table(columns, rows, title=f"knowledge of {known.model} and behavior of {known.policy}")
     OUT.print(known.sentence, markup=False)
     if not known.is_complete:
         missing = known.asked - known.answered
@@ -82,7 +82,13 @@ def print_knowledge(known: Knowledge) -> None:
 
 def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
     """Print the answers of a learner about its own trials, by condition."""
-    columns = ["condition", "right cell", "nearest to the object", "95 % interval", "trials with all nearest"]
+    columns = [
+        "condition",
+        "right cell",
+        "answers nearest to the object",
+        "95 % interval",
+        "trials with all answers nearest",
+    ]
     rows = [
         [
             s.where,

@@ -1,4 +1,4 @@
-"""``better amplify``: many demonstrations from few."""
+"""``better amplify``: many demonstrations made from a few."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def amplify_command(
     films: bool = True,
     json: bool = False,
 ) -> None:
-    """Adapt the demonstrations of a run to new starts: a number per training condition, in the folder of another run.
+    """Adapt the demonstrations of a run to new starts, and save them as another run.
 
     Each skill of a source keeps its motion in the frame of the object or target that it manipulates. The transit to it
     is kept too, with height, side and tempo varied by seed; where it would collide, a planner finds another path. A
     failed attempt is repeated with another source. A demonstration is accepted if it succeeds, stays successful while
-    held, and lies inside the certified training distribution. The variety of the demonstrations is printed beside that
+    held, and stays inside the certified training distribution. The variety of the demonstrations is printed beside that
     of their sources. The same command resumes, also after Ctrl-C, and a larger --demos adds demonstrations.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
@@ -47,7 +47,7 @@ def amplify_command(
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
         workers: Worker processes; one per processor if not given.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
-        json: Print what became of the attempts as one JSON document.
+        json: Print the outcome of the attempts as one JSON document.
     """
     from betterbench.cli.output.demonstrations import bar_note, tell_acceptance
     from betterbench.cli.verbs.evaluate import prepare_robot

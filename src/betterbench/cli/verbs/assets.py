@@ -127,7 +127,9 @@ def assets_command(
         check_assets(given, wishes, color=color, out=out, picture=picture, overwrite=overwrite, json=json)
         return
     if license not in (None, "free", "any"):
-        raise InvalidInputError("--license", f"{license!r} is neither free nor any", "Write --license any for all")
+        raise InvalidInputError(
+            "--license", f"{license!r} is not a choice of --license", "Write --license any to include all licenses"
+        )
     filters = Filters(
         license="any" if license == "any" else "free",
         source=source or "",
@@ -174,7 +176,7 @@ def _index(folder: Path, given: Sequence[str], options: SourceOptions, *, encode
     for asset, reason in report.named:
         say(f"skipped {asset}: {reason}")
     if missing:
-        say(f"The catalogue is searched by words alone. {missing}")
+        say(f"The catalogue can be searched by words only. {missing}")
     if json:
         print_json(_index_document(folder, report, loaded))
     else:
@@ -186,7 +188,7 @@ def _index(folder: Path, given: Sequence[str], options: SourceOptions, *, encode
 
 
 def _encoder(name: str) -> tuple[TextEncoder | None, str]:
-    """Return the encoder of a name, and what is missing for the default one."""
+    """Return the encoder of a name, and a message about what the default encoder lacks."""
     from betterbench.sim.assets.catalogue.encoders import DEFAULT, open_encoder
 
     if name == "none":
@@ -238,11 +240,11 @@ def _print_hits(opened: Catalogue, query: str, hits: Sequence[tuple[str, Hit]], 
 
 
 def _without_meaning() -> str:
-    """Return the sentence for a catalogue that has no vectors, with the command that adds them."""
+    """Return the message about a catalogue without vectors, with the command that adds vectors."""
     from betterbench.installation import EXTRAS, extra_command
 
     install = "" if EXTRAS["assets"].is_installed else f"{extra_command('assets')}, then "
-    return f"Searched by words alone. To search by meaning too, run: {install}better assets index"
+    return f"Searched by words only. To search by meaning too, run: {install}better assets index"
 
 
 def _said(entry: CatalogueEntry) -> str:
@@ -257,7 +259,7 @@ def _show(opened: Catalogue, given: Sequence[str], out: Path | None, *, overwrit
     """Print one asset, and write its picture."""
     if len(given) != 1:
         raise InvalidInputError(
-            "assets show", f"{len(given)} ids are given", "Name one, as better assets search lists it"
+            "assets show", f"{len(given)} ids are given", "Give one id, as listed by better assets search"
         )
     entry = opened.entry(given[0])
     if out is not None:
@@ -279,7 +281,7 @@ def _licenses(opened: Catalogue, given: Sequence[str], *, json: bool) -> None:
     from betterbench.sim.assets.licenses import license_kind
 
     if given:
-        raise InvalidInputError("assets licenses", f"{given[0]!r} is one word too many", "Leave it out")
+        raise InvalidInputError("assets licenses", f"{given[0]!r} is not expected here", "Leave it out")
     rows = [(source, name, license_kind(name), total) for source, name, total in opened.licenses()]
     if json:
         keys = ("source", "license", "kind", "assets")
@@ -291,7 +293,7 @@ def _licenses(opened: Catalogue, given: Sequence[str], *, json: bool) -> None:
     )
     left_out = sum(total for _, _, kind, total in rows if kind != "free")
     if left_out:
-        OUT.print(f"\n{left_out} assets are searched with --license any only.")
+        OUT.print(f"\n{left_out} assets are searched only with --license any.")
 
 
 def _write_sheet(hits: Sequence[tuple[str, Hit]], out: Path, *, overwrite: bool) -> None:

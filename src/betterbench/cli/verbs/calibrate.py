@@ -1,4 +1,4 @@
-"""``better calibrate``: accuracy of the diagnosis, and power of the suite, measured on policies with known faults."""
+"""``better calibrate``: accuracy of the diagnosis and power of the suite, measured on policies with known faults."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def calibrate_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Run the faulty policies and compare the label of each trial with the true one in a confusion matrix.
+    """Run policies with known faults and compare each trial's label with the true label in a confusion matrix.
 
     Each policy follows one faulty rule in a share of its trials and records its first wrong decision as ground truth.
     The policies of the independent family have another controller and other faulty behaviors, written by people who had
     not read the diagnosis. With --power, faulty rules at full strength, blind probes and replayed demonstrations
-    measure what each variation can distinguish: the power matrix. Ctrl-C keeps finished trials; the same command
-    resumes.
+    measure which of these policies each variation can distinguish (the power matrix). Ctrl-C keeps finished trials; the
+    same command resumes.
 
     Example: better calibrate --tasks fast_food --trials 2 --out runs/calibration
 
@@ -54,7 +54,8 @@ def calibrate_command(
         out: Folder of the calibration; runs/calibration, runs/FAMILY or runs/power if not given.
         tasks: Tasks to run; the whole suite if none is named.
         policies: Faulty policies to run; all if none is named.
-        strengths: Shares of the trials in which a faulty rule is followed; smaller shares come with more action noise.
+        strengths: Shares of the trials in which the policy follows its faulty rule; smaller shares add more action
+            noise.
         trials: Trials per variation of each faulty policy at each strength, 1 if not given; trials of each policy of
             the independent family, 4 if not given.
         seed: First seed.
@@ -121,15 +122,17 @@ def _check_options(
     power: bool,
     write_package: bool,
 ) -> None:
-    """Raise InvalidInputError about options that do not go together."""
+    """Raise InvalidInputError about options that cannot be combined."""
     from betterbench.tasks import suite_tasks
 
     if write_package and (policies or (tasks and set(tasks) != set(suite_tasks("better60")))):
-        problem = "it replaces the file of the whole suite"
+        problem = "it rewrites the file of the whole suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
     if power and (policies or strengths != STRENGTHS or trials is not None or seed != 0 or family != "faulty"):
         raise InvalidInputError(
-            "--power", "it fixes policies, strengths, trials and seeds", "Leave those options out, or leave out --power"
+            "--power",
+            "the power matrix has fixed policies, strengths, trials and seeds",
+            "Leave those options out, or leave out --power",
         )
     if family != "faulty" and (tasks or policies or strengths != STRENGTHS):
         raise InvalidInputError(

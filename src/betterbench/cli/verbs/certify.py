@@ -1,4 +1,4 @@
-"""``better certify``: proof, trial by trial, that a failure can only come from the policy."""
+"""``better certify``: checks that each trial is solvable, so that a failure is due to the policy."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def certify_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Certify trials: solvable, inside the training distribution, at rest, within reach, and with a true premise.
+    """Certify that trials are solvable, inside the training distribution, at rest, reachable and true to their premise.
 
-    The trials are those that better eval plans for the same tasks, trials and seed. Ctrl-C keeps finished trials; the
+    better eval plans the same trials when given the same tasks, trials and seed. Ctrl-C keeps finished trials; the
     same command resumes. The exit status is 0 even if a clause fails: such trials are listed, and better eval refuses
     them.
 
@@ -50,7 +50,7 @@ def certify_command(
         seed: First seed.
         workers: Worker processes; one per processor if not given.
         demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
-        looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
+        looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers.
         overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
@@ -97,7 +97,7 @@ def certify_command(
 
 
 def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, write_package: bool) -> None:
-    """Measure demonstrations and write the files that hold them."""
+    """Measure demonstrations and write the measurements to files."""
     from betterbench.certification.measuring import destination, measure, write_demonstrations
     from betterbench.tasks import get_task
 
@@ -112,11 +112,13 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, wr
             name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
             bar.update(task, total=progress.planned, completed=progress.done, note=name)
             if last is not None and last.problem:
-                say(f"{name}: {last.problem}; the demonstration does not count")
+                say(f"{name}: {last.problem}; the demonstration is left out")
 
         found = measure(tasks, out, number=number, workers=workers, on_progress=told)
     for name, shown in found.items():
-        OUT.print(f"{name}: {shown.solved} demonstrations, {len(shown.releases)} places", markup=False, soft_wrap=True)
+        OUT.print(
+            f"{name}: {shown.solved} demonstrations, {len(shown.releases)} placements", markup=False, soft_wrap=True
+        )
     for path in write_demonstrations(found):
         OUT.print(f"demonstrations {path}", markup=False, soft_wrap=True)
 

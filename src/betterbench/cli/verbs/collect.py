@@ -20,7 +20,7 @@ def collect_command(
     films: bool = True,
     json: bool = False,
 ) -> None:
-    """Collect demonstrations of the expert, a number per training condition, in the folder of a run.
+    """Collect demonstrations of the expert for each training condition, and save them as a run.
 
     The seed draws the motion style of each demonstration: speed, side and height of the approach, pauses, detours, and
     grasps that miss and are corrected. The starts cover the training distribution evenly, and their seeds are never
@@ -37,7 +37,7 @@ def collect_command(
         attempts: Maximum attempts at one start, each in another motion style.
         workers: Worker processes; one per processor if not given.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
-        json: Print what became of the attempts as one JSON document.
+        json: Print the outcome of the attempts as one JSON document.
     """
     from betterbench.cli.output.demonstrations import bar_note, tell_acceptance
     from betterbench.cli.verbs.evaluate import prepare_robot

@@ -57,7 +57,7 @@ def compare_command(
     if len(folders) == len(runs) and is_across(folders):
         if sequential or fail_if_worse:
             option = "--sequential" if sequential else "--fail-if-worse"
-            raise InvalidInputError(option, "it is for runs of one suite", f"Leave out {option}")
+            raise InvalidInputError(option, "it applies only to runs of one suite", f"Leave out {option}")
         _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, overwrite=overwrite, json=json)
         return
     if out is not None:

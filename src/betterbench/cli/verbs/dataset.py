@@ -1,4 +1,4 @@
-"""``better dataset``: the training set of a regime, with its proof, card, statistics and audit."""
+"""``better dataset``: a training set with its manifest, dataset card, statistics and shortcut audit."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def dataset_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make a training set: only demonstrations of a regime, checked record by record.
+    """Make a training set from demonstrations of one training distribution, checked record by record.
 
-    The expert gives the sources, and the set is amplified from them to starts that cover the regime evenly. The folder
-    then contains the demonstrations as a run, which better export, materialize and vqa read. It also contains a dataset
-    card, the split, normalization statistics, the shortcut audit, and a prediction of the variations that a learner of
-    this set fails. Each set can be reproduced with one command, which is printed. Ctrl-C keeps finished demonstrations;
-    the same command resumes, and a larger --demos adds more.
+    The expert demonstrates the sources, which are then amplified to starts spread evenly over the distribution. The
+    folder contains the demonstrations as a run, which better export, materialize and vqa read. It also contains a
+    dataset card, the split, normalization statistics, the shortcut audit, and a prediction of the variations that a
+    learner of this set fails. The command prints how to reproduce the set. Ctrl-C keeps finished
+    demonstrations; the same command resumes, and a larger --demos adds more.
 
     Example: better dataset --demos 50 --out sets/training
 

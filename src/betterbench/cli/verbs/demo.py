@@ -1,4 +1,4 @@
-"""``better demo``: the expert and three faulty policies on two tasks, and the report that tells them apart."""
+"""``better demo``: the expert and three faulty policies on two tasks, with a report on their failures."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def demo_command(
         out: Folder of the runs and the report.
         trials: Trials per variation.
         workers: Worker processes; one per processor if not given.
-        films: Largest number of films in the report; other failures get one image. 0 renders nothing.
+        films: Maximum number of films in the report; other failures get one image. 0 renders nothing.
         overwrite: Write to a folder OUT/report that better did not make, and replace files of the same names there.
     """
     from betterbench.api.report import report_into

@@ -99,7 +99,7 @@ def _store(folder: RunFolder, result: RunDiagnosis) -> None:
 
 @contextmanager
 def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
-    """Report why a result could not be stored in the run, and continue: it is printed anyway.
+    """Report why a result could not be stored in the run, and continue: the result is printed anyway.
 
     Args:
         consequence: Beginning of the message.
@@ -145,7 +145,7 @@ def _knowledge(
     from betterbench.vqa.knowing import knowledge_of, knowledge_path, store_knowledge
 
     if questions is None and not (answers.absolute().parent / SET_NAME).exists():
-        problem = f"there is no set of questions beside {answers}"
+        problem = f"the folder of {answers} contains no set of questions"
         raise InvalidInputError("--questions", problem, "Give the folder of the set that was answered")
     asked = read_set(answers.absolute().parent if questions is None else questions)
     asked.require_about(folder)

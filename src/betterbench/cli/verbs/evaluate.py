@@ -40,11 +40,12 @@ class TrialOptions:
         trials: Trials per variation, 20 if not given; in LIBERO initial states per task, as the protocol says; in
             CALVIN chains, 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
-        action_space: Action space of the policy; ee_delta if not given, and in another world what its address says.
+        action_space: Action space of the policy; ee_delta if not given, and in another world the one in the policy's
+            address.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
-        looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
-        until_decided: Stop a variation as soon as it is shown that its success drops against training, or that it does
+        looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
+        until_decided: Stop a variation as soon as the trials show that success drops compared with training, or does
             not drop by half; --trials is then the maximum.
     """
 
@@ -64,10 +65,10 @@ USUAL_TRIALS = 20
 """Trials per variation by default."""
 
 MANY_TRIALS = 200
-"""Number of trials above which a smaller command is suggested first."""
+"""Number of trials above which a smaller command is suggested."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""Task and trials of the smaller command that is suggested: the task with the shortest trials, if planned."""
+"""Suggested smaller command: its task (the one with the shortest trials, if planned) and its trials."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,11 +157,11 @@ def evaluate_command(
         out: Folder of the run; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
-        world: Options of other worlds than ours.
+        world: Options for LIBERO, LIBERO-Plus and CALVIN.
         workers: Worker processes; one per processor if not given.
         envs: Environments of each worker, to hide the policy's latency; chosen by a warm-up if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
-        ray: Where a run on a Ray cluster is placed.
+        ray: Placement of a run on a Ray cluster.
         policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         uncertified: Also run trials that no certificate covers.
@@ -174,7 +175,7 @@ def evaluate_command(
 
     if engine == "local":
         _refuse_changed(
-            ray, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}"
+            ray, "it applies to Ray clusters, but the engine is local", "Add --engine ray, or leave out {option}"
         )
     chosen_world = world_of_suite(chosen.suite)
     _refuse_other_options(world, chosen_world)
@@ -206,7 +207,7 @@ def evaluate_command(
 
 
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
-    """Print the number of trials, the drops that they can show, and for a large plan a smaller command to begin with.
+    """Print the number of trials and the drops that they can show; for a large plan, also a smaller command.
 
     ``certified`` are the options about certificates; None if the plan is that of another run.
     """
@@ -224,7 +225,7 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return a command that first runs a small part of a plan, after its number of trials; empty for a small plan."""
+    """Return a command for a small part of a plan, preceded by its number of trials; empty for a small plan."""
     from betterbench.evaluation.planning.plan import make_plan
     from betterbench.tasks.user_files import options_for
 
@@ -250,14 +251,15 @@ def _plan(
 
     if allow_other_versions and from_run is None:
         raise InvalidInputError(
-            "--allow-other-versions", "it needs a run to repeat", "Give --from too, or leave it out"
+            "--allow-other-versions", "it only applies to a repeated run", "Give --from too, or leave it out"
         )
-    of_suite = suite_tasks(chosen.suite)  # also where --tasks names others, so that a mistyped suite is reported
+    # load the suite even if --tasks names other tasks, so that a mistyped suite is reported
+    of_suite = suite_tasks(chosen.suite)
     if from_run is not None:
         _refuse_changed(chosen, "--from repeats a run as it was", "Leave out {option}, or --from")
         plan = repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions, trust=trust)
         if policy is None:
-            say(f"The policy that {from_run} names: {plan.policy}")
+            say(f"Policy named in {from_run}: {plan.policy}")
         return plan
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
@@ -269,7 +271,7 @@ def _plan(
 
 
 def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of another world than ours."""
+    """Return the plan of a suite of LIBERO, LIBERO-Plus or CALVIN."""
     from betterbench.evaluation.planning.world_plan import make_world_plan
 
     if from_run is not None:
@@ -338,7 +340,7 @@ def default_folder(policy: str) -> str:
 
 
 def prepare_robot(name: str) -> None:
-    """Decimate the meshes of a robot into the cache, with a bar; later runs find them there and show nothing."""
+    """Decimate the meshes of a robot into the cache, with a progress bar; later runs reuse them."""
     from betterbench.sim.worlds import OWN_WORLD
 
     _prepare(OWN_WORLD, name)
@@ -359,7 +361,7 @@ def _prepare(world: World, robot: str) -> None:
 
 
 def _say_what_is_done(plan: Plan, out: Path) -> None:
-    """Print at once how much of a resumed run is done; faults of the folder are reported when it is opened."""
+    """Print how much of a resumed run is done. Faults of the folder are reported later, when it is opened."""
     from betterbench.records import RunFolder
 
     if not (out / "journal.jsonl").is_file():
@@ -460,7 +462,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
-    """Print how many trials succeeded and how many broke down, and the verdicts of a run with ``until_decided``."""
+    """Print the numbers of successful and broken trials, and the verdicts of a run with ``until_decided``."""
     from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
@@ -476,7 +478,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     if decided is not None:
         trials = sum(e.status == "done" for e in run.entries())
         OUT.print(f"{decided.summary} It took {trials} trials.", markup=False)
-        OUT.print(f"Success with the first {len(decided.first_seeds)} seeds, which every variation got:", markup=False)
+        OUT.print(f"Success with the first {len(decided.first_seeds)} seeds, which every variation ran:", markup=False)
     for name in ("training", "variations"):
         k, n = counts[name]["k"], counts[name]["n"]
         rate = Rate(k, n)
@@ -494,13 +496,13 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         _print_expert(run)
     following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
-    if plan.world.facts.reading != "chains":  # which get no labels
+    if plan.world.facts.reading != "chains":  # chains (CALVIN) get no labels
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     require_a_trial(run)
 
 
 def _print_expert(run: RunFolder) -> None:
-    """Print what stopped the expert in its first failed trial, and how to look at it."""
+    """Print the obstacle in the expert's first failed trial, and the command that shows the trial."""
     from betterbench.tasks.user_files import options_for
 
     failed = [e for e in run.entries() if e.status == "done" and not run.outcome(e).success]

@@ -1,4 +1,4 @@
-"""``better export``: the outcomes of a run as one file, tracker metrics, or a data set to train on."""
+"""``better export``: the outcomes of a run as one file, metrics for a tracker, or a data set for training."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def export_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Export the outcomes of a run, or demonstrations of runs as a data set to train policies on.
+    """Export the outcomes of a run, or the demonstrations of runs as a data set for training policies.
 
     A submission contains the outcome of every planned trial, all versions, and the hash of every record; better compare
     reads it. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of the successful
@@ -53,19 +53,21 @@ def export_command(
             Being-H) or robomimic (HDF5, extra robomimic).
         out: File of the submission, NAME.json if not given; folder of the tracker, RUN/TRACKER if not given; folder of
             the data set, or its file for robomimic.
-        name: Name of the policy; the name that it declared if not given.
+        name: Name of the policy; the name that the policy declared if not given.
         project: Project of the tracker wandb.
         check: Submission or data set to compare with the records of the runs; nothing is written.
         preset: Layout of the data set, as in a policy's address (?preset=NAME); lerobot if not given, for lerobot-v2.1
             gr00t_new_embodiment and for robomimic native.
         tasks: Tasks of the data set; all of the runs if none is named.
-        variations: Also export successful trials of test variations. They can then no longer test a policy.
-        images: Image format: video (H.264) or png (lossless, six times larger). robomimic images are always lossless.
+        variations: Also export successful trials of test variations. These variations cannot test a policy trained on
+            them.
+        images: Image format: video (H.264) or png (lossless, six times larger). Images for robomimic are always
+            lossless.
         observation: Observation preset of the evaluation; the first one with the cameras of the layout if not given.
-        quality: Render preset of the images; that of the run if not given.
+        quality: Render preset of the images; the preset of the run if not given.
         validation: Share of the seeds whose episodes are for validation; they come last.
-        language: Also write the language columns, which LeRobot 0.6 and newer read and older ones refuse.
-        vqa: Set of better vqa about the same run; its questions are written to these columns.
+        language: Also write the language columns, which LeRobot versions before 0.6 refuse.
+        vqa: Set of better vqa about the same run; the questions of this set are written to the language columns.
         workers: Episodes that are rendered in parallel; one per processor if not given.
         overwrite: Replace a file that better export did not write, or another data set of better export.
         json: Print one JSON document about what was written or checked.
@@ -165,7 +167,7 @@ def _export_dataset(
     if left_out:
         say(f"left out: {', '.join(left_out)}")
     if options.variations:
-        say("with test variations: these variations do not test a policy that is trained on these episodes")
+        say("with test variations: these variations cannot test a policy that is trained on these episodes")
     document = asdict(done) | {"path": str(done.path), "seconds": round(seconds, 3)}
     sentence = (
         f"{done.episodes} episodes, {done.frames} frames\n{took(seconds, done.bytes)}\n"
@@ -213,7 +215,7 @@ def _export_outcomes(
     from betterbench.records import RunFolder
 
     if len(runs) > 1:
-        raise InvalidInputError("runs", f"{len(runs)} are named", "Give one run, or --to lerobot and the like")
+        raise InvalidInputError("runs", f"{len(runs)} are named", "Give one run, or --to lerobot for a data set")
     folder = RunFolder.open(runs[0])
     if check is not None:
         submission = read_submission(check)
@@ -227,7 +229,7 @@ def _export_outcomes(
         return
     if to != "submission":
         place = out or folder.inside(to)
-        with FileLock(place):  # beside the folder, because a tracker reads every file in it
+        with FileLock(place):  # outside the folder, because a tracker reads every file in it
             write_metrics(diagnosed(folder), to, place, name=name, project=project, overwrite=overwrite)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return

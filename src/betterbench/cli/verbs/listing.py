@@ -1,4 +1,4 @@
-"""``better list``: names of tasks, policies and other parts."""
+"""``better list``: names of suites, tasks, variations, policies, assets and templates."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def list_command(
     else:
         print_table(columns, rows)
     if what == "variations":
-        OUT.print("support: whether every pose that it needs was seen in training", markup=False)
+        OUT.print("support: whether training shows every pose that the variation needs", markup=False)
     elif what == "policies":
-        OUT.print("\nzoo: faulty policies, each with one known fault that the diagnosis has to find", markup=False)
+        OUT.print("\nzoo: faulty policies, each with one known fault that the diagnosis must find", markup=False)
 
 
 def _table(what: What) -> tuple[list[str], list[list[str]]]:
@@ -89,7 +89,7 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
 
 
 def _suites() -> list[list[str]]:
-    """Return the suites of all worlds, and whether each can be run here."""
+    """Return the suites of all worlds, and whether the simulator of each is installed."""
     from betterbench.sim.worlds import all_worlds
 
     return [

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 MOST_LISTED = 3
-"""Maximum of files that the error of a check names; --json names all."""
+"""Maximum number of files named in the error of a check; --json names all."""
 
 
 def materialize_command(
@@ -50,7 +50,7 @@ def materialize_command(
         modality: Modality to write: rgb, depth, instances, semantics, boxes or flow; may be given several times. All if
             none is given.
         trial: Trial to render, TASK/CONDITION/SEED; may be given several times. All recorded trials if none is given.
-        quality: Render preset of the colors; the one that the policy saw if not given.
+        quality: Render preset of the colors; the preset that the policy saw if not given.
         out: Folder to write; RUN/modalities if not given.
         workers: Processes that render and compress files.
         follow: Wait for trials that the run is still recording, until it ends.
@@ -133,7 +133,7 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
 
 
 def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
-    """Return one line about the faults of a folder and their remedy."""
+    """Return one line with the faults of a folder and their remedies."""
     from betterbench.statistics.wording import plural
 
     if found.is_of_another_run:

@@ -1,4 +1,4 @@
-"""``better premise``: check that the scenes of LIBERO and LIBERO-Plus fulfill the premises of their instructions."""
+"""``better premise``: check of the premises of instructions in the scenes of LIBERO and LIBERO-Plus."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def premise_command(
 ) -> None:
     """Check every initial state of LIBERO against its instruction, in the installed simulator.
 
-    Each state settles as in a run. Then LIBERO itself evaluates every relation in the task's file between an object of
+    Each state settles as in a run. LIBERO then evaluates every relation in the task's file between an object of
     the instruction and another object, because an update of the simulator can break scenes. A task takes about half a
     minute; the same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in the one state
     that they are run from, if their assets are installed (a few seconds each).
@@ -49,7 +49,7 @@ def premise_command(
     for name in chosen:
         if (suite_named(name).name in PLUS_SUITES) != (world == "libero_plus"):
             raise InvalidInputError(
-                "--suites", f"{name} is not a suite of {world}", "Name the other world, or suites of this one"
+                "--suites", f"{name} is not a suite of {world}", "Name suites of this world, or the other world"
             )
     path = out or Path(f"premises-{world}.jsonl")
     found: list[PremiseEntry] = []

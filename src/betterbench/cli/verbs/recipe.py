@@ -29,9 +29,9 @@ def recipe_command(
 ) -> None:
     """Write the configuration and commands that train pi0.5, GR00T, Being-H or a LeRobot policy by a recipe.
 
-    The recipe is one of the paper's (better, libero, calvin) or your own file. The folder contains the configuration,
-    the commands in order up to the evaluation, and the source of each field. If the data set of better export already
-    exists here, it is checked.
+    The recipe is one of the paper's (better, libero, calvin) or your own file. The output folder contains the
+    configuration, the commands in order up to the evaluation, and the source of each field. If the data set of better
+    export exists on this machine, it is checked.
 
     Example: better recipe openpi --data sets/pi --out recipes/pi
 
@@ -41,9 +41,9 @@ def recipe_command(
         data: Folder of the data set, here or on the training machine; several for Being-H.
         out: Folder to write; if not given, the fields are printed.
         gpus: Number of GPUs.
-        weights: Where training starts from; the framework's published weights if not given.
+        weights: Initial weights; the framework's published weights if not given.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
-        sample_tokens: Number of tokens of one sample, with which Being-H fills its sequences.
+        sample_tokens: Number of tokens per sample, from which Being-H packs its sequences.
         overwrite: Write to a folder that better recipe did not make, and replace files of the same names there.
         json: Print one JSON document instead of a table.
     """

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from betterbench.records import RecordMetadata, RunFolder
 
 MOST_FIELDS = 5
-"""Maximum of fields named in the error about a record that differs from its replay."""
+"""Maximum number of fields named in the error about a record that differs from its replay."""
 
 
 def replay_command(
@@ -121,7 +121,7 @@ def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None
     if beside is not None and beside.record is not None:
         panels.append(panel_of(beside, "training twin"))
     else:
-        why = "it is a training trial" if trial.variation is None else "its twin has no record"
+        why = "training trials have no twin" if trial.variation is None else "its twin has no record"
         say(f"{trial.key} is shown alone: {why}")
     path = out or run.video_path(meta.task, meta.condition, meta.seed, camera="twin")
     look = FilmLook(camera=camera, size=size or 384, rate_hz=10, longest_s=None, quality="standard")

@@ -1,4 +1,4 @@
-"""``better report``: one page with the results of policies and the causes of their failures."""
+"""``better report``: one page with the results of policies and the reasons for their failures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def report_command(
     films: int = 40,
     overwrite: bool = False,
 ) -> None:
-    """Write one self-contained HTML page, with its tables as CSV and LaTeX beside it.
+    """Write one self-contained HTML page, and its tables as CSV and LaTeX in the same folder.
 
     An unfinished run can be reported too: the page says how many trials are done and counts only those.
 

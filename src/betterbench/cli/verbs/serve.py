@@ -51,12 +51,12 @@ def serve_command(
         chunk: Number of actions in one answer of an expert; 8 if not given.
         layout: Preset in which an expert reads requests and answers, to test a client or an adapter; native and
             openpi_libero if not given.
-        batch: Maximum observations in one call of act_batch, for policies that have it; 16 if not given.
-        clients: Maximum simultaneous clients; 128 if not given. Further clients are told to retry later.
+        batch: Maximum number of observations in one call of act_batch, for policies that implement it; 16 if not given.
+        clients: Maximum number of simultaneous clients; 128 if not given. Further clients are refused until one leaves.
         task: Task of clients that do not name one.
         condition: Condition of that task; its first training condition if not given.
         seed: Seed of that trial; 0 if not given.
-        api_key_env: Environment variable with a key that clients have to send.
+        api_key_env: Environment variable with the key that clients must send.
     """
     from betterbench.evaluation import open_server
     from betterbench.evaluation.serving.server import DEFAULT_CHUNK
@@ -103,7 +103,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
     if task is None:
         for option, value in (("--condition", condition), ("--seed", seed)):
             if value is not None:
-                raise InvalidInputError(option, "it belongs to the trial of a task", "Give --task too")
+                raise InvalidInputError(option, "it applies only with --task", "Give --task too")
         return None
     from betterbench.evaluation import named_trial
 

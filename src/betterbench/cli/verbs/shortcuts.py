@@ -1,4 +1,4 @@
-"""``better shortcuts``: shortcuts that a dataset allows a learner, and the variations that each would fail."""
+"""``better shortcuts``: shortcuts that a dataset offers, and the variations that a learner would then fail."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def shortcuts_command(
         data: Folder of a run, or of a LeRobot dataset.
         instruction: Column with the instructions of a LeRobot dataset: a column of frames (texts, or task numbers), or
             of meta/tasks.
-        gripper: Component that says how far the gripper is closed, such as action:gripper; one per arm.
+        gripper: Component with the opening of the gripper, such as action:gripper; one per arm.
         place: Components of the gripper's position, x first, such as observation.state[0,1,2]; one set for each
             --gripper, in the same order. A leading + sums up steps.
-        closed: End of the gripper's range at which it is closed; auto infers it from names and values, or asks for it.
+        closed: End of the gripper's range that means closed; auto infers it from names and values, or requests it.
         seed: Seed of the sample taken from more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
@@ -65,7 +65,7 @@ def shortcuts_command(
     from betterbench.jobs.outputs import OutputFolder
 
     if sign is not None and out is None:
-        raise InvalidInputError("--sign", "no file is written that could be signed", "Give --out FOLDER too")
+        raise InvalidInputError("--sign", "without --out, there is no file to sign", "Give --out FOLDER too")
     choices = {
         "instruction": instruction,
         "grippers": gripper,
@@ -128,7 +128,7 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
         raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
     for option in ("instruction", "grippers", "places", "closed"):
         if choices[option]:
-            problem = f"belongs to LeRobot datasets, and {data} is a run, whose records contain this"
+            problem = f"belongs to LeRobot datasets, and {data} is a run, which needs no such option"
             raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave it out")
     run = RunFolder.open(folder)
     entries = list(run.entries())
@@ -182,7 +182,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print the questions that were tested, those that were not, and the rules that are the meaning of words."""
+    """Print the tested and untested questions, and the rules that only state what words mean."""
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 
     print_item(f"tested in {group.group}: {tested_text(group.asked)}")
@@ -215,9 +215,9 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
     for group in audit.groups:
         _tell_asked(group)
-    print_item("smallest rule that the demonstrations could show, as the share of them that it decides:")
+    print_item("smallest rule that the demonstrations could reveal, as a share of the demonstrations:")
     for group in audit.groups:
-        shown = shares_line(group.smallest) or "no question could be tested, because nothing differs"
+        shown = shares_line(group.smallest) or "no question could be tested, because the demonstrations do not differ"
         print_item(f"{group.group} ({plural(group.episodes, 'demonstration')}): {shown}", indent=2)
     if prediction is not None:
         at_risk = [f for f in prediction.variations if f.risk > 0.0]

@@ -1,4 +1,4 @@
-"""``better study``: training and evaluation of small policies on every arm of a study, with one page of results."""
+"""``better study``: small policies trained and evaluated on every arm of a study, with one page of results."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def study_command(
 ) -> None:
     """Train learners on confounded, balanced and covered demonstrations, evaluate them and compare them on one page.
 
-    For each task and arm a training set is made. Learners are trained on it with each seed, evaluated on training
-    conditions and all variations, and diagnosed. study.html then shows the size of each illusion gap, how much of it
-    balancing removes, and the accuracy of the audit's prediction. Ctrl-C keeps finished work; the same command resumes,
-    also with a larger plan.
+    For each task and arm (a way to choose the training data), learners are trained with each seed, evaluated on
+    training conditions and all variations, and diagnosed. study.html then shows the size of each illusion gap, how much
+    of it balancing removes, and the accuracy of the audit's prediction. Ctrl-C keeps finished work; the same command
+    resumes, also with a larger plan.
 
     Example: better study --preset small --out studies/small
 
@@ -90,7 +90,7 @@ def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | Non
 
         def on_progress(progress: StudyProgress) -> None:
             nonlocal shown
-            if shown != (progress.name, progress.note.partition(" ")[0]):  # its pace does not predict this stage
+            if shown != (progress.name, progress.note.partition(" ")[0]):  # a new stage has another pace
                 shown = (progress.name, progress.note.partition(" ")[0])
                 bar.reset(row)
             what = f"{progress.number}/{progress.stages} {progress.name}"

@@ -1,4 +1,4 @@
-"""``better teleop``: demonstrations by a person in the browser."""
+"""``better teleop``: demonstrations that a person gives in the browser."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def teleop_command(
     written, as ordinary records with their segments and the name of the demonstrator. The command needs no display and
     listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed
     address contains a token that every request needs. Ctrl-C keeps saved demonstrations; the same command resumes, and
-    a larger --demos adds more starts.
+    a larger --demos adds more demonstrations.
 
     Example: better teleop --tasks fruit_lunch --demos 3 --out runs/by_hand
 
@@ -84,7 +84,7 @@ def teleop_command(
 
 
 def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> bool:
-    """Run the page until Ctrl-C; return whether a thread is still running (none of them is needed any more)."""
+    """Run the page until Ctrl-C, and return whether a thread, no longer needed, is still running."""
     from betterbench.cli.verbs.serve import stopped_by_signal
     from betterbench.demonstrations.teleop.cameras import CameraThread
     from betterbench.demonstrations.teleop.station import Station

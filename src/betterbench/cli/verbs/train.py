@@ -1,4 +1,4 @@
-"""``better train``: training of a small policy on demonstrations, from one recipe file."""
+"""``better train``: training of a small policy on demonstrations by a recipe file."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def train_command(
         seed: Random seed; overrides the recipe.
         steps: Number of training steps; overrides the recipe.
         device: Device of torch: cpu, cuda or cuda:N.
-        frames: Folder of the rendered frames for a learner from images; if not given, NAME.frames beside each folder of
-            data.
+        frames: Folder of the rendered frames for a learner from images; if not given, NAME.frames next to each folder
+            of data.
         workers: Processes that render the frames.
         json: Print one JSON document instead of a table.
     """
@@ -103,8 +103,8 @@ def _training_set(recipe: TrainingRecipe, frames: Path | None, workers: int) -> 
 
 def _about(data: TrainingSet, epochs: float) -> str:
     held_out, frames = int(data.held_out.sum()), len(data.frames(held_out=False))
-    store = "" if data.frames_of is None else f"; {data.frames_of.bytes / 1e6:,.0f} MB of drawn frames"
-    asked = "" if data.questions is None else f"; {len(data.asked(held_out=False)):,} questions about them"
+    store = "" if data.frames_of is None else f"; {data.frames_of.bytes / 1e6:,.0f} MB of rendered frames"
+    asked = "" if data.questions is None else f"; {len(data.asked(held_out=False)):,} questions about these frames"
     return (
         f"{len(data.trials) - held_out} demonstrations with {frames:,} frames, {held_out} held out; "
         f"{epochs:.1f} passes over them{store}{asked}"

@@ -40,7 +40,7 @@ def view_command(
         out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
         camera: View to draw, as better materialize takes it; may be given several times. The views of the run's policy
             if none is given.
-        quality: Render preset; the one that the policy saw if not given.
+        quality: Render preset; the preset that the policy saw if not given.
         overwrite: Replace a file that better view did not write.
     """
     from betterbench.cli.verbs.replay import run_of
@@ -52,7 +52,7 @@ def view_command(
     from betterbench.sim.modalities.run import default_views, seen_quality
 
     named = tuple(ViewSpec.parse(text) for text in camera)
-    Wanted(named or (ViewSpec("front"),), quality=quality)  # fails on unknown names before anything is read
+    Wanted(named or (ViewSpec("front"),), quality=quality)  # raises for unknown names before reading the record
     run, meta = run_of(record)
     path = out or Path(f"{meta.task}_{meta.condition}_{meta.seed}.html")
     if path.suffix not in (".rrd", ".html"):

@@ -1,4 +1,4 @@
-"""``better vqa``: questions about recorded frames, with the scores of blind baselines and of a model."""
+"""``better vqa``: questions about recorded frames, and scores of a model and of baselines without images."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class FrameOptions:
     Attributes:
         questions: Approximate number of questions; 0 for as many as can be balanced.
         frames: Frames per trial, one from each equal part of it; 0 for every frame.
-        cameras: Cameras whose images are asked about.
+        cameras: Cameras whose images the questions are about.
         size: Side of the images in pixels.
         quality: Render preset of the images (shadows and antialiasing).
         types: Types of question; all if not given.
-        tasks: Tasks whose trials are asked about; all if not given.
+        tasks: Tasks whose trials the questions are about; all if not given.
         seed: Seed of the choice of frames, questions and phrasing.
         failures_only: With --run, leave out the trials that succeeded.
     """
@@ -71,7 +71,7 @@ class ModelOptions:
             http://localhost:8000/v1.
         describe: Base address of an endpoint that writes descriptions and questions about images of the set. Statements
             that the state does not prove are dropped.
-        images: Number of images to be described.
+        images: Number of images to describe.
         model: Name of the model at that address.
         coordinates: Meaning of the numbers in the model's boxes and points.
         at_once: Number of simultaneous requests.
@@ -107,7 +107,7 @@ def vqa_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make questions about the frames of a run, with answers from its records and none that can be guessed blind.
+    """Make questions about the frames of a run, answered from its records and balanced against blind guessing.
 
     The questions are about boxes, counts, relations, containment, stacks, states, progress and presence of objects.
     They are written as JSON lines in the conversation format of LLaVA and as Parquet, with images. With --run, the
@@ -117,8 +117,8 @@ def vqa_command(
     Example: better vqa runs/expert --out sets/expert --questions 10000
 
     Args:
-        source: Folder of a run to ask about, or of a set for a model to answer.
-        run: Folder of a run whose decisive moments are asked about.
+        source: Folder of a run to make questions about, or of a set for a model to answer.
+        run: Folder of a run whose decisive moments the questions are about.
         out: Folder of the set.
         asked: Frames, cameras and types of the questions.
         chat: Model that answers the set.
@@ -203,10 +203,10 @@ def _ask_learner(
     from betterbench.records import RunFolder
 
     if run is None or source is not None:
-        raise InvalidInputError("--learner", "needs the run that it played", "Give --run RUN and no other folder")
+        raise InvalidInputError("--learner", "needs the run of this learner", "Give --run RUN and no other folder")
     if out is not None:
         raise InvalidInputError(
-            "--out", "its answers are printed, and no set is written", "Leave it out, or give --json"
+            "--out", "the learner's answers are printed, and no set is written", "Leave it out, or give --json"
         )
     if find_kind(address) is not LEARNED:
         raise InvalidInputError("--learner", f"{address!r} is not a learner", f"Write {LEARNED.shown}")
@@ -274,7 +274,7 @@ def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
 def _described(
     run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions, *, overwrite: bool
 ) -> dict[str, object]:
-    """Let a model describe images of a set, keep what the state proves, and print how much was kept."""
+    """Let a model describe images of a set, and keep the statements that the recorded state proves."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.freeform import describe_images

@@ -1,4 +1,4 @@
-"""``better worlds``: the worlds whose simulators are installed apart, and their installation."""
+"""``better worlds``: worlds with a separately installed simulator, and their installation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def worlds_command(
     *,
     json: bool = False,
 ) -> None:
-    """List the worlds with a simulator of their own, or install one into an environment of its own.
+    """List the worlds with a separate simulator, or install one of these simulators into its own environment.
 
     Packages are pinned by hash and installed in the user's cache; the environment of betterbench does not change.
 

@@ -1,4 +1,4 @@
-"""Action labels of a record in an action space: the intended actions, or actions that command the same motion."""
+"""Action labels of a record in an action space: intended actions, or actions that command the same motion."""
 
 from __future__ import annotations
 
@@ -30,9 +30,8 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     a demonstrator added. In another action space they are computed from the commands to the controller, which every
     record
     contains: the joint references at the end of each control step, or the corresponding pose. A delta is the step from
-    the sum of the deltas before it, so the next delta compensates what the bounds of the space cut off from one. Noise
-    is removed from poses. It stays in joint references, because the controller's response to another pose is not
-    recorded.
+    the sum of all earlier deltas, so a delta compensates for clipping of the previous one. Noise is removed from poses.
+    It stays in joint references, because the controller's response to another pose is not recorded.
 
     Raises:
         InvalidInputError: If the record lacks the seven joint references, or the action space is unknown.
@@ -91,7 +90,7 @@ def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def commands(gripper: np.ndarray) -> np.ndarray:
-    """Return gripper commands (n,) with zeros replaced by the last command, which they keep; at first -1, open."""
+    """Return gripper commands (n,) with zeros replaced by the last command, which they keep; initially -1, open."""
     signs = np.sign(gripper)
     last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), -1))
     return np.where(last >= 0, np.where(signs != 0.0, gripper, signs[np.maximum(last, 0)]), -1.0)

@@ -1,4 +1,4 @@
-"""The card of a data set: README.md with counts, columns, and the commands for training and evaluation."""
+"""Card of a data set: README.md with counts, columns, and commands for training and evaluation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FRONT = (
 )
 
 STILL = 1e-3
-"""Distance of the quantiles 0.01 and 0.99 below which a component counts as nearly constant."""
+"""Distance of the quantiles 0.01 and 0.99 below which a component is nearly constant."""
 
 
 def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
@@ -92,4 +92,7 @@ def _still(dataset: Dataset, stats: Mapping[str, Stats]) -> list[str]:
     if not found:
         return []
     said = "Normalization by range, quantiles or standard deviation amplifies nearly constant components"
-    return ["", f"{said}: {', '.join(found)} (quantiles 0.01 and 0.99 less than {STILL:g} apart). Limit it."]
+    return [
+        "",
+        f"{said}: {', '.join(found)} (quantiles 0.01 and 0.99 less than {STILL:g} apart). Limit this amplification.",
+    ]

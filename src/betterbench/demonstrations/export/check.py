@@ -32,7 +32,7 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Extent and result of a check: everything listed in ``docs/export.md``, and three images per episode and camera.
+    """Result of a check, which covers the list in ``docs/export.md`` and three images per episode and camera.
 
     Attributes:
         worst_error: Largest mean error of an image, in levels of 255; 0 for lossless images.
@@ -51,14 +51,14 @@ def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount 
 
     Raises:
         InvalidInputError: If a file of the data set is missing, cannot be read or differs from the record.
-        RecordError: If no run has the record of an episode, or it is damaged.
+        RecordError: If no run has the record of an episode, or the record is damaged.
     """
     source = _source(path)
     layout = layout_of(source["layout"]["adapter"]["name"], source["layout"]["observation"]["name"])
     form: ImageForm = "png" if path.is_file() else source["images"]
     expected, episodes = ExpectedDataset(path, layout, form), source["episodes"]
     found = [_trial(runs, about) for about in episodes]
-    told = any("pairs" in about for about in episodes)  # twins may have been added to the run later
+    told = any("pairs" in about for about in episodes)  # the run may have gained twins since the export
     pairs = pairs_of(runs, found) if told else {}
     pictures, worst = 0, 0.0
     with _stored(path, expected, len(episodes)) as stored, Pictures(layout.cameras, source["quality"]) as drawn:
@@ -180,9 +180,9 @@ def _source(path: Path) -> dict[str, Any]:
         named += [about[key] for about in source["episodes"] for key in ("task", "condition", "record")]
         counted = [int(about[key]) for about in source["episodes"] for key in ("seed", "rows")]
         if not all(isinstance(name, str) for name in named) or min(counted, default=-1) < 0:
-            raise ValueError("it has no layout or no episodes")  # noqa: TRY301 - reported below
+            raise ValueError("the layout or the episodes are missing")  # noqa: TRY301 - reported below
         if source["images"] not in get_args(ImageForm):
-            raise ValueError("it has neither videos nor PNG files")  # noqa: TRY301 - reported below
+            raise ValueError("there are neither videos nor PNG files")  # noqa: TRY301 - reported below
     except BetterError:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:

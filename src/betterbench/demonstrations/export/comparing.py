@@ -15,9 +15,9 @@ from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import parse_json
 
 ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
-"""Reads images of an episode by the name of their column and their rows."""
+"""Function that reads images of an episode, by column name and rows."""
 
-CURE = "Export it again into another place"
+CURE = "Export it again into another folder"
 
 LEVEL = "a number from 0 to 1"
 """Placeholder in an expected form for the statistics of images, which are not computed again."""

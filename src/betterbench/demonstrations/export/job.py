@@ -1,8 +1,8 @@
-"""Export of a data set: several workers make each episode once, then the whole set is put at its place.
+"""Export of a data set: several workers make the episodes, and the complete set is then moved to its path.
 
-Everything is made in a hidden folder beside the target, ``.NAME.parts``. Episodes that are complete there are not made
-again, and the finished data set is moved to its place by one renaming, so it is either complete or absent. The bytes
-depend only on the records and the options.
+All files are made in a hidden folder next to the target, ``.NAME.parts``. Complete episodes are reused, and a single
+rename moves the finished data set to its path, so the set is either complete or absent. The bytes depend only on the
+records and the options.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of the content of an export; it changes when the same records give other frames."""
+"""Version of the content of an export, changed when the same records give other frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
 """File of a data set that describes its origin."""
@@ -57,7 +57,7 @@ README = "README.md"
 
 @dataclass(frozen=True, slots=True)
 class ExportPlan:
-    """Plan of an export: the records, the layout and format, and the place.
+    """Plan of an export: records, layout, format and output path.
 
     Attributes:
         out: Folder of the data set, or its file for robomimic.
@@ -96,14 +96,16 @@ class Exported:
 
 
 def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount | None = None) -> Exported:
-    """Write a data set, or finish one that was begun; the same plan gives the same bytes with any number of workers.
+    """Write a data set, or finish an interrupted export.
+
+    The bytes depend only on the plan, not on the number of workers.
 
     ``on_progress`` is called with the number of episodes done and planned.
 
     Raises:
-        RunConflictError: If other files are at the place, or another process is exporting to it.
+        RunConflictError: If the path has other files, or another process is exporting to it.
         RecordError: If a record or a stored scene is missing or damaged.
-        InvalidInputError: If the options do not fit each other or the records.
+        InvalidInputError: If the options contradict each other or the records.
         StorageError: If the disk is full.
         MissingDependencyError: If h5py or off-screen OpenGL is missing.
     """
@@ -133,7 +135,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
 
 
 def _checked(plan: ExportPlan) -> ExportPlan:
-    """Return the plan with the settings that its format prescribes; raise InvalidInputError if options do not fit."""
+    """Return the plan with the settings that its format prescribes; raise InvalidInputError for conflicting options."""
     if plan.to == "robomimic":
         require_h5py()
         plan = replace(plan, form="png")
@@ -161,7 +163,7 @@ def _quality(plan: ExportPlan) -> str:
 
 
 def _identity(plan: ExportPlan, quality: str) -> str:
-    """Return a digest of everything that determines the bytes of a data set."""
+    """Return a digest of all inputs that determine the bytes of a data set."""
     form = {
         "version": EXPORT_VERSION,
         "to": plan.to,
@@ -239,7 +241,7 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
     if plan.to == "robomimic":
         require_same_content(out, cure=again)
     elif not digests:
-        logger.warning("%s: an earlier version wrote it without digests, so a change in it would not be seen", out)
+        logger.warning("%s: an earlier version wrote it without digests, so a change would not be detected", out)
     lost = next((name for name, digest in digests.items() if _digest(out / name) != digest), None)
     if lost is not None:
         raise RunConflictError(f"{out / lost}: is missing or has changed since it was written. {again}.")
@@ -252,7 +254,7 @@ def _digest(file: Path) -> str | None:
 
 
 def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
-    """Tell whether the content of the place is to be replaced: only with ``overwrite``, and only our own folders."""
+    """Return whether to replace the content of the path: only with ``overwrite``, and only our own folders."""
     if not plan.overwrite or out.is_symlink():
         return False
     there = None
@@ -278,7 +280,7 @@ def stored_source(folder: Path) -> dict[str, Any]:
 
 
 def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: OnCount | None) -> int:
-    """Make the parts that are missing, and return how many those were."""
+    """Make the missing parts, and return their number."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
 
     def make(pictures: Pictures, folder: Path) -> None:
@@ -289,7 +291,7 @@ def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_
         write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
 
     def work(missing: Iterable[Path]) -> Iterator[None]:
-        # Neighbors share a scene, which takes longer to open than a picture to draw.
+        # neighbors share a scene, which takes longer to open than an image to render
         order = sorted(missing, key=lambda f: (wanted[f].scene_hash, wanted[f].trial, wanted[f].run))
         cameras = plan.layout.cameras
         return in_threads(order, make, workers=workers, open_resource=lambda: Pictures(cameras, quality))
@@ -314,7 +316,7 @@ def _check_rate(record: Record) -> None:
 
 
 def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality: str) -> None:
-    """Write the data set into the hidden folder, and move it to its place."""
+    """Write the data set into the hidden folder, and move it to its path."""
     dataset = _dataset(plan, staging, identity, quality)
     whole = staging / "dataset"
     shutil.rmtree(whole, ignore_errors=True)
@@ -340,7 +342,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
 
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
-    """Return the data set of the parts: training episodes first, with the description of its origin."""
+    """Return the data set of the parts, training episodes first, with the description of the origin."""
     shown = plan.selection.demonstrations
     asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
     pairs = _pairs(plan)
@@ -403,7 +405,7 @@ def origin_of(
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
     """Return whether some trials may be split in an export with the first ``train`` for training.
 
-    That is the case if some validation share, which is not stored, gives this split: seeds are held out whole and come
+    This is the case if some validation share (which is not stored) gives this split. Whole seeds are held out and come
     last.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}

@@ -1,6 +1,6 @@
 """Columns of a data set: the inputs and outputs of a policy by a preset, under the names that its trainer expects.
 
-Every column is made by the adapter itself, so a policy is trained on exactly the data that ``better eval`` sends it.
+The adapter makes every column, so a policy is trained on exactly the data that ``better eval`` sends.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
 
     Raises:
         UnknownNameError: If there is no such preset.
-        InvalidInputError: If only another world plays its actions, or the observation preset lacks a camera that it
-            shows.
+        InvalidInputError: If only another world executes its actions, or the observation preset lacks a required
+            camera.
     """
     adapter = own_preset(name)
     spec = _observation(adapter, observation)

@@ -1,4 +1,4 @@
-"""Exported episode on disk, before the data set is assembled; an incomplete one is made again."""
+"""Exported episode on disk, before the data set is assembled. Incomplete episodes are exported again."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class PartIndex:
     def __post_init__(self) -> None:
         """Refuse file names with a path, and an incomplete description of the episode; raises InvalidInputError."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
-            raise InvalidInputError("files", "are not those of a part", "Make the part again")
+            raise InvalidInputError("files", "are not the names of a part's files", "Make the part again")
         read_form(_ABOUT, self.about, where="about", cure="Make the part again")
 
 

@@ -1,4 +1,4 @@
-"""Render recorded states exactly as a policy observes them."""
+"""Images of recorded states, exactly as a policy observes them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Pictures:
     def of(self, run: RunFolder, record: Record, rows: Sequence[int] | None = None) -> Iterator[dict[str, np.ndarray]]:
         """Yield the images of some rows by camera, (height, width, 3) uint8; of each row with an action if None.
 
-        Consume all of them, or close the renderer.
+        Consume all images, or close the renderer.
 
         Raises:
             RecordError: If the stored scene is missing or unreadable, or belongs to another record.

@@ -30,7 +30,7 @@ GYM_TYPE = 2
 _GZIP = 1
 
 _MOST_PACKED = 1100
-"""Maximum ratio of an array's size to its stored bytes; gzip compresses zeros 1032 to 1."""
+"""Maximum ratio of an array's size to its stored size; gzip compresses zeros 1032 to 1."""
 _LEAST_STORED = 4096
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -38,7 +38,7 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _DIGEST = "better_sha256"
 """Name of the attribute with the digest of everything else in the file."""
 _SOURCE = "better"
-"""Name of the text beside ``data`` with the origin; an attribute is limited to 64 kB."""
+"""Name of the data set with the origin, next to ``data``, because an attribute is limited to 64 kB."""
 
 
 def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
@@ -68,7 +68,7 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = RunConflictError) -> None:
-    """Raise an error if a file has changed since it was written; a file without digest is reported."""
+    """Raise an error if a file has changed since it was written, and report a file without a digest."""
     try:
         with open_stored(path) as file:
             told = file.attrs.get(_DIGEST)
@@ -103,7 +103,7 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
     file.visit(names.append)
     for name in sorted(names):
         take(name, file[name])
-    if of_file := attributes(file):  # betterbench writes none
+    if of_file := attributes(file):  # betterbench writes no such objects
         whole.update(json.dumps(["", of_file], default=str).encode())
     return whole.hexdigest()
 

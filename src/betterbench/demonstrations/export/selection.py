@@ -83,7 +83,7 @@ def select_demonstrations(
 def _require_one_version(
     versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
 ) -> None:
-    """Note the version of a task's demonstrations; refuse a second version."""
+    """Store the version of a task's demonstrations; refuse a second version."""
     version = f"version {of_task} of the task and {of_suite} of the suite"
     before, first = versions.setdefault(entry.task, (version, entry))
     if version != before:
@@ -101,7 +101,7 @@ def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> No
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
-    """Return why a trial is not exported according to its journal, or an empty text."""
+    """Return the reason, from the journal, why a trial is not exported, or an empty text."""
     if entry.status != "done":
         return "not finished"
     if tasks and entry.task not in tasks:

@@ -90,7 +90,7 @@ class Acceptance:
         demonstrations: Number of demonstrations.
         tasks: Outcome counts by task.
         variety: Differences between the demonstrations, by task; None if no condition has two.
-        sources: The same for the sources of an amplified set; None likewise, or if their folder is missing.
+        sources: The same for the sources of an amplified set; also None if their folder is missing.
     """
 
     policy: str

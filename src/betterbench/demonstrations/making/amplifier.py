@@ -1,4 +1,4 @@
-"""Amplifier: demonstrates in a new scene by transferring the skills of source demonstrations."""
+"""Amplifier, which demonstrates in a new scene by transferring the skills of source demonstrations."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ LAST_STEPS = 60
 PRESS_M = 0.004
 """Distance beyond its stop to which a drawer is pushed [m], as the expert does."""
 FULL_M = 0.003
-"""Distance from its stop below which a drawer counts as fully open [m]."""
+"""Distance from its stop below which a drawer is fully open [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +192,7 @@ class Amplifier:
         if self._quiet or not self._settings.action_noise:
             return action
         if self._drawn >= len(self._block):
-            # Drawn in blocks, because a control step has little time.
+            # drawn in blocks to save time in a control step
             drawn = self._noise.standard_normal((NOISE_BLOCK, 7)).clip(-MOST_DEVIATIONS, MOST_DEVIATIONS)
             drawn[:, 6] = 0.0
             self._block, self._drawn = self._settings.action_noise * drawn, 0
@@ -201,7 +201,7 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode; if the leading source does nothing, so does this episode to its end."""
+        """Yield the actions of an episode. If the leading source does nothing, neither does this episode."""
         self._quiet = not self._lead.skills
         while not self._lead.skills:
             state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
@@ -291,7 +291,7 @@ class Amplifier:
         return found
 
     def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance of a skill's object or target in the source from the current one; 1 rad counts as 1 m."""
+        """Return the distance between a skill's object or target in the source and here; 1 rad is weighted as 1 m."""
         here = state.pose(window.object) if window.kind != "place" else state.pose(window.target)
         there = skill.object_pose if window.kind != "place" else skill.target_pose
         other = skill.asset.identity != self._planner.asset(window.object).identity
@@ -299,7 +299,7 @@ class Amplifier:
         return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
 
     def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance of the arm from the beginning of the skill; 1 rad counts as 1 m."""
+        """Return the distance of the arm from the beginning of the skill; 1 rad is weighted as 1 m."""
         found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
         if found is None:
             return float("inf")
@@ -369,7 +369,7 @@ class Amplifier:
                 if blocked is None:
                     return way
                 if blocked != OUT_OF_REACH:
-                    break  # the skill itself is blocked, whatever the path
+                    break  # the skill itself is blocked, for any path
             self._blocked.append(blocked or "")
         return None
 
@@ -457,7 +457,7 @@ class Amplifier:
         return state
 
     def _close(self, state: WorldState, goal: Pose) -> Motion:
-        """Wait until the fingers stand still: another instance may be narrower than that of the source."""
+        """Wait until the fingers stand still, because another instance may be narrower than the source's object."""
         still = 0
         for _ in range(SETTLE_STEPS):
             width = state.finger_width_m

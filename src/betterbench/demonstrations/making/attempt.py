@@ -102,7 +102,7 @@ def amplify_attempt(scene: Scene, number: int, library: Library, settings: Ampli
     """Transfer source demonstrations to a scene; each attempt has a different leading source."""
     draw = _stream(scene, "amplify", number)
     leads = library.of_condition(scene.condition.name)
-    # One order per start: each attempt at it uses the next leading source.
+    # one order per start; each attempt uses the next leading source
     order = _stream(scene, "leads", 0).permutation(len(leads))
     lead = leads[int(order[number % len(leads)])]
     agent = Amplifier(scene, library, lead, settings, draw)
@@ -143,7 +143,7 @@ def judge_attempt(
     number: int,
     failure: tuple[FailureKind, str] | None,
 ) -> DemonstrationAttempt:
-    """Return an attempt with the segments in its record; it is accepted only if it meets all conditions of a set.
+    """Return an attempt with the segments in its record. Only attempts that meet all conditions of a set are accepted.
 
     The scene is at the end of the episode, and ``states`` are those of the rows of the record.
     """
@@ -159,7 +159,7 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
     """Return the kind of failure of an episode without success."""
     done = record.subgoals[-1]
     if record.metadata.subgoal_names and done.all():
-        return "harm", "all subgoals are done, but another object is not as it should be"
+        return "harm", "all subgoals are done, but another object was moved or harmed"
     if failure is not None:
         return failure
     if record.outcome.termination == "policy_error":

@@ -25,7 +25,7 @@ FAILURES: dict[FailureKind, str] = {
     "time": "The step limit was reached.",
     "did not last": "The goal was met for the dwell time, but not afterward.",
     "outside support": "It succeeded with a pick or placement outside the certificate's training regime.",
-    "breakdown": "The program failed; this is an error of betterbench.",
+    "breakdown": "The program failed because of an error in betterbench.",
 }
 """Meaning of each kind of failure."""
 

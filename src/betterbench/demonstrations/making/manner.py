@@ -1,4 +1,4 @@
-"""Motion style of a demonstration: differences like those between two people, drawn by seed."""
+"""Motion styles of demonstrations, drawn by seed to imitate the differences between people."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ class DemonstrationManner:
 def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
     """Return a motion style drawn from a random stream.
 
-    People who teleoperate move at a third to all of the speed of a scripted expert, pause before contact, approach at a
-    slant and sometimes close the gripper too early. The ranges were chosen by us, not measured from people.
+    Teleoperators move at a third to the full speed of a scripted expert, pause before contact, approach at a slant and
+    sometimes close the gripper too early. The ranges were chosen by us, not measured from people.
     """
     return DemonstrationManner(
         speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),

@@ -1,4 +1,4 @@
-"""A picture per task: the paths of the tool in all demonstrations, over the view of one start."""
+"""Pictures of tool paths: all demonstrations of a task, over the image of one start."""
 
 from __future__ import annotations
 

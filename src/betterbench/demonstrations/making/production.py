@@ -223,7 +223,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 
 
 class AttemptJournal(VersionedJournal):
-    """Journal of the attempts of a run; the last line about a start counts.
+    """Journal of the attempts of a run. The last line about a start is valid.
 
     Raises the errors of :class:`VersionedJournal`.
     """
@@ -271,7 +271,7 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Let the expert demonstrate in varied motion styles, into a run folder; the same call resumes it.
+    """Collect demonstrations of the expert in varied motion styles in a run folder. The same call resumes the run.
 
     Args:
         tasks: Names of the tasks.
@@ -309,7 +309,7 @@ def amplify(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Amplify the demonstrations of a run to new starts, into another run folder; the same call resumes it.
+    """Amplify the demonstrations of a run to new starts in another run folder. The same call resumes the run.
 
     Args:
         sources: Folder of the run with the source demonstrations.
@@ -333,7 +333,7 @@ def amplify(
     require_between("--noise", chosen.action_noise, 0.0, 0.5)
     run = RunFolder.open(sources)
     if out.absolute() == run.path:
-        raise InvalidInputError("--out", "it is the folder of the sources", "Choose another folder")
+        raise InvalidInputError("--out", "this is the folder of the sources", "Choose another folder")
     known = tuple(dict.fromkeys(e.task for e in run.entries() if e.status == "done"))
     named = tuple(dict.fromkeys(tasks or known))
     if not named:
@@ -400,7 +400,7 @@ def _produce(
                 keep=functools.partial(_note, journal=journal, attempts=attempts),
                 on_progress=None if on_progress is None else _teller(on_progress, chains, attempts),
             )
-            changed = [run.restore(), journal.restore(), attempts.restore()]  # what somebody has removed meanwhile
+            changed = [run.restore(), journal.restore(), attempts.restore()]  # restores removed files
             is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
         if is_whole and chains == _chains(wanted, found, method):
@@ -408,7 +408,7 @@ def _produce(
 
 
 def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
-    """Log that one of the journals has lost lines that the other one implies; their starts are tried again."""
+    """Log that a journal lacks lines that the other journal implies, whose starts are repeated."""
     lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:
@@ -421,7 +421,7 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
 
 
 def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
-    """Return each start with its replacements, one after the other."""
+    """Return each start followed by its replacements."""
     chains = []
     for start in wanted:
         chain = [start]
@@ -475,7 +475,7 @@ def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]
 
 
 def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) -> None:
-    """Write what became of a start into both journals; killed between the two, the start is tried again."""
+    """Write the outcome of a start into both journals. After a kill between the two writes, the start is repeated."""
     outcome, trial = produced.outcome, produced.outcome.trial
     varied = None if resolve_condition(trial.task, trial.condition).variation is None else trial.condition
     if not journal.is_done(trial):

@@ -20,11 +20,11 @@ from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.placing import foot_offset
 
 SAME_GRASP_M = 0.04
-"""Largest distance of a grasp from an annotated one to count as that grasp [m]."""
+"""Maximum distance of a grasp from an annotated grasp to be identified with it [m]."""
 SAME_GOAL_M = 0.03
-"""Largest distance of a release from a goal of the expert to count as that goal [m]."""
+"""Maximum distance of a release from a goal of the expert to be identified with it [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
-"""Minimum distance of two goals to count as different [m], and maximum number of goals."""
+"""Minimum distance between different goals [m], and maximum number of goals."""
 MOVING_M = 0.001
 """Minimum motion of a control step that is not a pause [m]."""
 ROTATION_M = 0.1

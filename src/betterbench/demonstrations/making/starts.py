@@ -1,9 +1,9 @@
 """Starts: seeds of a set of demonstrations, chosen so that they cover the training distribution evenly.
 
 A start is described by a few levels: the cell of the jitter region in which each relevant object stands, its rotation,
-and the set of looks. Each start is the best of a block of consecutive seeds: the one with the rarest levels so far.
-Blocks do not overlap and do not depend on the number of starts, so a larger set contains the smaller one. A seed that
-has to be given up is replaced by the most similar one of another block.
+and the set of looks. Each start is the seed of a block of consecutive seeds with the rarest levels so far. Blocks do
+not overlap and do not depend on the number of starts, so a larger set contains the smaller one. A seed that is given up
+is replaced by the most similar seed of another block.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return the replacement of a planned start that is given up for the ``round_``-th time, from 1.
+    """Return the replacement of a planned start that was given up ``round_`` times (1 or more).
 
     Each replacement is similar to the planned start, not to the previous replacement. The number of rounds is limited.
     """
@@ -187,7 +187,7 @@ def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> St
 
 
 def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return starts with the same seeds in all conditions, chosen for the first one; raises the same errors."""
+    """Return starts with the same seeds in all conditions, chosen for the first condition. Raises the same errors."""
     most = max(numbers)
     first = planned_starts(task, [most] + [1] * (len(task.training) - 1), first_seed=first_seed)
     seeds = [start.seed for start in first if start.condition == task.training[0].name]

@@ -1,4 +1,4 @@
-"""Variety: differences between the demonstrations of a set in the same motions.
+"""Variety: differences between the demonstrations of a set in corresponding motions.
 
 Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
 objects is removed first, so that ten copies of one path to ten starts have no variety: paths are compared by their
@@ -131,7 +131,7 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Meter of the differences between the demonstrations of a set, one record after the other."""
+    """Measures the differences between the demonstrations of a set, record by record."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}

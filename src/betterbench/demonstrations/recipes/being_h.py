@@ -74,7 +74,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
             f"A GPU fills its sequence up to {values['--expected_num_tokens']} tokens: {per_gpu} samples of "
             f"{training.sample_tokens}, which is an estimate. The log says num_gen (samples of a step, all GPUs) every "
             f"100 steps; if it is not about {recipe.batch}, give --sample-tokens {values['--expected_num_tokens']} * "
-            f"{training.gpus} / num_gen and start anew."
+            f"{training.gpus} / num_gen and start again."
         ),
         _kept(values["--save_steps"], values["--save_steps_start"], recipe.steps),
         *(() if ours else (_COLUMNS,)),

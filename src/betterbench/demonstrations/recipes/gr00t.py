@@ -107,7 +107,7 @@ def _settings(training: Training, frozen: tuple[str, ...], origin: Any, where: s
         Setting(
             "--base-model-path", f"checkpoints/GR00T-N1.6-3B-top{top}", "ours", "copy made by prepare_checkpoint.py"
         ),
-        Setting("--dataset-path", data.place, "ours", "where the data set lies"),
+        Setting("--dataset-path", data.place, "ours", "folder of the data set"),
         Setting("--embodiment-tag", tag, "upstream", "new robots" if tag == "NEW_EMBODIMENT" else _LIBERO),
         *modality_path,
         *chunk,
@@ -123,7 +123,7 @@ def _settings(training: Training, frozen: tuple[str, ...], origin: Any, where: s
         Setting("--weight-decay", 1e-5, "upstream", "default"),
         Setting("--warmup-ratio", 0.05, "upstream", "default"),
         Setting("--color-jitter-params", _JITTER, "upstream", _LIBERO),
-        given_or("--save-steps", form.save_every, recipe.save_every, "ours", "the last five are kept"),
+        given_or("--save-steps", form.save_every, recipe.save_every, "ours", "the last five checkpoints are kept"),
         Setting("--save-total-limit", 5, "upstream", "default"),
         Setting("--num-gpus", training.gpus, "ours", "--gpus"),
         Setting("--dataloader-num-workers", 4, "upstream", _LIBERO),

@@ -83,7 +83,7 @@ def lerobot_setup(training: Training) -> TrainerSetup:
 def _settings(training: Training) -> tuple[Setting, ...]:
     recipe, form, policy = training.recipe, training.recipe.form, training.policy
     known, data = _POLICIES[policy], training.only_data
-    here = Setting("dataset.root", data.place, "ours", "where the data set lies")
+    here = Setting("dataset.root", data.place, "ours", "folder of the data set")
     hub = not data.preset and data.place == LIBERO_DATA
     chunk, default = known["chunk"]
     executed, steps = known["executed"]
@@ -115,7 +115,7 @@ def _settings(training: Training) -> tuple[Setting, ...]:
     weights = training.weights or _WEIGHTS.get(policy)
     if weights is not None:
         told = "ours" if training.weights else "upstream"
-        rows.append(Setting("policy.pretrained_path", weights, told, "where the training starts from"))  # type: ignore[arg-type]
+        rows.append(Setting("policy.pretrained_path", weights, told, "initial weights"))  # type: ignore[arg-type]
     rows += [
         Setting(
             "batch_size", training.batch_of_gpu, batch.origin, f"{batch.where}: {batch.value} over {training.gpus}"

@@ -95,7 +95,7 @@ def _settings(training: Training, repo_id: str) -> tuple[Setting, ...]:
         given_or("model.action_horizon", form.chunk, 10, "upstream", _OWN),
         given_or("model.discrete_state_input", form.proprioception, False, "upstream", _OWN),
         Setting("data", "LeRobotLiberoDataConfig", "upstream", "its columns are those of the preset openpi_libero"),
-        Setting("data.repo_id", repo_id, "ours", "where the data set lies"),
+        Setting("data.repo_id", repo_id, "ours", "folder of the data set"),
         Setting("data.base_config.prompt_from_task", True, "upstream", _OWN),
         Setting("data.extra_delta_transform", False, "upstream", f"{_OWN}; our actions are deltas already"),
         recipe.setting("batch_size", "batch"),

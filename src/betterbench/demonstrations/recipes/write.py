@@ -1,4 +1,4 @@
-"""A recipe as a folder: the framework's files, the commands in order, and a page with the source of each field."""
+"""A recipe as a folder: files of the framework, commands in order, and a page with the source of each field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Production of a training set: demonstrations, their proof, and the files that are derived from them.
+"""Production of a training set: demonstrations, their checks, and derived files.
 
 ``OUT/recipe.json`` is the recipe, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the other
 files are derived from the records. ``OUT/dataset.json`` is written last and marks the set as complete.
@@ -171,7 +171,7 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 def _proven(
     run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
-    """Return numbers, facts and variety of all records, after the proof that each shows only the regime."""
+    """Return numbers, facts and variety of all records, after checking that each shows only the regime."""
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):

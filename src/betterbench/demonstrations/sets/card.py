@@ -18,7 +18,8 @@ from betterbench.tasks.interventions.listed_regimes import crossed_in
 
 MOST_FORECASTS = 15
 PROVEN = (
-    "Each was proven from its states to start in a condition of this regime, to follow the instruction in its order, "
+    "Each was checked, from its states, to start in a condition of this regime, to follow the instruction in its "
+    "order, "
     "to handle objects only where certified demonstrations do, and to show no test of another regime."
 )
 RANGES = "Ranges over the training frames; `statistics.json` has mean, deviation and quantiles of actions and states."

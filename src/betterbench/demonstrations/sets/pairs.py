@@ -1,4 +1,4 @@
-"""Twins among the demonstrations of a run, found in the records by comparing their histories bit for bit."""
+"""Twins (the same start with different instructions) among the demonstrations of a run, found by bitwise comparison."""
 
 from __future__ import annotations
 

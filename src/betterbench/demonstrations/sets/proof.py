@@ -1,4 +1,4 @@
-"""The proof that a record demonstrates a regime and shows nothing outside it, from its data only."""
+"""Check, from the data of a record alone, that the record demonstrates a regime and nothing outside it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class RegimeBounds:
 
 
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
-    """Return the facts of a record after a proof that it demonstrates its regime and nothing outside it.
+    """Return the facts of a record after checking that it demonstrates its regime and nothing outside it.
 
     The start, the instruction, the order of the subgoals and every grasp and release are derived from the states.
 

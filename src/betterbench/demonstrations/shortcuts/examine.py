@@ -70,15 +70,17 @@ ALPHA = 0.05
 In sets of betterbench, whose states are known, the questions about pairs of words and whole instructions are corrected
 separately from all others."""
 STRONG = 0.5
-"""Strength from which a finding counts: one variable determines half of the uncertainty of the other. A finding also
-counts if one value alone, such as a single word, always occurs with the same other value, or if two words or a whole
-instruction determine half of the uncertainty that their single words leave."""
+"""Strength from which a finding is reported: one variable determines half of the uncertainty of the other.
+
+A weaker finding is reported if one value alone, such as a single word, always occurs with the same other value, or if
+two words or a whole instruction determine half of the uncertainty that their single words leave.
+"""
 RARE = 0.05
-"""Share below which a value counts as not shown by the data."""
+"""Share below which a value is treated as not shown by the data."""
 FEWEST = 8
 """Minimum number of demonstrations of a group for an audit."""
 NEARLY_ALWAYS = 0.9
-"""Share of an outcome's uncertainty that a word must resolve where it occurs to count as a certain sign."""
+"""Share of an outcome's uncertainty that a word must resolve where it occurs to be a certain sign."""
 MOST_LINES = 8
 MOST_WORDS = 1000
 """Maximum number of words of a group that are tested: those that distinguish the most episodes."""
@@ -196,13 +198,13 @@ class ShortcutAudit:
 
 
 def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
-    """Return the SHA-256 over all facts, whatever their order."""
+    """Return the SHA-256 over all facts, independent of their order."""
     lines = sorted(repr(facts) for facts in episodes)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataReading | None = None) -> ShortcutAudit:
-    """Return the audit of a dataset, which depends on its facts only.
+    """Return the audit of a dataset, which depends only on the facts.
 
     Args:
         source: Name of the audited data.
@@ -307,7 +309,7 @@ def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         named = any(facts.privileged for facts in group.episodes)
-        reason = "it is constant" if seen else "no demonstration has it" if named else "objects have no names"
+        reason = "it is constant" if seen else "no demonstration has this outcome" if named else "objects have no names"
         group.asked.append(AskedQuestion(q.name, q.title, len(seen), untested=reason))
         return None
     group.asked.append(AskedQuestion(q.name, q.title, len(seen)))
@@ -344,7 +346,7 @@ class _Said:
 
 
 def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
-    """Return the words that occur in some demonstrations and not in others; a note tells if some are left out."""
+    """Return the words that occur in only some demonstrations. A note is added if words are left out."""
     texts = {text: i for i, text in enumerate(sorted({facts.instruction for facts in known}))}
     of_text = np.array([texts[facts.instruction] for facts in known], dtype=np.int64)
     sizes = np.bincount(of_text, minlength=len(texts))
@@ -400,7 +402,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
 def _answers_about_single_words(
     group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
 ) -> list[_Raw]:
-    """Return the finding of each word on an outcome; words that always occur together count as one."""
+    """Return the finding of each word on an outcome. Words that always occur together are treated as one word."""
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
         reason = "no word occurs in some demonstrations and not in others"
@@ -421,7 +423,7 @@ def _answers_about_single_words(
 
 
 def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]) -> list[_Raw]:
-    """Return the pairs of words that together determine an outcome which neither word determines alone."""
+    """Return the pairs of words that determine an outcome only together."""
     question, title = outcome.question(PAIRS), outcome.title(PAIRS)
     codes, kinds = codes_of(outcomes)
     pairs = telling_pairs(said.presence, codes, fewest=FEWEST) if len(said.words) > 1 else []
@@ -528,7 +530,7 @@ def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: 
 
 
 def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
-    """Tell whether counts determine an outcome: at least :data:`NEARLY_ALWAYS` of its uncertainty."""
+    """Tell whether counts remove at least :data:`NEARLY_ALWAYS` of the uncertainty of an outcome."""
     (value, count), n = seen.most_common(1)[0], sum(seen.values())
     usual = every[value] / sum(every.values())
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
@@ -549,10 +551,10 @@ def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Tell in which tables some value always goes with the same other one, as :func:`_certain` does.
+    """Return in which tables some first value always occurs with the same second value, as in :func:`_certain`.
 
     Args:
-        joint: (tables, nx, ny) how often each two values go together.
+        joint: (tables, nx, ny) joint counts of the values.
     """
     several = joint.any(axis=1).sum(axis=1) >= 2
     single = ((joint > 0).sum(axis=2) == 1) & (joint.sum(axis=2) >= FEWEST)
@@ -710,7 +712,7 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
 
 
 def _counts(raw: _Raw, p_value: float | None) -> bool:
-    """Tell whether a finding is significant, and strong or a certain sign."""
+    """Return whether a finding is significant, and strong or a certain sign."""
     if p_value is not None and p_value > ALPHA:
         return False
     always = not raw.finding.question.endswith(WHOLE) and _certain(raw.rules)
@@ -731,7 +733,7 @@ def _verdict(
 
 
 def _names_its_place(finding: Finding, raw: _Raw) -> bool:
-    """Tell whether one of two words associated with a place is in the name of that place, such as "upper"."""
+    """Return whether one of two words associated with a place occurs in the name of the place, such as "upper"."""
     if not finding.question.endswith(PAIRS):
         return False
     place = next(iter(raw.rules.values())).most_common(1)[0][0]
@@ -740,7 +742,7 @@ def _names_its_place(finding: Finding, raw: _Raw) -> bool:
 
 
 def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> str:
-    """Return why the words of a finding mean their outcome, "" if no reason is known."""
+    """Return the reason why the words of a finding mean their outcome; "" if none is known."""
     outcome = WORD_OUTCOMES.get(base_of(finding.question))
     if outcome is None or not raw.parts:
         return ""
@@ -758,7 +760,7 @@ def _certain(rules: Rules) -> bool:
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Return the part of a test that breaks a rule, in words; "" if no part does."""
+    """Return the observation of a test that breaks a rule, in words; "" if the test keeps the rule."""
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))

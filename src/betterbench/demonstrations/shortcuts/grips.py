@@ -52,7 +52,7 @@ class Jaws:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Range of a gripper that counts as never moving, and the reason, "" if it is constant."""
+    """Range of a gripper that never moves, and the reason ("" if it is constant)."""
 
     low: float
     high: float
@@ -69,7 +69,7 @@ def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -
 
     Noise has less than :data:`IDLE_SHARE` of the range of another gripper of the same column (or of one whose name
     differs only in the side), or has a smaller range and changes sides faster than a gripper closes and opens. A
-    gripper with two positions moves however small its range is: its unit may be different.
+    gripper with two positions moves even if its range is small, because its unit may be different.
 
     Args:
         grips: Each gripper with its values (T,) by episode.

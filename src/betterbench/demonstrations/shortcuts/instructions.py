@@ -85,7 +85,7 @@ def _joint(x: _Ints, nx: int, y: _Ints, ny: int) -> _Ints:
 
 
 def _avoided(joint: _Ints, usual: _Ints) -> _Floats:
-    """Return the share of errors that guesses from the category avoid, of a guess that is ``usual`` times right."""
+    """Return the share of errors avoided by guesses from the category; other guesses are right ``usual`` times."""
     ranked = np.sort(joint, axis=-1)
     most, second = ranked[..., -1:], ranked[..., -2:-1]
     rest = np.where((joint == most) & (second < most), second, most)  # most frequent other outcome of the category

@@ -1,4 +1,4 @@
-"""Facts of an external LeRobot dataset, versions 2.0 to 3.0, from instruction, actions and proprioception.
+"""Facts of an external LeRobot dataset, versions 2.0 to 3.0, from instructions, actions and proprioception.
 
 Such a dataset has no simulator state, so objects have no names, and a place is a point at which a gripper closes or
 opens. The columns of instruction, gripper and place are recognized by name; a dataset with ambiguous names is refused.
@@ -69,7 +69,7 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Columns and conventions given by the user for a data set; the others are recognized by name.
+    """Columns and conventions of a data set given by the user. Other columns are recognized by name.
 
     Attributes:
         instruction: Column with the instruction, of the frames or of the file of tasks.
@@ -221,14 +221,14 @@ class _Said:
     def codes(self, file: Path, column: FrameColumn, known: dict[str | None, int]) -> _Ints:
         """Return the index of each row's instruction in ``known``, to which new instructions are added.
 
-        It is -1 if the column has a non-finite value. Raises RecordError if a task index has no text.
+        The index is -1 if the column has a non-finite value. Raises RecordError if a task index has no text.
         """
         texts = texts_in(file, self.column, column)
         if texts is not None:
             codes, listed = texts
         else:
             if self.tasks is None:
-                problem = f"{self.column} holds no texts"
+                problem = f"{self.column} contains no texts"
                 raise RecordError(f"{file}: {problem}. Name a column with texts, or with numbers of tasks.")
             values = numbers_in(file, self.column, column, 1)
             finite = np.isfinite(values)

@@ -70,7 +70,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that measures how far the gripper of an arm is closed, with the reason for its choice."""
+    """Component that measures the closing of an arm's gripper, with the reason for the choice."""
 
     arm: str
     number: NamedNumber
@@ -168,7 +168,7 @@ def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) 
 
 
 def _why_no_gripper(columns: Columns) -> str:
-    """Return why no component is recognized as a gripper."""
+    """Return the reason why no component is recognized as a gripper."""
     pool = columns.actions or columns.states
     if not pool:
         return "the dataset has no column action and no proprioception"
@@ -244,7 +244,7 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm of a column that belongs to a gripper, none if it is ambiguous."""
+    """Return the arm of a column that belongs to a gripper; none if ambiguous."""
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)

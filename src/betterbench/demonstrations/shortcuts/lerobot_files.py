@@ -1,7 +1,7 @@
 """Files of a LeRobot dataset, versions 2.0 to 3.0: its description, instructions and frames.
 
-The file layout is that of huggingface/lerobot 0.4. The files are untrusted: sizes are bounded before reading, a named
-pipe is not waited for, and a Git LFS pointer in place of a file is reported as such.
+The file layout is that of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
+pipes are refused, and Git LFS pointers are reported.
 """
 
 from __future__ import annotations
@@ -383,7 +383,7 @@ def require_finite_column(file: Path, name: str, values: _Floats) -> None:
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:
     """Return a column of texts as indices, and the texts; None if it contains no texts.
 
-    A list of one text per row counts as that text. Raises RecordError if a row lists several.
+    A list with one text per row is read as this text. Raises RecordError if a row lists several texts.
     """
     flat = column.combine_chunks()
     if pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type):

@@ -1,4 +1,4 @@
-"""Order of the frames of a LeRobot dataset: rows of a file may be in any order, and an episode in several files."""
+"""Order of the frames of a LeRobot dataset, whose files may be unsorted and whose episodes may span several files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class FileOrder:
     Attributes:
         episodes: (rows,) index of the episode of each sorted row.
         frames: (rows,) value of ``key`` of each sorted row, zeros without a key.
-        key: Column with the order within an episode, "" if there is none: then the order of the file is used.
+        key: Column with the order within an episode; "" if there is none and the order of the file is used.
         rows: (rows,) row of the file of each sorted row, None if the file is sorted.
     """
 
@@ -117,7 +117,7 @@ def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
     for a, b in itertools.pairwise(order):
         before, after = parts[a], parts[b]
         if not (before.finite and after.finite):
-            continue  # such an episode is left out
+            continue  # episodes with non-finite orders are left out later
         if not before.key or before.key != after.key or not before.last < after.first:
             raise RecordError(f"{parts[max(a, b)].file}: episode {episode} occurs twice in the data. {_CURE}.")
     return order

@@ -1,4 +1,4 @@
-"""The audit and the prediction as Markdown, for cards and for people."""
+"""The audit and the prediction as Markdown."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SMALLEST = (
 
 
 def audit_lines(audit: ShortcutAudit) -> list[str]:
-    """Return the findings of an audit, one section per group."""
+    """Return the findings of an audit as Markdown lines, one section per group."""
     lines = [] if audit.reading is None else [*_reading_lines(audit.reading), ""]
     lines += [ABOUT, ""]
     for group in audit.groups:
@@ -82,7 +82,7 @@ def _cells(f: Finding) -> tuple[str, ...]:
 
 
 def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
-    """Return the note that variations without a found rule are not shown to be safe, or an empty text."""
+    """Return the warning that variations without a found rule may not be safe, or an empty text."""
     safe = sum(forecast.risk == 0.0 for forecast in prediction.variations)
     unseen = {group.group: len(group.not_shown) for group in audit.groups if group.not_shown}
     if not safe or not unseen:

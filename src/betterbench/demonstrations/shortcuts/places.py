@@ -1,4 +1,4 @@
-"""Unnamed places: cells of the space in which an arm moves, cut at the gaps between observed points."""
+"""Unnamed places: cells of an arm's workspace, cut at the gaps between observed points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 GAP_SHARE = 0.08
 """Gap between neighboring values at which an axis is cut into cells, relative to the range of the longest axis."""
 NARROW_SHARE = 0.2
-"""Range of an axis below which it is not cut, relative to that of the longest axis."""
+"""Minimum range of an axis that is cut into cells, relative to the longest axis."""
 LEAST_SHARE = 0.05
 """Minimum share of all values in a cell."""
 CELLS = 3

@@ -1,7 +1,7 @@
-"""Prediction, before training, of the variations that a learner of a dataset fails and of the failure labels.
+"""Prediction, before training, of the variations that a learner of a dataset will fail, with failure labels.
 
-It follows from the audit only. The risk of a variation increases with the number and strength of the learnable rules
-that it breaks; a variation that breaks none is not at risk.
+The prediction follows only from the audit. The risk of a variation increases with the number and strength of the
+learnable rules that it breaks; a variation that breaks no rule is not at risk.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ WEIGHTS = {
 """Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules of two words
 and of whole instructions have the weight of those of single words.
 
-A rule about the word or object of a pick costs the whole trial; one about bystanders seldom matters."""
+A rule about the word or object of a pick costs the whole trial; a rule about bystanders rarely matters."""
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
 _INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE
@@ -79,7 +79,7 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
 }
 """Labels of the failures of a learner that follows a rule, by question, the most likely first.
 
-A variation gets only labels that it can bring out.
+A variation gets only labels that it can produce.
 """
 
 NAMESPACE = "betterbench-prediction"
@@ -193,7 +193,7 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
 
 
 def _label(task: str, variation: str, broken: list[Finding]) -> str:
-    """Return the label with the most weight from the broken rules, among those that the variation can bring out."""
+    """Return the label with the most weight from the broken rules, among the labels that the variation can produce."""
     if not broken:
         return ""
     exposed = exposed_labels(task, variation)
@@ -222,7 +222,7 @@ def read_prediction(path: Path) -> Prediction:
 
 
 def write_prediction(path: Path, prediction: Prediction) -> None:
-    """Write a prediction, and remove the signature of an older one beside it, which would not match any more."""
+    """Write a prediction, and remove the signature of an older prediction, which would no longer match."""
     data = prediction.file_bytes()
     if not path.exists() or read_ordinary(path) != data:
         _signature_of(path).unlink(missing_ok=True)

@@ -104,7 +104,7 @@ QUESTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class WordOutcome:
-    """Outcome of a demonstration that words of its instruction may predict.
+    """Property of a demonstration ("outcome") that words of the instruction may predict.
 
     Attributes:
         name: Name of the question about single words.
@@ -170,7 +170,7 @@ WORDS, PAIRS, WHOLE = "", "_together", "_whole"
 """Suffixes of the names of questions about single words, pairs of words and whole instructions."""
 _LEVELS = {WORDS: "words", PAIRS: "two words", WHOLE: "whole instruction"}
 
-_NO_GRASP = "no demonstration has it"
+_NO_GRASP = "no demonstration has this outcome"
 WORD_OUTCOMES = {
     outcome.name: outcome
     for outcome in (

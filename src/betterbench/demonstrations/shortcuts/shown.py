@@ -1,4 +1,4 @@
-"""Facts of a record, from its first state and its instruction instead of the name of its condition."""
+"""Facts of a record, derived from its first state and its instruction instead of the condition's name."""
 
 from __future__ import annotations
 

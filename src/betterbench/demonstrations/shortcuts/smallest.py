@@ -1,8 +1,8 @@
 """Smallest rule that an audit would have found: its sensitivity with the given number of demonstrations.
 
-It is estimated with planted data. They keep the frequencies of words and outcomes in the real data, and therefore the
-same permutations, correction and threshold. In a share of the demonstrations the outcome follows from the word or the
-object, in the others it is random. The smallest share that is found often enough is reported.
+The sensitivity is estimated with planted data, which keep the frequencies of words and outcomes in the real data and
+therefore the same permutations, correction and threshold. In a share of the demonstrations, the outcome follows from
+the word or the object; in the others, it is random. The smallest share that is found often enough is reported.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
 Certain = Callable[[_Ints], _Bools]
-"""Test on joint counts (tables, nx, ny): in which tables a weak association counts because a value is a sure sign."""
+"""Test on joint counts (tables, nx, ny): whether a weak association is reported, because a value is a sure sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +51,8 @@ class RuleCounts:
     """Criterion by which an audit reports a significant association.
 
     Attributes:
-        strong: Strength from which every association counts.
-        certain: Test which weaker ones count.
+        strong: Strength from which every association is reported.
+        certain: Test for weaker associations to report.
     """
 
     strong: float
@@ -71,8 +71,8 @@ class SmallestRule:
         least_share: Smallest share of them in which the rule decides the outcome, with the others random, such that the
             audit finds it in at least :data:`POWER` of all data sets with these counts; None if not even a rule without
             exceptions is found.
-        strong_share: Smallest share from which a rule is strong enough to count, with the same probability, whatever
-            its p-value: the limit with more demonstrations.
+        strong_share: Smallest share from which a rule is strong enough to report, with the same probability, for any
+            p-value: the limit with more demonstrations.
         sentence: Meaning of ``least_share``, in words.
     """
 

@@ -16,7 +16,7 @@ from betterbench.sim.scenes import Scene, StoredView
 logger = logging.getLogger(__name__)
 
 LONGEST_RATE_HZ = 10.0
-"""Maximum number of images of a camera per second: enough to watch, and it leaves processor time to the physics."""
+"""Maximum number of images of a camera per second, which leaves processor time for the physics."""
 SIZE_PX = 256
 LATE_S = 1.0
 """Delay of an image from which it is reported as late [s]."""
@@ -69,7 +69,7 @@ class CameraThread:
 
     @property
     def is_busy(self) -> bool:
-        """Whether it renders, or waits for a state to render."""
+        """Whether the thread is rendering, or has a state to render."""
         return self._thread.is_alive()
 
     def close(self) -> None:
@@ -97,7 +97,7 @@ class CameraThread:
                         if image is not None:
                             self._show(camera, image)
                 self._waits_since = None
-                # The renderer pauses as long as it rendered: the physics and the page need the processor, too.
+                # the renderer pauses as long as it rendered, to leave processor time for the physics and the page
                 took = time.monotonic() - began
                 time.sleep(max(took, 1.0 / LONGEST_RATE_HZ - took))
         except BetterError as problem:

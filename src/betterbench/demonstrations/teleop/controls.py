@@ -24,7 +24,7 @@ TAPS: tuple[str, ...] = get_args(Tap)
 HELD_FOR_S = 0.6
 """Time after which held keys and axes count as released if not renewed [s]; the page renews them every 0.2 s."""
 DEAD_ZONE = 0.12
-"""Deflection of an axis below which it counts as zero."""
+"""Deflection of an axis below which the input is zero."""
 MOST_TAPS = 32
 """Maximum number of presses waiting for a control step; more cannot come from a person and are dropped."""
 
@@ -143,7 +143,7 @@ class Controls:
             return True
 
     def sent(self, page: int, text: str, now_s: float) -> bool:
-        """Process a message from the script of a page; False if the page does not drive but gives a command."""
+        """Process a message from the script of a page; return False for a command from a page that does not drive."""
         try:
             form = read_keys(text)
         except BetterError as problem:
@@ -184,13 +184,13 @@ class Controls:
             self._tell(problem)
 
     def hold_from(self, tool: Pose) -> None:
-        """Let a leader arm take hold again, from the current target of the tool."""
+        """Let a leader arm start following again, from the current target of the tool."""
         with self._lock:
             self._grip += 1
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm had to take hold, and the tool's target then; None before the start."""
+        """Return how often a leader arm started following, and the tool's target then; None before the start."""
         with self._lock:
             return self._grip, self._tool
 

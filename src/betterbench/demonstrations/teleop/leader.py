@@ -1,7 +1,7 @@
 """A LeRobot leader arm, read by lerobot's own teleoperator class and followed by the simulated arm's tool.
 
-The leader differs from the robot: it has five joints and another reach. Therefore the tool is followed: the motion of
-the leader's tool since it took hold, in the frame of its base, is applied to the robot's tool.
+The leader has five joints and another reach than the robot. The robot therefore follows the leader's tool: the motion
+of this tool since the start of following, in the frame of the leader's base, is applied to the robot's tool.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
 """Positions of the leader's gripper (0 closed to 100 open) at which the robot's gripper closes and opens."""
 RATE_HZ = 50.0
 MOST_FAILURES = 25
-"""Maximum number of consecutive failed readings before the leader counts as disconnected: half a second."""
+"""Maximum number of consecutive failed readings before the leader is disconnected: half a second."""
 
 # Screws of the SO-101 with all joints at zero, new calibration (TheRobotStudio SO-ARM100, so101_new_calib.xml,
 # Apache-2.0): a point on each axis [m] and its direction, and the resulting position of the gripper's center.
@@ -60,7 +60,7 @@ class Follower:
     """Conversion of a leader's readings to target poses of the robot's tool, relative to the poses at ``take_hold``."""
 
     def __init__(self) -> None:
-        """Wait to take hold."""
+        """Prepare; :meth:`take_hold` starts following."""
         self._leader: Pose | None = None
         self._robot = Pose()
         self._closed = False
@@ -76,7 +76,7 @@ class Follower:
         ``take_hold``.
         """
         if self._leader is None:
-            raise InvalidInputError("leader arm", "it has not taken hold", "Call take_hold first")
+            raise InvalidInputError("leader arm", "take_hold was not called", "Call take_hold first")
         there, began = leader.position, self._leader.position
         x, y, z = (r + SCALE * (a - b) for r, a, b in zip(self._robot.position, there, began, strict=True))
         turn = turn_between(self._leader.quaternion, leader.quaternion)

@@ -1,4 +1,4 @@
-"""The page in the browser: the scene in 3-D, the gizmo, the panel and the camera images.
+"""Page in the browser: scene in 3-D, gizmo, panel and camera images.
 
 viser only serves the page, and the page connects only to this process. Input goes into the
 :class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the loop; neither waits for
@@ -29,7 +29,7 @@ EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
 """Initial position and target of the view [m]: behind the robot's right shoulder, so that "forward" is away."""
 PANEL_PX, IMAGES_PX = 380, 300
 TOLD_EVERY_S = 3.0
-"""Minimum time between two notices to a page that it does not drive [s]."""
+"""Minimum interval between notices to a page that does not drive (control the robot) [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +195,7 @@ class Page:
             at, turn = event.target.position, event.target.wxyz
             pose = Pose(tuple(map(float, at)), tuple(map(float, turn)))  # type: ignore[arg-type] # three and four
             if not self._controls.dragged(event.client_id, pose, is_over=event.phase == "end"):
-                self._gizmo_at = None  # it jumps back
+                self._gizmo_at = None  # the gizmo jumps back
                 self._tell(event.client_id)
 
         self._gizmo.on_update(moved)

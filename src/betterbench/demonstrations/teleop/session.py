@@ -25,15 +25,15 @@ from betterbench.tasks import GoalTracker, Truth
 from betterbench.tasks.relations import arm_still
 
 ARRIVED_M, ARRIVED_RAD = 0.002, 0.02
-"""Distance from its target within which the commanded pose counts as arrived [m, rad]."""
+"""Distance from its target within which the commanded pose has arrived [m, rad]."""
 RESTING_M_S = 0.01
-"""Speed below which an object counts as resting while the session waits for the operator [m/s]."""
+"""Speed below which an object is at rest while the session waits for the operator [m/s]."""
 FINGERS_STILL_M = 0.0005
-"""Change of the opening width per control step below which the fingers count as still [m]."""
+"""Change of the opening width per control step below which the fingers are still [m]."""
 STUCK_M = 0.035
-"""Distance of the tool from its goal that counts as stuck [m]; the controller allows 0.05."""
+"""Distance of the tool from its goal from which the arm is stuck [m]; the controller allows 0.05."""
 STUCK_STEPS = 10
-"""Duration of that distance in control steps: 0.5 s."""
+"""Control steps with this distance after which the arm is stuck: 0.5 s."""
 SAME_MOMENT_STEPS = 20
 """Control steps within which reaching the same subgoals again is not a new undo moment: 1 s."""
 
@@ -171,7 +171,7 @@ class TeleopSession:
     def undo(self) -> str:
         """Return to the last moment at which a subgoal was reached, or to the start, and return its name.
 
-        If nothing has happened since, return to the moment before that one.
+        If nothing has happened since this moment, return to the moment before.
         """
         moment = self._last_moment()
         self._moments = self._moments[: self._moments.index(moment) + 1]
@@ -184,7 +184,7 @@ class TeleopSession:
         self._come_back(self._moments[0])
 
     def record(self, name: str) -> Record:
-        """Return the record of the episode so far, demonstrated by ``name``; InvalidInputError if the name is not text.
+        """Return the record of the episode so far, demonstrated by ``name``; InvalidInputError for an invalid name.
 
         Its segments are not set yet.
         """

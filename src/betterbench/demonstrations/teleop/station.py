@@ -1,7 +1,7 @@
-"""Loop of a teleoperation: at the control rate it reads the input, steps the session and shows the result.
+"""Loop of a teleoperation, which reads the input, steps the session and shows the result at the control rate.
 
-It never blocks. The episode pauses while no page is open, and while the operator gives no command and nothing moves.
-The record gets no rows during a pause, so a demonstration contains no thinking time.
+The loop never blocks. The episode pauses while no page is open, and while the operator gives no command and nothing
+moves. The record gets no rows during a pause, so a demonstration contains no thinking time.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Display(Protocol):
 
 
 class Station:
-    """Teleoperation by one person, who demonstrates one start after the other into one store."""
+    """Teleoperation by one person, whose demonstrations go into one store."""
 
     def __init__(
         self,
@@ -79,7 +79,7 @@ class Station:
             display: Output.
             name: Name of the demonstrator.
             cameras: Renderer of the live images.
-            loads_apart: Make scenes in a thread, so that the loop continues and can be ended meanwhile.
+            loads_apart: Make scenes in a thread, which lets the loop continue and end at any time.
         """
         self._loader = SessionLoader(lambda start: TeleopSession(store.scene(start)), apart=loads_apart)
         self._store, self._controls, self._display, self._cameras = store, controls, display, cameras
@@ -118,7 +118,7 @@ class Station:
         return self.session is None and self.start is not None
 
     def run(self, stopped: threading.Event) -> None:
-        """Run until the event is set; late steps are not caught up."""
+        """Run until the event is set. Late steps are not made up for."""
         period = 0.05 if self.session is None else 1.0 / self.session.scene.control_rate_hz
         due = time.monotonic()
         while not stopped.is_set():
@@ -141,7 +141,7 @@ class Station:
         self._show(asked)
 
     def _obey(self, taps: Sequence[Tap]) -> None:
-        """Execute the taps up to one that changes the start: later taps were not meant for the new start."""
+        """Execute the taps up to a tap that changes the start. Later taps were not meant for the new start."""
         for tap in taps:
             before = self._starts
             self._do[tap]()
@@ -258,7 +258,7 @@ class Station:
         self._receive()
 
     def _receive(self) -> None:
-        """Take over the session of the start when it is made; commands given meanwhile are dropped."""
+        """Take over a finished session. Commands given in the meantime are dropped."""
         session = self._loader.take()
         if session is None:
             return

@@ -14,7 +14,7 @@ from betterbench.sim.robots import RobotSpec
 LOWEST_TIP_M = 0.002
 """Minimum height of the fingertips above the table that the operator can command [m]."""
 SHOULDER_HEIGHT_M = 0.333
-"""Height of the second joint of the Panda above its base [m] (Franka's data sheet), from which reach is counted."""
+"""Height of the second joint of the Panda above its base [m] (Franka's data sheet), the origin of the reach."""
 FLANGE_TO_TOOL_M = 0.21
 """Distance of the tool center point from the flange [m], which reduces the reach with the tool pointing down."""
 REACH_SHARE = 0.97
@@ -47,7 +47,7 @@ class Reach:
         return cls(REACH_SHARE * spec.reach_m, spec.tip_below_tcp_m + LOWEST_TIP_M)
 
     def within(self, wanted: Pose) -> tuple[Pose, str]:
-        """Return the nearest allowed pose, and why it differs; "" if it is the same."""
+        """Return the nearest allowed pose, and the reason for a difference ("" if there is none)."""
         position, why = np.array(wanted.position), ""
         if position[2] < self.lowest_m:
             position[2], why = self.lowest_m, IN_THE_TABLE
@@ -80,7 +80,7 @@ class Steering:
         """Return the next state and the ``ee_delta`` action, (7,), that moves the commanded pose toward a target.
 
         Translation and rotation arrive together. The speed rises and falls at the acceleration of the expert's free
-        motion. A target that has moved is followed at once, because only the speed of the commanded pose is bounded.
+        motion. A moved target is followed immediately, because only the speed of the commanded pose is bounded.
 
         Args:
             now: Commanded pose.
@@ -107,5 +107,5 @@ def is_finite(pose: Pose) -> bool:
 
 
 def unit(pose: Pose) -> Pose:
-    """Return a pose from outside with a unit quaternion, w >= 0."""
+    """Return an external pose with a unit quaternion, w >= 0."""
     return Pose(pose.position, normalize(pose.quaternion))

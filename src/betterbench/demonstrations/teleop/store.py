@@ -29,7 +29,7 @@ from betterbench.tasks.trial import Trial
 FIRST_TELEOPERATED_SEED = 500_000_000
 """Default first seed of teleoperated demonstrations, far from those of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
-"""Failures that do not prevent a person from saving a demonstration; they are stored with it."""
+"""Failures that do not prevent a person from saving a demonstration. The demonstration contains the failure."""
 
 
 @dataclass(frozen=True, slots=True)

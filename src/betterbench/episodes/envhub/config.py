@@ -23,15 +23,15 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     """Our environments for LeRobot.
 
     Attributes:
-        task: One condition ("fast_food/T1"). From LeRobot 0.5 on also several, separated by commas, or whole tasks.
+        task: Condition ("fast_food/T1"). From LeRobot 0.5 on, also several conditions or tasks, separated by commas.
         fps: Control steps per second.
         state: Name of the state layout, "ee" or "joints".
-        cameras: New names of the cameras, by the old ones.
+        cameras: New names of the cameras, by old name.
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.
-        features: Observations and actions of the environment; filled in.
-        features_map: Its names for the policy; filled in.
+        features: Observations and actions of the environment; set automatically.
+        features_map: Names of ``features`` for the policy; set automatically.
     """
 
     task: str | None = "fast_food/train1"
@@ -67,13 +67,13 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Gymnasium arguments of the one environment of LeRobot 0.4; InvalidInputError for several."""
+        """Gymnasium arguments of the single environment of LeRobot 0.4; InvalidInputError for several conditions."""
         named = select_conditions(self.task)
         if len(named) != 1:
             raise InvalidInputError(
                 "--env.task",
                 f"{self.task!r} stands for {len(named)} conditions, but this LeRobot evaluates one at a time",
-                "Name one, as in fast_food/T1, or install LeRobot 0.5 or newer",
+                "Name one condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
             )
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}

@@ -1,4 +1,4 @@
-"""A package of LeRobot's environment hub: a folder with this file, beside a requirement on betterbench."""
+"""Complete package for LeRobot's environment hub, which consists of this file and a requirement on betterbench."""
 
 from betterbench.episodes.lerobot_env import make_env
 

@@ -1,4 +1,4 @@
-"""Images and videos of recorded states, rendered after the run from its records."""
+"""Images and videos rendered from the records of a run."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ def render_shots(
     quality: str = "standard",
     on_progress: OnCount | None = None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG per shot, of ``size`` pixels on each side; shots of one scene share its model.
+    """Return one JPEG per shot, of ``size`` pixels on each side. Shots of the same scene share a model.
 
-    A run in another world is drawn by that world: LIBERO draws with its front camera.
+    Another world draws the images of its own runs; LIBERO uses its front camera.
 
     ``on_progress`` is called with the number of images done and planned.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
         MissingDependencyError: If no off-screen OpenGL works here, or the world of the run cannot draw.
-        WorldError: If its simulator fails.
+        WorldError: If the simulator of the world fails.
     """
     trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
     records = {key: run.read_record(*key) for key in trials}
@@ -77,7 +77,7 @@ def _world_shots(
     size: int,
     on_progress: OnCount | None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG per shot of a run whose world draws its images itself."""
+    """Return one JPEG per shot of a run in a world that draws its own images."""
     ordered = sorted(shots, key=lambda shot: (shot.task, shot.condition))
     rows = [records[s.task, s.condition, s.seed] for s in ordered]
     wanted = [
@@ -130,7 +130,7 @@ def film_record(
     every: int = 1,
     on_progress: OnCount | None = None,
 ) -> None:
-    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows; a view has its scene open.
+    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows, from the open scene of a view.
 
     ``on_progress`` is called with the number of frames done and planned.
     """
@@ -151,7 +151,7 @@ def film_record(
 
 
 def probe_encoder() -> str:
-    """Encode a small video in memory and return its format; raises an error if the encoder is missing."""
+    """Encode a small video in memory and return its format; raise an error if the encoder is missing."""
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=20)

@@ -1,4 +1,4 @@
-"""Images of conditions: a training scene beside the test scene of a variation."""
+"""Images of conditions, such as a training scene next to the test scene of a variation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.tasks import Condition, Task, get_task
 from betterbench.tasks.interventions import resolve_condition
 
 OUTLINE = (255, 64, 160)
-"""Color of outlines; no object of the suite has it."""
+"""Color of outlines, which no object of the suite has."""
 _PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
 
 
@@ -38,9 +38,9 @@ def show_condition(
 
 
 def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) -> Image.Image:
-    """Return a variation's training scene beside its test scene, with changes outlined.
+    """Return a variation's training scene next to its test scene, with outlined changes.
 
-    Both have the same seed, and their images are ``size`` pixels wide and high.
+    Both scenes have the same seed. Each image is ``size`` pixels wide and high.
     """
     task = get_task(task_id)
     variation = task.variation(name)
@@ -48,7 +48,7 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
     test, outlined = found.condition, sorted(found.changes.objects)
     left = show_condition(task, base, seed=seed, size=size, outlined=outlined)
     right = show_condition(task, test, seed=seed, size=size, outlined=outlined)
-    # The built-in font has no arrows.
+    # the built-in font has no arrows
     head = f"{task.title} · {variation.name} · {variation.title.replace('→', '>')}"
     return _side_by_side(
         head,
@@ -66,7 +66,7 @@ _RIGHT = {
 
 
 def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
-    """Return an image as PNG or JPEG, chosen by the suffix of its name, with a comment in its header."""
+    """Return an image as PNG or JPEG, chosen by the suffix of the name, with a comment in the header."""
     buffer = io.BytesIO()
     if suffix.lower() == ".png":
         texts = PngInfo()
@@ -134,7 +134,7 @@ def _side_by_side(head: str, *panels: tuple[str, str, Image.Image]) -> Image.Ima
 
 
 def wrap_text(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
-    """Return the lines of an instruction in quotation marks that fit into a width [px]."""
+    """Return an instruction in quotation marks, wrapped to a width [px], as lines."""
     lines: list[str] = []
     for word in f"“{text}”".split():
         candidate = f"{lines[-1]} {word}" if lines else word

@@ -1,4 +1,4 @@
-"""Twin videos: a recorded trial beside its training twin, with instructions, time, labels and the gripper's path."""
+"""Videos of a recorded trial next to its training twin, with instructions, time, labels and the gripper's path."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
 
 _PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
 _CONTROLS = 0.14
-"""Space below the images for the controls of a player, which cover the image while a video is paused."""
+"""Space below the images for player controls, which cover the image while a video is paused."""
 
 _HOLD_S = 1.0
-"""Time for which the video shows the start image with the whole path, and the last state [s of the video]."""
+"""Duration of the start image with the whole path, and of the last state [s of the video]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One side of a twin video: a trial of a run, its heading and its outcome.
+    """One side of a twin video: a trial of a run, with heading and outcome.
 
     Attributes:
         heading: Title of the side ("this trial, fast_food/T1/3").
-        ended: Its outcome ("Semantic feature collapse").
+        ended: Outcome ("Semantic feature collapse").
         right: Whether the outcome is a success, which is shown in blue.
     """
 
@@ -78,7 +78,7 @@ class FilmLook:
 
 @dataclass(frozen=True, slots=True)
 class TwinFilm:
-    """A video as H.264 in MP4, and its first image as JPEG: the start of both trials with the whole paths."""
+    """Video as H.264 in MP4, with its first image as JPEG: the start of both trials with the whole paths."""
 
     clip: bytes
     still: bytes
@@ -91,7 +91,7 @@ def render_paths(
     look: FilmLook = FilmLook(),
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return one JPEG per trial (task, condition, seed): its start image with the path of the end effector overlaid.
+    """Return the start image (JPEG) of each trial (task, condition, seed) with the end-effector path overlaid.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
@@ -114,9 +114,9 @@ def render_strips(
     look: FilmLook = FilmLook(size=160),
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return one JPEG per trial: its start with the whole path, then evenly spaced states with the path so far.
+    """Return one JPEG per trial: the start with the whole path, then evenly spaced states with the path so far.
 
-    Raises what :func:`render_paths` raises.
+    Raises the errors of :func:`render_paths`.
     """
     images: dict[tuple[str, str, int], bytes] = {}
     with _views(look, 1 if trials else 0) as views:
@@ -139,9 +139,9 @@ def render_twin_films(
     look: FilmLook = FilmLook(),
     on_progress: OnCount | None = None,
 ) -> list[TwinFilm]:
-    """Return videos of a trial beside its twin, or of one trial; ``on_progress`` gets the numbers done and planned.
+    """Return videos of trials next to their twins, or of single trials.
 
-    Raises what :func:`render_paths` raises.
+    Raises the errors of :func:`render_paths`.
     """
     made: list[TwinFilm] = []
     with _views(look, max(map(len, films), default=0)) as views:
@@ -218,7 +218,7 @@ def _sheets(
 
 
 class _Side:
-    """The images of one recorded trial, with the path of its end effector."""
+    """Images of one recorded trial, with the path of the end effector."""
 
     def __init__(self, view: LimitedView, run: RunFolder, trial: tuple[str, str, int], look: FilmLook) -> None:
         self.record: Record = run.read_record(*trial)
@@ -235,7 +235,7 @@ class _Side:
         return (len(self.record) - 1) / self.record.metadata.control_rate_hz
 
     def at(self, time_s: float) -> Image.Image:
-        """Return the image at a time [s] with the path so far; after the end, that of the last state."""
+        """Return the image at a time [s] with the path so far; after the end, the image of the last state."""
         row = min(round(time_s * self.record.metadata.control_rate_hz), len(self.record) - 1)
         if self._last is None or self._last[0] != row:
             self._last = row, self._with_path(self._draw(row), row + 1)
@@ -245,7 +245,7 @@ class _Side:
         return Image.fromarray(self._view.draw(self.record.qpos[row], self._look.camera, jitter=self._jitter))
 
     def _with_path(self, image: Image.Image, rows: int) -> Image.Image:
-        """Return an image with the path of the first rows: blue with an open gripper, orange with a closed one."""
+        """Return an image with the path of the first rows, blue for an open and orange for a closed gripper."""
         drawn, scale = image.copy(), 2
         large = drawn.resize((scale * drawn.width, scale * drawn.height), Image.Resampling.BICUBIC)
         pen, thick = ImageDraw.Draw(large), max(2, round(drawn.width / 90)) * scale // 2
@@ -268,7 +268,7 @@ class _Side:
 
 
 class _Layout:
-    """Puts images side by side, with heading, instruction and outcome above each, and the time in a corner."""
+    """Layout of images side by side, with heading, instruction and outcome above each, and the time in a corner."""
 
     def __init__(self, panels: Sequence[tuple[Panel, str]], size: int) -> None:
         self._size, self._pad = size, max(8, size // 30)

@@ -1,6 +1,6 @@
-"""Images of recorded states with their visible objects, rendered from the stored scene.
+"""Images of recorded states with visible objects, rendered from the stored scene.
 
-This is one source of :class:`~betterbench.interface.state.FrameView`; materialized masks can be another.
+This is one source of :class:`~betterbench.interface.state.FrameView`; materialized masks are another.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.sim.scenes.limited import LimitedView
 from betterbench.sim.scenes.sights import GRIPPER_INSTANCES, ModelFacts
 
 JPEG_QUALITY = 92
-"""Quality of the images; colors are stored at full resolution, since many objects are a few pixels wide."""
+"""JPEG settings. Colors are stored at full resolution, because many objects are only a few pixels wide."""
 
 _ACROSS, _UP = (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
@@ -30,14 +30,14 @@ _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
 
 
 class CameraPhoto(NamedTuple):
-    """One image (JPEG) with its visible objects."""
+    """Image (JPEG) with its visible objects."""
 
     jpeg: bytes
     view: FrameView
 
 
 class ViewRenderer:
-    """Renders recorded states of one run with their visible objects. A context manager; ends the rendering process."""
+    """Renderer of recorded states of a run with visible objects. A context manager that ends the rendering process."""
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
         """Start the process; ``size`` is the side of the images [pixel]."""
@@ -55,14 +55,14 @@ class ViewRenderer:
         self._limited.close()
 
     def stop(self) -> None:
-        """End the process from another thread; the rendering thread gets a RecordError."""
+        """End the process from another thread. The rendering thread gets a RecordError."""
         self._limited.stop()
 
     def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
         """Return the image of a camera at a row of a record of the run, with its visible objects.
 
         Raises:
-            RecordError: If the stored scene is missing, damaged or not that of the record, or has no such camera.
+            RecordError: If the stored scene is missing, damaged, belongs to another record, or lacks the camera.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
         if self._row is None or self._row[0] is not record or self._row[1] != row or camera not in self._photos:
@@ -70,7 +70,7 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Render a row from every camera requested so far, because the others are usually requested next."""
+        """Render a row from every camera requested so far, because the other cameras are usually requested next."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
@@ -100,7 +100,7 @@ def _seen_objects(
     record: Record, row: int, facts: ModelFacts, sight: np.ndarray, camera: CameraMatrices
 ) -> dict[str, SeenObject]:
     """Return the visible parts of each object and of the gripper."""
-    numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # of objects, by body number plus one
+    numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # mask of objects, by body number plus one
     numbers[facts.object_bodies + 1] = np.arange(len(facts.object_bodies))
     numbers[1 + np.flatnonzero(np.isin(facts.instances, GRIPPER_INSTANCES))] = len(facts.object_bodies)
     shown, seen = numbers[sight["bodies"]], dict[str, SeenObject]()
@@ -128,7 +128,7 @@ def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
 
 
 def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatrices) -> float:
-    """Return the share of an object's bounding box that is inside the image, from a grid of points in the box."""
+    """Return the share of an object's bounding box inside the image, from a grid of points in the box."""
     number = record.metadata.scene.index(info.name)
     local = _GRID * np.asarray(info.size_m)
     w, axis = record.object_quaternions[row, number, 0], record.object_quaternions[row, number, 1:]

@@ -1,1 +1,1 @@
-"""The tasks as benchmarks of other evaluation harnesses."""
+"""Integrations of the tasks into other evaluation harnesses."""

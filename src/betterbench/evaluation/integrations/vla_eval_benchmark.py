@@ -1,8 +1,8 @@
-"""The tasks as a benchmark of vla-evaluation-harness: ``vla-eval run`` runs them, ``better report`` explains them.
+"""The tasks as a benchmark of vla-evaluation-harness: ``vla-eval run`` runs tasks, ``better report`` explains results.
 
-The harness controls the loop, the model server and its own result file; in addition, a run folder is written, with
-the records of ``better eval``. Every condition of a task is a task of the harness, and its episode i is the trial with
-seed ``seed + i``.
+The harness controls the loop, the model server and its own result file. In addition, the benchmark writes a run folder
+with the records of ``better eval``. Every condition of a task is a task of the harness, and its episode i is the trial
+with seed ``seed + i``.
 """
 
 from __future__ import annotations
@@ -55,21 +55,20 @@ ADDRESS = "vla-eval:"
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
-    """The suite, or some of its conditions, as one benchmark of the harness.
+    """The suite, or some conditions of the suite, as a benchmark of the harness.
 
     Args:
-        run: Folder of the run; an interrupted run is resumed: the result of a finished trial is read from its
-            record.
-        policy: Name of the policy in the report ("pi0-libero"); the harness does not give it to benchmarks.
+        run: Folder of the run. An interrupted run is resumed, with the results of finished trials from their records.
+        policy: Name of the policy in the report ("pi0-libero"), which benchmarks do not get from the harness.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
-            list or one comma-separated string; default the whole suite better60.
-        trials: Trials per condition; the same number as ``episodes_per_task``.
+            list or one comma-separated string; by default all of better60.
+        trials: Trials per condition; must equal ``episodes_per_task``.
         seed: First seed.
         adapter: Name of an adapter's preset, or a JSON file: the layout of requests and answers.
         cameras: Our camera for one of the adapter's keys ({"images/agentview": "left_shoulder"}).
-        observation: Name of an observation preset; "state_only" renders nothing.
+        observation: Name of an observation preset; "state_only" renders no images.
         quality: Name of a render preset.
-        send_wrist_image: True to send the wrist camera too; model servers usually request it themselves.
+        send_wrist_image: True to send the wrist image; model servers usually request it themselves.
         send_state: True to send the robot's state; model servers usually request it themselves.
         absolute_action: True if the model server answers with absolute poses; model servers declare this themselves.
             It requires an adapter that reads ``ee_pose``.
@@ -82,7 +81,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
-        """Choose the renderer: OSMesa for "cpu"; for "gpu" that of the environment, otherwise EGL."""
+        """Choose the renderer: OSMesa for "cpu"; for "gpu" the renderer in the environment, or else EGL."""
         if mode == "cpu" and "mujoco.egl" in sys.modules:
             raise InvalidInputError("render", "EGL was loaded before cpu was chosen", "Unset MUJOCO_GL")
         applied: dict[str, str] = configure_mujoco_render(mode)
@@ -105,7 +104,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         absolute_action: bool = False,
         quat_no_antipodal: bool = True,
     ) -> None:
-        """Resolve all names; the run folder is created at the start of the first episode."""
+        """Resolve all names. The run folder is created at the start of the first episode."""
         super().__init__()
         if not quat_no_antipodal:
             raise InvalidInputError("quat_no_antipodal", "must be true", "Leave it out")
@@ -122,9 +121,9 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
                 "absolute_action",
                 f"the model server answers with absolute poses, but adapter {self.adapter.name} reads "
                 f"{self.adapter.answer.space}",
-                "Name an adapter= whose answer has the space ee_pose and the model's rotation format",
+                "Give an adapter= whose answer has the space ee_pose and the model's rotation format",
             )
-        self._out = Path(run).resolve()  # the harness may change its folder
+        self._out = Path(run).resolve()  # the harness may change the working directory
         self._seed, self._trials = seed, trials
         self.plan = _plan(
             f"{ADDRESS}{policy}",
@@ -142,7 +141,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         self._in_episode = False
 
     def get_tasks(self) -> list[dict[str, Any]]:
-        """Return every condition as a task of the harness: named "fast_food/T1", in the suite "fast_food"."""
+        """Return every condition as a task of the harness, such as "fast_food/T1" in the suite "fast_food"."""
         named = dict.fromkeys((t.task, t.condition, t.expected) for t in self.plan.trials)
         return [
             {"name": f"{task}/{condition}", "suite": task, "condition": condition, "expected": expected}
@@ -163,14 +162,14 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             run = self._open()
             if run.is_done(trial):
                 self._outcome = run.outcome(trial)
-                logger.warning("%s seed %d is finished: its result is taken from its record", task["name"], trial.seed)
+                logger.warning("%s seed %d is finished; the result is taken from its record", task["name"], trial.seed)
             self._seen = run.begin(trial)
         self._in_episode = True
         self._record_image()
         return self._seen
 
     def step(self, action: dict[str, Any]) -> StepResult:
-        """Execute the answer of the model server; an invalid answer ends the episode, as in better eval."""
+        """Execute the answer of the model server. As in better eval, an invalid answer ends the episode."""
         run, seen = self._run, self._seen
         if run is None or seen is None:
             raise InvalidInputError("step", "there is no current episode", "Call reset first")
@@ -205,7 +204,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """Return the result of the episode.
 
-        An episode that the harness ends early (``max_steps``) is a failure for the harness. In the report it counts as
+        An episode that the harness ends early (``max_steps``) is a failure for the harness. In the report, the trial is
         not run, because the policy might still have succeeded.
         """
         if self._in_episode and self._run is not None:
@@ -230,7 +229,10 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return observation_specs(self.adapter)
 
     def get_metadata(self) -> dict[str, Any]:
-        """Return the limits of the suite; episodes end on their own if the harness's ``max_steps`` is not set."""
+        """Return the limits of the suite.
+
+        Without the harness's ``max_steps``, episodes end at the suite's step limit.
+        """
         conditions = {(t.task, t.condition): t for t in self.plan.trials}
         limits = [found.task.step_limit(found.condition) for found in (t.resolve() for t in conditions.values())]
         return {
@@ -241,7 +243,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         }
 
     def get_hold_action(self, last_action: dict[str, Any] | None) -> dict[str, Any]:
-        """Return the action that keeps the robot still, for the harness's live mode: the last one if absolute.
+        """Return the action that keeps the robot still (for absolute actions, the last), for the harness's live mode.
 
         Raises:
             NotImplementedError: If there is no last action, or the gripper has no neutral value.
@@ -283,7 +285,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         raise InvalidInputError(
             "episodes_per_task",
             f"episode {episode} of {task['name']} is not among the {self._trials} trials of the plan",
-            f"Give both the same number: params.trials: {episode + 1}",
+            f"Set both to the same number: params.trials: {episode + 1}",
         )
 
     def _end(self) -> StepResult:
@@ -309,7 +311,7 @@ def _won(outcome: Outcome | None) -> bool:
 def _stop_run() -> Iterator[None]:
     """Stop the whole evaluation if every further episode would fail in the same way.
 
-    The harness catches all other errors of an episode and continues.
+    The harness catches all other errors of an episode and continues with the next episode.
     """
     try:
         yield
@@ -318,7 +320,7 @@ def _stop_run() -> Iterator[None]:
 
 
 def _shaped(adapter: Adapter, cameras: dict[str, str], observation: str, *, wrist: bool, state: bool) -> Adapter:
-    """Return the adapter without the images and states that are not sent."""
+    """Return the adapter without images and states that are not sent."""
     shown = adapter.with_cameras(cameras)
     views = tuple(v for v in shown.views if wrist or "wrist" not in v.key[-1])
     if not observation_spec(observation).cameras:

@@ -1,4 +1,4 @@
-"""Specs of the tasks for vla-evaluation-harness: formats of actions and observations under its names."""
+"""Specs of the tasks for vla-evaluation-harness: formats of actions and observations, in the harness's terms."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _STATES = {
 
 
 def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
-    """Return the format of actions by component; formats unknown to the harness have betterbench's name."""
+    """Return the format of actions by component. Formats unknown to the harness keep betterbench's name."""
     space = action_space(answer.space)
     text = space.convention
     if answer.as_is or answer.space.startswith("joint"):
@@ -44,7 +44,7 @@ def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
 
 
 def observation_specs(adapter: Adapter) -> dict[str, DimSpec]:
-    """Return the format of observations by component: images by camera, the instruction, the state if it is sent."""
+    """Return the format of observations by component: images by camera, instruction, and state if sent."""
     found = {view.key[-1]: specs.IMAGE_RGB for view in adapter.views}
     found["language"] = specs.LANGUAGE
     for i, rule in enumerate(adapter.states):

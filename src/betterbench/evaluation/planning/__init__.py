@@ -1,1 +1,1 @@
-"""The plan of a run, the manifest written at its start, and plans that repeat another run."""
+"""Plans of runs, manifests written at the start of runs, and plans that repeat another run."""

@@ -1,4 +1,4 @@
-"""Description of this machine, read from system files without starting another program."""
+"""Description of this machine, read from system files without running other programs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _REVISION = re.compile(r"[0-9a-f]{40,64}")
 _MAX_FILE_BYTES = 1 << 20
 _DISTRIBUTION = "betterbench"
-_LEFT_OUT = "dev"  # results do not depend on what tests and linters need
+_LEFT_OUT = "dev"  # results do not depend on the requirements of tests and linters
 
 
 def describe_machine() -> dict[str, object]:
-    """Return processor, memory and GPUs, as far as they can be determined."""
+    """Return processor, memory and GPUs, where known."""
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),
@@ -33,9 +33,9 @@ def describe_machine() -> dict[str, object]:
 
 
 def describe_renderer() -> dict[str, str]:
-    """Return the fingerprint of the renderer, or the reason why there is none.
+    """Return the fingerprint of the renderer, or the reason why rendering is not possible.
 
-    This creates the OpenGL context of the process, so call it in the rendering thread.
+    This function creates the OpenGL context of the process, so call it in the rendering thread.
     """
     try:
         return renderer_fingerprint()
@@ -90,7 +90,7 @@ def _head(home: Path) -> str | None:
 
 
 def _required(distribution: importlib.metadata.Distribution, *, extras: bool) -> list[str]:
-    """Return the requirements of a distribution, optionally with all its extras except the developers' one."""
+    """Return the requirements of a distribution, optionally with all extras except the one for developers."""
     names = []
     for requirement in distribution.requires or ():
         found = _NAME.match(requirement)

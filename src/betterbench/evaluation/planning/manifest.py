@@ -1,7 +1,7 @@
-"""Manifest of a run: its context at the start, besides its plan.
+"""Manifest of a run: the context at its start.
 
-It is stored as ``context`` in ``run.json``. Another machine may resume a run, so it is not compared then, except for
-the declaration of the policy: another checkpoint behind the same address would mix two policies in one run.
+The context is stored in ``run.json``. Another machine may resume a run, so only one part is then compared: the
+declaration of the policy, because another checkpoint behind the same address would mix two policies in one run.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
-    """Return every convention in force, those of the plan and the fixed ones."""
+    """Return all conventions in use: those of the plan and the fixed conventions."""
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
@@ -65,11 +65,11 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return the first difference of a policy's declaration from that in a run; None if none is known."""
+    """Return the first difference between a policy's declaration and a run; None if there is no known difference."""
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):
-        return None  # made before runs described their policy
+        return None  # the run was made before runs described their policy
     difference = first_difference(known, json.loads(dump_json(policy)), "policy")
     if difference is None:
         return None
@@ -78,10 +78,10 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
 
 
 def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
-    """Check that the policy's declaration is that at the start of the run; an allowed change is noted in the run.
+    """Check that the policy's declaration is unchanged since the start of the run, and record an allowed change.
 
     Raises:
-        RunConflictError: If its declaration has changed and this is not allowed; the message has both values.
+        RunConflictError: If the declaration has changed and this is not allowed; the message has both values.
     """
     difference = policy_difference(run, policy)
     if difference is None:

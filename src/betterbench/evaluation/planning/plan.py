@@ -1,4 +1,4 @@
-"""The plan of a run: its trials and conventions. It is written before the first trial starts."""
+"""The plan of a run: trials and conventions, written before the first trial starts."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ MAX_SEED = 2**31 - 1
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Policy, trials and settings of a run. A run is resumed with the same plan; another plan is refused.
+    """Policy, trials and settings of a run. Resuming a run requires the same plan.
 
     Attributes:
-        trials: Trials to run; with ``until_decided``, the maximum set of trials.
+        trials: Trials to run; with ``until_decided``, the largest possible set of trials.
         until_decided: Rule after which a variation gets no more trials, or None to run all.
         world: The world in which the trials are run.
     """
@@ -50,7 +50,7 @@ class Plan:
     world: World = OWN_WORLD
 
     def __post_init__(self) -> None:
-        """Check that a plan until decided has every pair: each variation and its twin with all seeds."""
+        """Check that a plan with ``until_decided`` has every pair: each variation and its twin with all seeds."""
         if self.until_decided is None:
             return
         planned = {t.id for t in self.trials}
@@ -61,11 +61,11 @@ class Plan:
         if not varied or not wanted <= planned:
             what = "a variation" if not varied else str(min(wanted - planned, key=str))
             raise InvalidInputError(
-                "trials", f"{what} is missing, but a run until decided needs every pair", "Plan the run again"
+                "trials", f"{what} is missing, but --until-decided needs every pair", "Plan the run again"
             )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with every version and convention that results depend on."""
+        """Return the JSON form, with all versions and conventions that affect results."""
         tasks = sorted({t.task for t in self.trials})
         return {
             "plan_version": PLAN_VERSION,
@@ -83,7 +83,7 @@ class Plan:
 
     @property
     def scene_options(self) -> SceneOptions:
-        """Choices about scenes that only some worlds have."""
+        """Options of scenes that only some worlds have."""
         return SceneOptions(self.quality, self.robot, self.looks)
 
 
@@ -100,15 +100,15 @@ def make_plan(
     looks: str = "seen",
     until_decided: bool = False,
 ) -> Plan:
-    """Return the plan of a run of the named tasks, or of those of better60.
+    """Return the plan of a run of the named tasks, by default all of better60.
 
-    Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as
-    many trials in total as its variations, evenly distributed. The first of them are the twins of the variations. Each
-    trial of a plan with some variations ("L1", "fast_food/T1") is also in the plan of all variations, so they share a
-    certificate. With ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
+    Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions of each task get as many
+    trials in total as the variations, evenly distributed, including the twins of the variations. Each trial of a plan
+    for some variations ("L1", "fast_food/T1") is also in the plan of all variations, so the plans share a certificate.
+    With ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
 
-    With ``until_decided``, ``trials`` is the maximum per variation, and only the twins among the training conditions
-    are run.
+    With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
+    run.
 
     Raises:
         InvalidInputError: If a number is out of range or no trial is left to run.
@@ -131,7 +131,7 @@ def make_plan(
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
-    """Return the id of an existing trial; its condition is the first training condition if None."""
+    """Return the id of an existing trial; a condition of None means the first training condition."""
     require_between("--seed", seed, 0, MAX_SEED)
     trial = TrialId(task, condition or get_task(task).training[0].name, seed)
     resolve_condition(trial.task, trial.condition)

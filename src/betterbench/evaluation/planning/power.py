@@ -1,4 +1,4 @@
-"""Statistical power of a plan: the smallest differences that its trials detect."""
+"""Statistical power of a plan: the smallest differences that its trials can detect."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ from betterbench.evaluation.planning.plan import Plan
 from betterbench.statistics import StoppingRule, smallest_paired_difference
 
 USUAL_OPPOSITE = 0.1
-"""Share of pairs against the difference for the second figure of :func:`what_trials_show`: two policies usually fail on
-different trials. The first figure holds when one of them fails on a subset of the other's failures."""
+"""Assumed share of opposite pairs, for the second figure of :func:`what_trials_show`.
+
+Two policies usually fail on different trials; the first figure holds if one policy fails on a subset of the other's
+failures.
+"""
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Return which drops the trials of a plan can and cannot detect, overall, within an axis and within a variation."""
+    """Return the drops that a plan's trials can and cannot detect, overall, within an axis and within a variation."""
     varied = [t for t in plan.trials if t.variation is not None]
     if plan.until_decided is not None:
         return _until_decided(plan.until_decided, [(t.task, t.variation) for t in varied])
     if not varied:
-        return "No trial is of a variation: they only show how well the training conditions were learned."
+        return "No trial tests a variation: the trials only show how well the training conditions were learned."
     levels: tuple[tuple[str, Collection[int]], ...] = (
         ("overall", (len(varied),)),
         ("within an axis", Counter(t.axis for t in varied).values()),
@@ -38,7 +41,7 @@ def what_trials_show(plan: Plan) -> str:
     sentences = []
     if best:
         shown = [points for points in usual if points]
-        needed = f"the drop has to be {_listed(shown)} points" if shown else "they show no drop"
+        needed = f"the drop must be {_listed(shown)} points" if shown else "no drop can be shown"
         sentences.append(
             f"With 80 % power they show a drop against the twins, or against another policy, of {_listed(best)}. "
             f"If {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, {needed}."
@@ -52,10 +55,10 @@ def smallest_drop_line(plan: Plan) -> str:
     """Return a short sentence with the smallest drop over all variations that the trials of a plan can detect."""
     pairs = sum(t.variation is not None for t in plan.trials)
     if not pairs:
-        return "None is of a variation: they only show how well the training conditions were learned."
+        return "None tests a variation: the trials only show how well the training conditions were learned."
     found = _smallest(pairs, pairs, opposite=0.0)
-    told = f"They show a drop of {found} points over all" if found else "They are too few to show any drop"
-    return f"{told} (--explain-power says more)."
+    told = f"They can show an overall drop of {found} points" if found else "They are too few to show any drop"
+    return f"{told} (details: --explain-power)."
 
 
 def _until_decided(rule: StoppingRule, varied: Sequence[tuple[str, str | None]]) -> str:
@@ -72,6 +75,6 @@ def _listed(parts: list[str]) -> str:
 
 
 def _smallest(fewest: int, most: int, *, opposite: float) -> str:
-    """Return the smallest differences that the most and the fewest pairs can detect, in points; empty if none."""
+    """Return the smallest detectable differences, for the most and the fewest pairs, in points; empty if none."""
     values = [smallest_paired_difference(n, opposite=opposite).value for n in (most, fewest)]
     return " to ".join(dict.fromkeys(f"{100 * v:.{1 if v < 0.1 else 0}f}" for v in values if v is not None))

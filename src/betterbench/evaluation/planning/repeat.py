@@ -1,4 +1,4 @@
-"""Repeating a run: its plan is read from ``run.json``, and differences that would change the results are reported."""
+"""Repetition of a run from the plan in its ``run.json``, after checking for differences that would change results."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
-"""Parts of a plan that are read back, or that alone change no result: the suite and every task have their versions."""
+"""Parts of a plan that are not compared, because they are read back or cannot change results by themselves."""
 
 
 @open_form
@@ -34,7 +34,7 @@ class _Preset:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Fields of a plan that are read from ``run.json``; the others are compared with those of the new plan."""
+    """Fields of a plan that are read from ``run.json``. All other fields are compared with the new plan."""
 
     policy: str
     trials: tuple[Trial, ...]
@@ -61,14 +61,14 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return the plan of a run, to repeat its trials, seeds and conventions with its policy or another one.
+    """Return the plan of a run, to repeat its trials, seeds and conventions with the same or another policy.
 
     ``path`` is the run's folder or ``run.json``. With ``trust``, the run's own policy may run code or send a key.
 
     Raises:
-        InvalidInputError: If the run's own policy would run code or send a key, unless that is trusted.
+        InvalidInputError: If the run's own policy would run code or send a key, unless ``trust`` is True.
         RecordError: If the file is not the ``run.json`` of a run, or its plan is malformed.
-        RunConflictError: If versions or conventions differ and results depend on them, unless this is allowed.
+        RunConflictError: If versions or conventions that affect results differ, unless this is allowed.
         UnknownNameError: If a task, condition, preset or action space is unknown here.
     """
     run = _open(path)
@@ -94,7 +94,7 @@ def repeated_plan(
     differences = list(version_differences(run.plan, plan))
     if differences and not allow_other_versions:
         raise RunConflictError(
-            f"{where}: this betterbench would not repeat the run, because {'; '.join(differences)}. "
+            f"{where}: results would differ from the original run, because {'; '.join(differences)}. "
             "Install the versions in its context, or give --allow-other-versions and treat the results as a "
             "separate run."
         )
@@ -102,7 +102,7 @@ def repeated_plan(
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
-    """Raise RunConflictError, with both values, if a policy does not declare what it declared for the run at a path."""
+    """Raise RunConflictError, with both values, if a policy's declaration differs from the run at a path."""
     difference = policy_difference(_open(path), policy)
     if difference is not None:
         raise RunConflictError(

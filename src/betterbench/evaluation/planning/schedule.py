@@ -1,4 +1,4 @@
-"""The order of a plan's trials: all at once, or round by round until every variation is decided."""
+"""Order of a plan's trials: all trials, or rounds until every variation is decided."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.tasks.trial import Trial
 
 
 class Schedule:
-    """Order of a plan's trials; the next ones depend only on the plan and the outcomes so far.
+    """Order of a plan's trials. The next trials depend only on the plan and the outcomes so far.
 
     Attributes:
         plan: The plan.
@@ -23,8 +23,8 @@ class Schedule:
 
         Args:
             plan: The plan.
-            is_done: Tells whether a trial is finished; broken trials are not.
-            succeeded: Tells whether a finished trial succeeded; called once per trial.
+            is_done: Function that returns whether a trial is finished; broken trials are not.
+            succeeded: Function that returns whether a finished trial succeeded; called once per trial.
         """
         self.plan, self._is_done, self._succeeded = plan, is_done, succeeded
         self._trials = {(_name(t.task, t.condition), t.seed): t for t in plan.trials}
@@ -34,11 +34,11 @@ class Schedule:
         self._questions = [Question(condition, twin) for condition, twin in twins.items()]
         self._seeds = sorted({t.seed for t in varied})
         self._decisions: Decisions | None = None
-        self._waiting: list[TrialId] = []  # those of the round under way that had not ended when it was last asked
+        self._waiting: list[TrialId] = []  # trials of the current round that had not ended at the last query
 
     @property
     def decisions(self) -> Decisions | None:
-        """Decisions after the last complete round; None for a plan whose trials are all run."""
+        """Decisions after the last complete round; None for a plan that runs all trials."""
         if self.plan.until_decided is None:
             return None
         while self._waiting and self._is_done(self._waiting[-1]):
@@ -50,10 +50,10 @@ class Schedule:
         return replace(self._decisions, waiting=waiting)
 
     def rounds(self) -> Iterator[list[Trial]]:
-        """Yield the unfinished trials of one round after the other.
+        """Yield the unfinished trials of each round.
 
-        The next round is computed on request, so the trials of the previous one must be finished by then.
-        If one of them is broken, there is no next round: the same command runs it again and continues.
+        The next round is computed on request, when the trials of the previous round must be finished. A broken trial
+        ends the rounds; the same command runs the trial again and continues.
         """
         if self.plan.until_decided is None:
             yield [t for t in self.plan.trials if not self._is_done(t.id)]

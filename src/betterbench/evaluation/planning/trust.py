@@ -1,4 +1,4 @@
-"""Trust in a policy named by a file: the risks of evaluating it on this machine, and the required consent."""
+"""Risks of a policy named by a file, which require the user's consent."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from urllib.parse import parse_qsl
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.policies.kinds import find_kind
 
-_VARIABLE = "_env"  # ends the name of each option that names an environment variable
+_VARIABLE = "_env"  # suffix of all options whose value is an environment variable
 
 
 def risks_of(address: str) -> tuple[str, ...]:
@@ -31,12 +31,12 @@ def require_trust(address: str, *, where: str) -> None:
     ``where`` is the file, for the error.
 
     Raises:
-        InvalidInputError: If it does; the message says which.
+        InvalidInputError: If the policy runs code or sends a secret; the message names the risk.
     """
     risks = risks_of(address)
     if risks:
         raise InvalidInputError(
             where,
             f"its policy {one_line(address)} {' and '.join(risks)}",
-            "Give --trust if you trust whoever wrote this file, or --policy to evaluate another policy",
+            "Give --trust if you trust the author of this file, or --policy to evaluate another policy",
         )

@@ -1,4 +1,4 @@
-"""The plan of a run of a suite in any world, as the world describes its tasks."""
+"""Plan of a run of a suite in any world, from the world's description of its tasks."""
 
 from __future__ import annotations
 
@@ -23,23 +23,24 @@ def make_world_plan(
     observation: str = "default",
     **options: Any,  # noqa: ANN401 - those of the world
 ) -> Plan:
-    """Return the plan of a suite; the world that has it is asked for its tasks.
+    """Return the plan of a suite, with the tasks listed by its world.
 
     Args:
         policy: Address of the policy.
         suite: Name of the suite.
         tasks: Tasks to run; all if none is named.
-        trials: Number of trials as the world counts them (variations, initial states, chains); its usual one if None.
+        trials: Number of trials in the world's unit (per variation, initial states, chains); the usual number if None.
         seed: The first seed, initial state or chain.
-        action_space: Action space of the policy; if None, that of its address, or the world's usual one.
-        observation: Observation preset; "default" is the world's usual one.
+        action_space: Action space of the policy; if None, the one in its address, or else the world's usual action
+            space.
+        observation: Observation preset; "default" is the world's usual preset.
         options: Options of the world (``World.options``).
 
     Raises:
         InvalidInputError: If a number is out of range, or the policy cannot be run in this world.
         UnknownNameError: If a name is unknown.
         MissingDependencyError: If the world is not installed.
-        WorldError: If it does not answer.
+        WorldError: If the world does not answer.
     """
     world = world_of_suite(suite)
     title = world.facts.title
@@ -53,7 +54,7 @@ def make_world_plan(
 
 
 def _action_space(policy: str, world: World, asked: str | None) -> str:
-    """Return the action space of a run in a world: the one that is asked for, else the policy's own."""
+    """Return the action space of a run in a world: the requested one, or else the policy's own."""
     if asked is not None:
         if asked not in world.action_spaces:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)

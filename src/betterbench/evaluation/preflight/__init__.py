@@ -1,1 +1,1 @@
-"""The preflight check: one request to a policy before a run, with everything that it gets and answers."""
+"""Preflight check: requests to a policy before a run, with the policy's inputs and answers."""

@@ -1,4 +1,4 @@
-"""The preflight check: the handshake with a policy, one observation, and its first answers."""
+"""Preflight check: handshake with a policy, one observation, and the first answers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ REQUESTS = 5
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """One convention as declared by betterbench and by the policy; empty if a side declares nothing."""
+    """Convention as declared by betterbench and by the policy; empty if a side declares nothing."""
 
     name: str
     ours: str
@@ -54,7 +54,7 @@ class Convention:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """One image as the policy gets it, (height, width, 3) uint8, with its key and how it was converted."""
+    """Image as the policy gets it, (height, width, 3) uint8, with its key and a note on its conversion."""
 
     key: str
     image: np.ndarray
@@ -66,15 +66,15 @@ class PreflightCheck:
     """The result of a preflight check.
 
     Attributes:
-        trial: The trial from whose start the policy got an observation.
-        conventions: Conventions as both sides declare them.
-        adapter: Its adapter, or None for a policy that gets the observation unchanged.
+        trial: Trial whose first observation the policy got.
+        conventions: Conventions declared by both sides.
+        adapter: Adapter of the policy, or None for a policy that gets the observation unchanged.
         shown: The images as the policy gets them.
-        state: The numbers it gets, by key.
-        prompt: The instruction it gets.
-        actions: (horizon, dim) its first answer, in the action space of ``info``.
+        state: State inputs of the policy, by key.
+        prompt: Instruction as the policy gets it.
+        actions: (horizon, dim) first answer, in the action space of ``info``.
         first_s: Time of the first request [s].
-        latencies_s: Times of the requests after it [s].
+        latencies_s: Times of the later requests [s].
         proof: Result of a replayed demonstration, or None if none was replayed.
     """
 
@@ -145,18 +145,20 @@ def run_preflight(
     proof: bool = False,
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
-    """Request a policy's actions at the start of a trial of a run with these presets.
+    """Request a policy's actions at the start of a trial, with the presets of a planned run.
 
     The action space is the policy's own if None. With ``proof``, a demonstration of the trial is replayed through a
-    policy that sees observations (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with
-    what both sides declare, before it is compared.
+    policy that uses observations (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the
+    declarations of both sides, before the comparison.
 
     Raises:
         BetterError: If the policy does not answer, declares other conventions than the run, or gives an invalid answer.
     """
     needs = needs_of(policy)
     if needs.trial:
-        raise InvalidInputError(f"policy {policy}", "a replay makes no requests", "Look at its run with better report")
+        raise InvalidInputError(
+            f"policy {policy}", "a replay policy has no answers to check", "Look at its run with better report"
+        )
     found = resolve_condition(trial.task, trial.condition)
     with PolicyFactory(policy) as policies:
         info = policies.check()
@@ -207,7 +209,7 @@ def run_preflight(
 def _first_question(
     policy: str, client: Policy | None, scene: Scene, trial: TrialId, images: ObservationSpec | None
 ) -> tuple[Observation | None, Callable[[], np.ndarray]]:
-    """Begin the episode; return the policy's observation (None if privileged) and a function for requests."""
+    """Begin the episode; return the policy's observation (None for a privileged policy) and a function for requests."""
     state = scene.reset()
     if client is None:
         privileged = make_privileged(policy, scene)
@@ -227,7 +229,7 @@ def _first_question(
 def _ask_often(
     ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int
 ) -> tuple[np.ndarray, float, tuple[float, ...]]:
-    """Return the first answer, (horizon, dim), its time and the times of the answers after it [s]."""
+    """Return the first answer, (horizon, dim), its time, and the times of the later answers [s]."""
     answers, times = [], []
     for _ in range(1 + REQUESTS):
         began = time.perf_counter()
@@ -286,7 +288,7 @@ def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]
 
 
 def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
-    """Return the source of an image and how it was changed."""
+    """Return the source of an image and its conversions."""
     height, width = rendered.shape[:2]
     parts = [f"camera {camera}", f"rendered {width} x {height}"]
     if rule is None:

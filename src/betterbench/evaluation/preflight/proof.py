@@ -1,11 +1,11 @@
-"""The replay proof: a policy gets the observations of a demonstration, and its answers must follow the same path.
+"""Replay proof: a policy gets the observations of a demonstration, and its answers must follow the same path.
 
-At every request the policy gets the demonstration's observation. The path of its consecutive answers is compared with
-that of the demonstration, axis by axis. If actions are read in wrong units, in a wrong frame or with a wrong sign,
-the path is stretched, rotated or mirrored, and the factor of each axis shows by how much. The answers are also executed
-in a separate scene, which shows how far the end effector ends from the end of the demonstration.
+At every request, the policy gets the demonstration's observation. The path of its consecutive answers is compared with
+the demonstration's path, axis by axis. If actions are read in wrong units, in a wrong frame or with a wrong sign, the
+path is stretched, rotated or mirrored, and the factor of each axis shows by how much. The answers are also executed in
+a separate scene, which shows how far the end effector ends from the end of the demonstration.
 
-Paths are those of commanded poses, which the arm follows with a delay of a few control steps.
+Paths consist of commanded poses, which the arm follows with a delay of a few control steps.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 MAX_REQUESTS = 100
-"""Maximum requests of one proof: a demonstration in chunks of five, or the motion to the first object step by step."""
+"""Maximum number of requests of a proof: a demonstration in chunks of five, or single steps to the first object."""
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
-"""Minimum range of a demonstration along an axis for which a factor is computed [m, rad]."""
+"""Minimum range of a demonstration along an axis for computing a factor [m, rad]."""
 
 FOLLOWS = 0.7
 """Minimum agreement of a policy that follows the demonstration: the cosine between its steps and those of the
 demonstration, on each axis."""
 
 PROVEN = 0.02
-"""Largest distance of a factor from 1 that proves the conventions of its axis."""
+"""Maximum distance of a factor from 1 that proves the conventions of its axis."""
 
 WRONG = 1.5
-"""The conventions of an axis are wrong if its factor is above this value or below its inverse."""
+"""Factor above which, or below whose inverse, the conventions of an axis are wrong."""
 
 _IDLE_STEPS = 40
 
@@ -55,9 +55,10 @@ class AxisProof:
         name: "x", "y", "z" and rotations "rx", "ry", "rz" in the base frame, or a joint.
         unit: "m" or "rad".
         range: Distance between the extremes of the demonstration's path.
-        factor: Slope of the answers' path over the demonstration's, 1 if equal; None if the demonstration hardly moves.
-        agreement: Cosine between the steps of both, -1 to 1; None if one of them does not move.
-        apart: Largest distance of the two paths.
+        factor: Slope of the answers' path relative to the demonstration's, 1 if equal; None if the demonstration hardly
+            moves.
+        agreement: Cosine between the steps of both, -1 to 1; None if either does not move.
+        apart: Maximum distance between the two paths.
     """
 
     name: str
@@ -103,7 +104,7 @@ class ReplayProof:
 
     @property
     def wrong(self) -> tuple[str, ...]:
-        """The axes, and "gripper", whose conventions the demonstration proves to be wrong."""
+        """The axes, and "gripper", with conventions that the demonstration proves wrong."""
         if not self.follows:
             return ()
         names = [axis.name for axis in self.moved if not 1.0 / WRONG < (axis.factor or 0.0) < WRONG]
@@ -115,9 +116,9 @@ class ReplayProof:
         if not self.follows:
             return "inconclusive: the policy does not follow the demonstration"
         if self.is_proven:
-            return "the conventions are proven: the answers lead where the demonstration went"
+            return "the conventions are proven: the answers follow the demonstration"
         if not self.wrong:
-            return "the answers lead about where the demonstration went"
+            return "the answers roughly follow the demonstration"
         return f"the conventions of {', '.join(self.wrong)} are wrong. {self._cure()}"
 
     def _cure(self) -> str:
@@ -167,10 +168,10 @@ def prove_by_replay(
 
     Args:
         client: The policy at the beginning of an episode.
-        info: Its description, as it declares it.
+        info: Declarations of the policy.
         trial: The trial of the demonstration.
         space: The policy's action space.
-        spec: The images that it gets.
+        spec: Images for the policy.
         quality: Render quality of the images.
 
     Raises:
@@ -234,7 +235,7 @@ class _Moment:
 
 
 class _Demonstration:
-    """The expert's episode of a trial, step by step, until it is over and the arm is at rest."""
+    """The expert's episode of a trial, step by step, until the arm is at rest at the end."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -260,7 +261,7 @@ class _Demonstration:
 
 
 class _Paths:
-    """The path of the demonstration and that of the answers, at the end of each answer."""
+    """Paths of the demonstration and of the answers, sampled at the end of each answer."""
 
     units: tuple[str, ...] = ("m", "m", "m", "rad", "rad", "rad")
     names: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")
@@ -272,7 +273,7 @@ class _Paths:
         self._marked = [self._now.copy()]
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
-        """Add one control step: the answered action, and the demonstration before and after it."""
+        """Add one control step: the answered action, and the demonstration's states before and after the step."""
         raise NotImplementedError
 
     def mark(self) -> None:
@@ -301,7 +302,7 @@ class _DeltaPaths(_Paths):
 
 
 class _PosePaths(_Paths):
-    """Poses of the end effector, relative to the demonstration's first one."""
+    """Poses of the end effector, relative to the demonstration's first pose."""
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
         start, end = before.commanded.pose, after.commanded.pose
@@ -313,7 +314,7 @@ class _PosePaths(_Paths):
 
 
 class _JointPaths(_Paths):
-    """Angles of the joints, relative to the demonstration's first ones."""
+    """Joint angles, relative to the demonstration's first angles."""
 
     units = ("rad",) * 7
     names = tuple(f"joint{i}" for i in range(1, 8))

@@ -1,4 +1,4 @@
-"""Content of a preflight sheet: the policy's images and numbers, and the path of its answer in the scene."""
+"""Content of a preflight sheet: inputs of the policy, and the path of its answer in the scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 _VIEW = 640
 _CAMERA = "front_official"
-"""The camera at the position of ``front`` with a wider view: at reset the gripper is above the view of ``front``."""
+"""Camera at the position of ``front`` with a wider view, which includes the gripper at reset."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +29,7 @@ class PreflightView:
         state: Numbers that the policy gets: key and formatted values.
         facts: Lines about the answer: name and value.
         scene: (height, width, 3) uint8 image of the scene at reset.
-        path: (n, 2) pixels of the end effector in it during the whole answer; the first one is at reset.
+        path: (n, 2) pixels of the end effector in ``scene`` during the whole answer, starting at reset.
         aim: (2,) pixel of the end effector after the first action.
         turn: Rotation and gripper of the first action, as text.
     """
@@ -86,7 +86,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 
 
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
-    """Return lines about an answer: the motion of the end effector [m] by its first action and as a whole."""
+    """Return lines about an answer: motion of the end effector [m] by the first action and by the whole answer."""
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
     ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from here"),)
     return (
@@ -110,7 +110,7 @@ def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
         return aim
     if space.name == "ee_pose":
         return applied
-    # Where a joint action leads depends on the controller: it is executed, and the scene is reset.
+    # the effect of a joint action depends on the controller, so execute the action and reset the scene
     scene.step(action)
     aim = np.array(scene.state().commanded_pose.position)
     scene.reset()
@@ -146,7 +146,7 @@ def _listed(values: np.ndarray, names: tuple[str, ...], *, digits: int = 3) -> s
 
 
 def numbers_text(values: np.ndarray, *, digits: int = 3) -> str:
-    """Return numbers as text: integers as they are, all others with their sign."""
+    """Return numbers as text: integers unchanged, all others with a sign."""
     if values.dtype.kind in "iu":
         return ", ".join(str(value) for value in values.tolist())
     return ", ".join(_signed(value, digits) for value in values.tolist())

@@ -11,18 +11,18 @@ from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
 
 PLACING_S = 300.0
-"""Longest wait for free resources on the cluster, for the first worker or the replicas [s]. Loading may take longer."""
+"""Maximum wait for free resources on the cluster, for the first worker or the replicas [s]. Loading may take longer."""
 
 _CONNECT_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Address of a Ray cluster, with the number of replicas of a policy and their GPUs.
+    """Address of a Ray cluster, with the number of policy replicas and their GPUs.
 
     Attributes:
         address: Address of the cluster; None for RAY_ADDRESS or, if that is not set, a new cluster on this machine.
-        replicas: Copies of a policy that runs in processes of the run (a checkpoint, a policy that supports batches).
+        replicas: Copies of a policy that runs inside the run (a checkpoint, or a policy that supports batches).
         replica_gpus: GPUs of each replica; None for one if the cluster has any.
     """
 
@@ -32,7 +32,7 @@ class Cluster:
 
     @property
     def given(self) -> str | None:
-        """Address of the cluster, otherwise that of the environment; None if there is none."""
+        """Address of the cluster, by default from the environment; None if there is none."""
         return self.address or os.environ.get("RAY_ADDRESS") or None
 
     def __post_init__(self) -> None:
@@ -46,7 +46,7 @@ class Cluster:
 def require_ray(cluster: Cluster) -> None:
     """Check, without importing Ray, that Ray is installed and that the address of the cluster accepts connections.
 
-    Ray itself would try for minutes to reach an address where nothing listens.
+    Ray itself would try for minutes to reach an unused address.
     """
     if importlib.util.find_spec("ray") is None:
         raise missing_extra("--engine ray: Ray is not installed", "ray")
@@ -59,9 +59,9 @@ def require_ray(cluster: Cluster) -> None:
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InvalidInputError(
-            "--ray-address", f"no Ray cluster at {address} ({reason})", "Start one there with `ray start --head`"
+            "--ray-address", f"no Ray cluster at {address} ({reason})", "Start a cluster there with `ray start --head`"
         ) from None
 
 
 ANYWHERE = Cluster()
-"""The cluster of the environment, or this machine."""
+"""The cluster from the environment, or this machine."""

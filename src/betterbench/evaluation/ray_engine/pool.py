@@ -1,7 +1,7 @@
-"""A run on a Ray cluster: its workers and replicas of the policy are actors.
+"""Runs on a Ray cluster, with workers and replicas of the policy as actors.
 
-No file system is shared. Workers send finished records to the driver process, the only one that writes. When a
-worker dies, only its running trials are lost, and other workers run them again.
+There is no shared file system. Workers send finished records to the driver process, and only this process writes. When
+a worker dies, only its running trials are lost, and other workers repeat them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ logger = logging.getLogger(__name__)
 
 _CLOSE_S = 3.0
 _WAIT_S = 5.0
-_CALLS = 2  # one under way and one behind it, so that a worker never waits for this process
+_CALLS = 2  # one running and one queued call, so that a worker never waits for this process
 
 
 def ray_entries(
@@ -52,15 +52,15 @@ def ray_entries(
     served: bool = False,
     steps: StepCount | None = None,
 ) -> Iterator[JournalEntry]:
-    """Run trials on a Ray cluster and yield the journal entry of each, after its record is written.
+    """Run trials on a Ray cluster, and yield each journal entry after writing the record.
 
-    Only this process writes to the run. A round is requested when the previous one has ended. ``served`` means that
-    the policy runs in replicas; ``steps`` counts the steps that workers report.
+    Only this process writes to the run. A round is requested when the previous round has ended. ``served`` means that
+    the policy runs in replicas; ``steps`` counts the steps reported by workers.
 
     Raises:
         InvalidInputError: If the cluster has no free resources or other versions.
         WorkerError: If workers keep dying or cannot start, or the cluster is gone.
-        BetterError: An error that stops the run: a broken premise, a full disk, an unreachable policy.
+        BetterError: If an error stops the run: a broken premise, a full disk, an unreachable policy.
     """
     pool = RayPool(session, run, settings, steps or StepCount())
     try:
@@ -79,21 +79,21 @@ class _WorkerActor:
     """State of a worker in the pool."""
 
     actor: Any
-    calls: deque[Any]  # under way, the oldest first
-    trials: list[Trial] = field(default_factory=list)  # given to it, and not ended
-    placed: bool = False  # it has a place on the cluster
+    calls: deque[Any]  # running calls, the oldest first
+    trials: list[Trial] = field(default_factory=list)  # assigned trials that have not ended
+    placed: bool = False  # it has resources on the cluster
     ready: bool = False  # it has been prepared
-    alone: bool = False  # its one trial was with a worker that died
-    replica: int | None = None  # number of the replica of the policy that it asks
+    alone: bool = False  # its only trial was with a worker that died
+    replica: int | None = None  # number of its replica of the policy
     broken: list[Trial] = field(default_factory=list)  # trials that have broken down
-    envs: int = 1  # trials that it can run at once, which it tells
+    envs: int = 1  # number of simultaneous trials, reported by the worker
 
 
 class RayPool:
     """The workers of a run on Ray."""
 
     def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
-        """Prepare; see :func:`ray_entries`."""
+        """Prepare; for the arguments see :func:`ray_entries`."""
         self._steps = steps
         self._ray, self._session, self._run, self._settings = session.ray, session, run, settings
         self._ledger = RetryLedger[Trial]((), workers="workers of the cluster", cure=TRY_AGAIN)
@@ -107,7 +107,7 @@ class RayPool:
         self._replicas.start()
 
     def entries(self, trials: Sequence[Trial]) -> Iterator[JournalEntry]:
-        """Yield the journal entries of trials as they end; the workers stay alive for the next ones."""
+        """Yield the journal entries of trials as they end. Workers stay alive for the next trials."""
         self._ledger.put_back(trials)
         for _ in range(min(self._session.workers, self._ledger.left) - len(self._workers)):
             self._add_worker()
@@ -122,7 +122,7 @@ class RayPool:
             if not placed and time.monotonic() - self._asked_at > PLACING_S:
                 raise InvalidInputError(
                     "--engine ray",
-                    f"the cluster has no place for a worker of one processor (free: {self._session.free_text()})",
+                    f"the cluster has no free processor for a worker (free: {self._session.free_text()})",
                     "Wait until other work is done, or add machines",
                 )
 
@@ -141,7 +141,7 @@ class RayPool:
         return bool(self._ledger.left or any(worker.trials for worker in self._workers))
 
     def _add_worker(self, replica: int | None = None) -> None:
-        """Add a worker, connected to the replica with that number, or the next in turn, if there are replicas."""
+        """Add a worker, connected to a given replica or the next replica in turn, if there are replicas."""
         settings, addresses = self._settings, self._replicas.addresses
         if addresses:
             replica = self._made % len(addresses) if replica is None else replica
@@ -150,7 +150,7 @@ class RayPool:
         self._made += 1
         known = [path.stem for path in sorted((self._run.path / "scenes").glob("*.zip"))]
         description = (self._run.path / "run.json").read_bytes()
-        # Ray restarts no actor by itself: only this process knows which trials were lost.
+        # Ray must not restart actors, because only this process knows which trials were lost.
         remote = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(RemoteWorker)
         actor = remote.remote(settings, description, known)
         calls = deque([actor.__ray_ready__.remote(), actor.prepare.remote(self._replicas.environment)])
@@ -158,7 +158,7 @@ class RayPool:
         self._asked_at = time.monotonic()
 
     def _feed(self, worker: _WorkerActor) -> None:
-        """Give a worker its share of the trials, and one more while there are plenty."""
+        """Give a worker its share of the trials, and one more while many trials are left."""
         if not worker.ready:
             return
         if len(worker.calls) >= _CALLS or (worker.alone and worker.trials):
@@ -176,18 +176,18 @@ class RayPool:
             new = []
 
     def _take(self, worker: _WorkerActor, call: Any) -> Iterator[JournalEntry]:  # noqa: ANN401 -- a reference of Ray
-        """Store the results of a finished actor call, and yield the journal entry of each of its trials."""
+        """Store the results of a finished actor call, and yield their journal entries."""
         if call not in worker.calls:
-            return  # of a worker that has died in the meantime
+            return  # from a worker that has since died
         errors = self._ray.exceptions
         try:
             found = self._ray.get(call)
-        except errors.RayTaskError as error:  # it lives, but the call raised
+        except errors.RayTaskError as error:  # the worker lives, but the call raised an error
             if not worker.ready or isinstance(error.cause, BetterError):
                 raise as_better_error(error, "A worker on the cluster cannot start") from error
             yield from self._handle_exit(worker, error)
             return
-        except errors.RayError as error:  # it died, or its answer was lost with its machine
+        except errors.RayError as error:  # the worker died, or its answer was lost with its machine
             yield from self._handle_exit(worker, error)
             return
         worker.calls.remove(call)
@@ -222,7 +222,7 @@ class RayPool:
             write_durably(path, data)
 
     def _accept(self, worker: _WorkerActor, versions: Mapping[str, str]) -> None:
-        """Compare the versions of a worker that is ready."""
+        """Compare the versions of a ready worker."""
         here = versions_here()
         other = {name: value for name, value in versions.items() if here.get(name, value) != value}
         if other:
@@ -236,7 +236,7 @@ class RayPool:
 
     def _handle_exit(self, worker: _WorkerActor, error: Exception) -> Iterator[JournalEntry]:
         """Replace a lost worker, and queue its trials again or give them up."""
-        logger.warning("a worker of the cluster died; %d trials go to others", len(worker.trials))
+        logger.warning("a worker of the cluster died; other workers take its %d trials", len(worker.trials))
         self._workers.remove(worker)
         kill(self._ray, [worker.actor])
         how = first_line(error)
@@ -246,7 +246,7 @@ class RayPool:
             self._add_worker(worker.replica)
 
     def _replace_replicas(self) -> bool:
-        """Replace dead replicas together with their workers; False if none was replaced."""
+        """Replace dead replicas and their workers; return False if none was replaced."""
         dead = self._replicas.replace_dead()
         for worker in [w for w in self._workers if w.replica in dead]:
             self._workers.remove(worker)

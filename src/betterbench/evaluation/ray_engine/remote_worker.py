@@ -22,12 +22,12 @@ from betterbench.tasks.user_files import load_sources
 from betterbench.version import __version__
 
 TURN_S = 2.0
-"""Longest time between two reports of a worker, even if no trial has ended [s]."""
+"""Maximum time between two reports of a worker, even if no trial has ended [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """The journal entry of a trial that has ended, and its record, None for a broken trial."""
+    """Journal entry and record of a trial that has ended; the record is None for a broken trial."""
 
     entry: JournalEntry
     record: bytes | None
@@ -35,14 +35,14 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Report of a worker since its last one.
+    """Report of a worker about the time since its last report.
 
     Attributes:
-        deliveries: The trials that have ended since its last report.
-        scenes: Scenes that are new to this worker, by their hash.
+        deliveries: Trials that have ended since the last report.
+        scenes: Scenes that are new to this worker, by hash.
         problem: Error that stops the run, or None.
-        envs: Trials that it can run at once from now on; 0 if unknown.
-        steps: Control steps that it has taken since its last report.
+        envs: Number of simultaneous trials from now on; 0 if unknown.
+        steps: Control steps since the last report.
     """
 
     deliveries: tuple[Delivery, ...] = ()
@@ -63,9 +63,9 @@ def versions_here() -> dict[str, str]:
 
 
 class RemoteWorker:
-    """A worker on another machine, which shares no folder with the run and delivers records as bytes.
+    """Worker on another machine, without access to the run's folder, which delivers records as bytes.
 
-    It runs the trials in a temporary folder with a copy of ``run.json``, and deletes what it has delivered.
+    The worker runs trials in a temporary folder with a copy of ``run.json``, and deletes delivered files.
     """
 
     def __init__(self, settings: RunSettings, description: bytes, known: Sequence[str]) -> None:
@@ -100,7 +100,7 @@ class RemoteWorker:
         return versions
 
     def turn(self, trials: Sequence[Trial]) -> Turn:
-        """Accept more trials, run for a while, and report; trials wait until an environment is free."""
+        """Accept more trials, run for a while, and report. Trials wait until an environment is free."""
         if self._worker is None:
             raise InvalidInputError("worker", "is not prepared", "Call prepare first")
         self._waiting.extend(trials)
@@ -140,7 +140,7 @@ class RemoteWorker:
         return data
 
     def _scenes(self) -> dict[str, bytes]:
-        """Return the scenes written since the last call; an empty file stays, so that none is written again."""
+        """Return the scenes written since the last call, leaving an empty file that prevents another write."""
         found = {}
         for path in sorted(self._run().path.glob("scenes/*.zip")):
             if path.stat().st_size:

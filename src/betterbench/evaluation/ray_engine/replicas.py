@@ -1,4 +1,4 @@
-"""Replicas: actors of a Ray cluster with copies of the policy, which answer the workers of the run."""
+"""Replicas: actors on a Ray cluster with copies of the policy, which answer the workers of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""Maximum number of replaced replicas; then the run stops as if the policy's server were unreachable."""
+"""Maximum number of replaced replicas, after which the run stops as if the policy's server were unreachable."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0
@@ -43,7 +43,7 @@ class Replicas:
     """
 
     def __init__(self, session: RaySession, settings: RunSettings) -> None:
-        """Prepare; nothing is started before :meth:`start`."""
+        """Prepare; :meth:`start` starts the replicas."""
         self._session, self._settings = session, settings
         self._actors: list[Any] = []
         self._replaced = 0
@@ -56,7 +56,7 @@ class Replicas:
         self._actors, self.addresses = self._started(self._session.cluster.replicas)
 
     def replace_dead(self) -> list[int]:
-        """Replace dead replicas and return their numbers; none if all are alive or too many have died."""
+        """Replace dead replicas and return their numbers; empty if all are alive or too many have died."""
         dead = [number for number, actor in enumerate(self._actors) if not self._answers(actor)]
         self._replaced += len(dead)
         if not dead or self._replaced > MAX_REPLACEMENTS:
@@ -73,7 +73,7 @@ class Replicas:
         kill(self._session.ray, actors)
 
     def _started(self, count: int) -> tuple[list[Any], list[str]]:
-        """Start some replicas, and return them with their addresses."""
+        """Start some replicas, and return replicas and addresses."""
         ray, gpus = self._session.ray, self._session.replica_gpus()
         remote = ray.remote(num_cpus=0, num_gpus=gpus, max_restarts=0, max_concurrency=2)(_Replica)
         actors = [remote.remote(self._settings.policy) for _ in range(count)]
@@ -88,18 +88,18 @@ class Replicas:
             raise
 
     def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
-        """Wait until replicas have resources on the cluster, not until they have loaded the policy."""
+        """Wait until replicas have resources on the cluster, which is before they load the policy."""
         _, late = self._session.ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
         if late:
             raise InvalidInputError(
                 "--replicas",
-                f"{len(late)} of {len(placed)} replicas with {gpus:g} graphics cards each have no place "
+                f"{len(late)} of {len(placed)} replicas with {gpus:g} graphics cards each find no free resources "
                 f"(free: {self._session.free_text()})",
-                "Ask for fewer, or for a part of a card with --replica-gpus",
+                "Give fewer --replicas, or a fraction of a card with --replica-gpus",
             )
 
     def _address(self, starting: Any) -> str:  # noqa: ANN401 -- a reference of Ray
-        """Wait without a limit until a replica has loaded the policy, and return its address."""
+        """Wait, without a time limit, until a replica has loaded the policy, and return its address."""
         ray, policy = self._session.ray, self._settings.policy
         try:
             address, problem = ray.get(starting)
@@ -120,14 +120,14 @@ class Replicas:
 
 
 class _Replica:
-    """One copy of the policy, served with the openpi protocol on its machine's address; clients need the key."""
+    """Copy of the policy, served with the openpi protocol on its machine's address. Clients need the key."""
 
     def __init__(self, policy: str) -> None:
         self._policy = policy
         self._server: PolicyServer | None = None
 
     def is_up(self) -> bool:
-        """Return whether it serves."""
+        """Return whether the replica is serving."""
         return self._server is not None
 
     def start(self, key: str, limit_s: float) -> tuple[str, BetterError | None]:

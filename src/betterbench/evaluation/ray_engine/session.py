@@ -1,4 +1,4 @@
-"""Connection to a Ray cluster, with its errors in one line."""
+"""Connection to a Ray cluster, with one-line errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def import_ray() -> Any:  # noqa: ANN401 -- a module without types
 
 
 def loss_errors(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a module without types
-    """Return the errors that Ray raises when a part of the cluster, or the whole cluster, is lost."""
+    """Return the exceptions that Ray raises if the cluster, or a part of it, is lost."""
     return ray.exceptions.RayError, ConnectionError
 
 
@@ -35,28 +35,28 @@ def first_line(error: Exception) -> str:
 
 
 def cluster_lost(error: Exception) -> WorkerError:
-    """Return the error for a cluster that does not answer."""
+    """Return the error about a cluster that does not answer."""
     return WorkerError(f"The Ray cluster does not answer any more ({first_line(error)}). {TRY_AGAIN}")
 
 
 def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an error of Ray
-    """Return an error of this package raised on the cluster, or a one-line error for any other one."""
+    """Return a betterbench error raised on the cluster, or a one-line error for any other exception."""
     if isinstance(error.cause, BetterError):
         return error.cause
     return WorkerError(f"{what}: {first_line(error)}. {TRY_AGAIN}")
 
 
 class RaySession:
-    """A connection to a cluster, or a local cluster, for the duration of a run. A context manager."""
+    """Connection to a cluster, or a local cluster, for the duration of a run. A context manager."""
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
-        """Prepare; the default number of workers is the number of the cluster's processors."""
+        """Prepare; by default there are as many workers as processors in the cluster."""
         self.cluster, self.ray = cluster, import_ray()
         self._workers = workers
         self._owned = False
 
     def __enter__(self) -> Self:
-        """Connect, or start a cluster; InvalidInputError if it cannot be reached."""
+        """Connect, or start a cluster; raise InvalidInputError if a cluster cannot be reached."""
         ray = self.ray
         if ray.is_initialized():
             return self
@@ -69,12 +69,12 @@ class RaySession:
             else:
                 ray.init(address, log_to_driver=False, logging_level=logging.WARNING)
         except BaseException as error:
-            ray.shutdown()  # Ray may have started some of its processes, whatever it raises
+            ray.shutdown()  # Ray may have started some processes before raising
             if not isinstance(error, Exception):
                 raise  # Ctrl-C
             where = address or "this machine"
             raise InvalidInputError(
-                "--ray-address", f"no Ray cluster at {where} ({first_line(error)})", "Start one with `ray start`"
+                "--ray-address", f"no Ray cluster at {where} ({first_line(error)})", "Start a cluster with `ray start`"
             ) from error
         self._owned = True
         return self

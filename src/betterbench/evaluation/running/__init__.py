@@ -1,1 +1,1 @@
-"""Whole runs: running a plan, filling a run from your own loop, and replaying a record."""
+"""Whole runs: running a plan, external loops, and replaying a record."""

@@ -1,4 +1,4 @@
-"""External runs: your own loop gets observations and gives actions; records are those of ``better eval``."""
+"""External runs, in which your own loop gets observations and gives actions, with the records of ``better eval``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.trial import Trial
 
 LOCK_PATIENCE_S = 60.0
-"""Longest wait for another process of the same run [s]; each holds the lock only while it writes a line."""
+"""Maximum wait for another process of the same run [s]; each process holds the lock only while writing a line."""
 
 _RETRY_S = 0.05
 _STARTS = 20  # another process may be writing the run's first file
@@ -38,13 +38,13 @@ _NOTHING = np.empty(0)
 
 
 class ExternalRun:
-    """A run folder filled by your own loop, with the same records as of ``better eval``. A context manager.
+    """Run folder filled by your own loop, with the same records as ``better eval``. A context manager.
 
-    Several processes may run different trials of one run: the folder is locked only while a line is written.
+    Several processes may run different trials of one run, because the folder is locked only while writing a line.
 
     Attributes:
         start: Start of the current episode, or None.
-        entry: The journal entry of the episode that ended last, or None.
+        entry: The journal entry of the last episode that ended, or None.
     """
 
     def __init__(
@@ -56,20 +56,20 @@ class ExternalRun:
         metadata: Mapping[str, str] | None = None,
         engine: str = "external",
     ) -> None:
-        """Create the run, or resume the one in the folder if it has the same plan.
+        """Create the run, or resume the run in the folder if it has the same plan.
 
-        The policy of the plan is the name of your policy in the report. Without ``needs_images`` no image is
-        rendered. ``metadata`` has further facts about the policy (checkpoint, revision), stored as a JSON document
-        if it is one, and ``engine`` is the name of your loop in the manifest.
+        The policy of the plan is the name of your policy in the report. Without ``needs_images``, no images are
+        rendered. ``metadata`` contains further facts about the policy (checkpoint, revision), parsed if it is a JSON
+        document. ``engine`` is the name of your loop in the manifest.
 
         Raises:
             InvalidInputError: If the policy has the name of a built-in policy.
-            RunConflictError: If the folder contains another run, or one with another policy.
+            RunConflictError: If the folder contains another run, or a run with another policy.
             StorageError: If the disk is full.
         """
         if not needs_in_run(plan.policy).thread:
             raise InvalidInputError(
-                "policy", f"the name {plan.policy!r} is reserved for a built-in policy", "Give it another name"
+                "policy", f"the name {plan.policy!r} is reserved for a built-in policy", "Give your policy another name"
             )
         info = PolicyInfo(plan.policy, plan.action_space, needs_images=needs_images, metadata=dict(metadata or {}))
         declared = describe_policy(plan.policy, info)
@@ -88,7 +88,7 @@ class ExternalRun:
     def waiting(self) -> Iterator[Trial]:
         """Yield the unfinished trials in the order of the plan; other processes may finish some in the meantime.
 
-        In a plan until decided, a round follows when all trials of the previous round are finished.
+        In a plan with ``until_decided``, the next round follows when all trials of the previous round are finished.
         """
         for trials in Schedule(self.plan, is_done=self._is_done, succeeded=self.folder.succeeded).rounds():
             for trial in trials:
@@ -109,9 +109,9 @@ class ExternalRun:
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
         """Run a whole trial with a callable, and return its journal entry.
 
-        ``act`` returns one action (dim,) or a chunk (horizon, dim) for an observation. If it raises an exception, the
-        trial ends as ``policy_error``, and the run can continue. It also raises the errors of
-        :meth:`begin` and :meth:`act`.
+        ``act`` returns one action (dim,) or a chunk (horizon, dim) for an observation. If ``act`` raises an exception,
+        the trial ends as ``policy_error``, and the run can continue. Raises the errors of :meth:`begin` and
+        :meth:`act`.
         """
         seen: Observation | None = self.begin(trial)
         while seen is not None:
@@ -123,11 +123,11 @@ class ExternalRun:
                 break
             seen = self.act(actions)
         if self.entry is None:
-            raise AssertionError("a trial that has ended has its entry")
+            raise AssertionError("an ended trial has an entry")
         return self.entry
 
     def begin(self, trial: Trial) -> Observation:
-        """Begin the episode of a trial of the plan, abandon the current one, and return the first observation.
+        """Abandon the current episode, begin the episode of a trial of the plan, and return the first observation.
 
         Raises:
             PolicyError: If the trial failed with an error; the journal has the reason.
@@ -148,11 +148,11 @@ class ExternalRun:
         Invalid actions end the trial as ``policy_error`` with the reason in its record.
 
         Returns:
-            The observation for the next answer, or None if the episode has ended and :attr:`entry` is its entry.
+            The observation for the next answer, or None if the episode has ended; :attr:`entry` is then set.
 
         Raises:
             InvalidInputError: If there is no current episode.
-            StorageError: If the disk is full; the run has to stop.
+            StorageError: If the disk is full; the run must stop.
         """
         if self._steps is None:
             raise InvalidInputError("act", "there is no current episode", "Call begin first")
@@ -164,13 +164,13 @@ class ExternalRun:
             self._advance(PolicyError(reason))
 
     def abandon(self, reason: str) -> None:
-        """End the current episode, if any, with a reason for the journal; resuming the run runs it again."""
+        """End the current episode, if any, with a reason for the journal. Resuming the run repeats the trial."""
         if self._steps is not None:
             self._advance(PolicyUnavailableError(f"{reason}. Run it again by starting the same run again"))
 
     def close(self) -> None:
         """Abandon the current episode, and free the renderers."""
-        self.abandon("the external loop ended in the middle of the episode")
+        self.abandon("the external loop ended during the episode")
         self._trial_runner.close()
 
     def __enter__(self) -> Self:
@@ -197,7 +197,7 @@ class ExternalRun:
             self._steps = self.start = None
             raise
         if question is None:
-            raise AssertionError("an episode that never asks ahead always asks")
+            raise AssertionError("without requests ahead of time, each pause is a request")
         self._asked = time.perf_counter()
         if isinstance(question.seen, EpisodeStart):
             self.start = question.seen
@@ -207,17 +207,17 @@ class ExternalRun:
     def _keep(self, entry: JournalEntry) -> None:
         self.entry, self.start = entry, None
         with on_disk(self.folder.path), _locked(self.folder) as journal:
-            if not (self.folder.path / "run.json").exists():  # somebody has removed or moved the folder meanwhile
+            if not (self.folder.path / "run.json").exists():  # the folder was removed or moved during the run
                 self.folder.restore()
             if not journal.is_done(entry.key):
                 journal.append(entry)
 
     def _reason(self) -> str:
-        return "no reason is known" if self.entry is None else str(self.entry.message)
+        return "unknown reason" if self.entry is None else str(self.entry.message)
 
 
 class _Declared(PolicyFactory):
-    """The declaration of a policy that runs outside this package."""
+    """Declaration of a policy that runs outside this package."""
 
     def __init__(self, info: PolicyInfo) -> None:
         super().__init__(info.name, kind=kind_of_callers(info.name))
@@ -225,10 +225,10 @@ class _Declared(PolicyFactory):
 
 
 def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
-    """Return the run; several processes may open it at once.
+    """Return the run, which several processes may open at once.
 
-    An existing run is opened without its lock, because taking the lock removes partial records, which another
-    process may be writing.
+    An existing run is opened without its lock, because taking the lock removes partial records that another process may
+    be writing.
     """
     form = json.loads(json.dumps(plan.to_json()))
     for left in reversed(range(_STARTS)):
@@ -247,7 +247,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
 
 @contextmanager
 def _locked(run: RunFolder) -> Iterator[Journal]:
-    """Open the journal for one line, when no other process has it open."""
+    """Open the journal for one line, exclusively among processes."""
     until = time.monotonic() + LOCK_PATIENCE_S
     while True:
         try:

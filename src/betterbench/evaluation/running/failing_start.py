@@ -1,4 +1,4 @@
-"""A warning for a run whose first trials all end with the same error."""
+"""Warning for a run whose first trials all end with the same error."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from betterbench.records import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""Number of first trials that must end with the same error; a policy that fails at random does not do this."""
+"""Number of first trials that must end with the same error, too large for random failures."""
 
 
 class FailingStart:
-    """Reads the entries of a run from its beginning and warns once if the first ones all have the same error.
+    """Watches the entries of a run and warns once if the first trials all have the same error.
 
     The run continues, because a policy may really fail in every trial.
     """
 
     def __init__(self, policy: str) -> None:
-        """Begin; ``policy`` is its address, for the message."""
+        """Prepare; ``policy`` is the address of the policy, for the message."""
         self._policy = policy
         self._reason: str | None = None
         self._alike = 0
@@ -30,7 +30,7 @@ class FailingStart:
         """Add the entry of a finished trial."""
         if self._over:
             return
-        # The numbers in a reason are those of the trial or the step.
+        # ignore numbers in a reason, which belong to the trial or the step
         reason = None if entry.message is None else re.sub(r"\d+", "#", entry.message)
         if reason is None or self._reason not in (None, reason):
             self._over = True

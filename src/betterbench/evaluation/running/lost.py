@@ -1,4 +1,4 @@
-"""Trials whose record or scene is missing, damaged or wrong; they are run again when the run is resumed."""
+"""Trials whose record or scene is missing, damaged or wrong, which a resumed run repeats."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ logger = logging.getLogger(__name__)
 
 
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
-    """Mark in the journal the finished trials that must be run again, and return their number.
+    """Mark finished trials that must be repeated in the journal, and return their number.
 
-    An unusable file is moved to ``RUN/set-aside`` and never deleted. Raises OSError if that is not possible.
+    Unusable files are moved to ``RUN/set-aside`` and never deleted. Raises OSError if moving fails.
     """
     lost = 0
     sound: set[tuple[str, str | None]] = set()

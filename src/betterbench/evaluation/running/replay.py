@@ -1,4 +1,4 @@
-"""Replay of a record: its actions are simulated again, and all results are compared bit for bit."""
+"""Replay of a record: the actions are simulated again, and all results are compared bit for bit."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
 """Columns computed by the goal tracker."""
 
 MOST_DEVIATIONS = 6.0
-"""Largest plausible noise on an executed action, in standard deviations."""
+"""Maximum plausible noise on an executed action, in standard deviations."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
-"""Metadata that depend on installed versions; a difference is only a note."""
+"""Metadata that depend on installed versions, whose differences are only notes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,7 @@ class ReplayCheck:
         largest_difference: Largest difference of a position or angle [m, rad].
         verdict_agrees: Whether the goal tracker computes the same values again, and the outcome follows from them.
         notes: Possible reasons for a difference.
-        differing: Fields that do not follow from the actions and the trial, by name, with both values if they are
-            scalars.
+        differing: Fields that differ from the replay, by name, with both values for scalars.
         fields: Number of fields compared.
     """
 
@@ -52,15 +51,15 @@ class ReplayCheck:
 
     @property
     def identical(self) -> bool:
-        """Whether every state, every verdict and every other field is the same."""
+        """Whether all states, verdicts and other fields are the same."""
         return self.first_difference is None and self.verdict_agrees and not self.differing
 
 
 def check_record(path: Path) -> ReplayCheck:
     """Simulate a record's actions again and compare all results.
 
-    Compared are every column, the outcome, and the metadata except versions. A record in the folder of its run is also
-    compared with the run's plan and journal.
+    The comparison covers all columns, the outcome, and the metadata except versions. A record in the folder of its run
+    is also compared with the run's plan and journal.
 
     Raises:
         RecordError: If the record or its scene cannot be read, or does not match plan and journal.
@@ -107,7 +106,7 @@ def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Return the run of a record, after comparing it with plan and journal; None for a record outside a run.
+    """Return the run of a record, after comparing the record with plan and journal; None for a record outside a run.
 
     Raises RecordError if they differ or the record is not at its path in the run.
     """
@@ -127,7 +126,7 @@ def _run_of(path: Path, record: Record) -> RunFolder | None:
 
 
 def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[Record, Truth, int | None]:
-    """Return the replayed record in a scene, the last predicates, and the first row with success, or None."""
+    """Return the replayed record in a scene, the last predicate values, and the first row with success, or None."""
     meta = record.metadata
     tracker = GoalTracker(
         scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
@@ -142,7 +141,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
         camera_preset=meta.camera_preset,
         demonstrator=meta.demonstrator,
     )
-    # What a demonstrator meant is its label; with noise, what was executed stands beside it and is played again.
+    # With noise, ``action`` is a demonstrator's label, and ``applied`` is the executed action, which is replayed.
     executed = record.action if meta.demonstrator is None or not meta.demonstrator.action_noise else record.applied
     builder = RecordBuilder(describe(scene, tracker, context))
     state = scene.reset()
@@ -150,7 +149,8 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
     met = 0 if truth.success else None
     append_row(builder, scene, state, truth, action=None, applied=None)
     for row in range(1, len(record)):
-        scene.action_space.clip(record.action[row])  # refuses what no policy may answer, also where it is only a label
+        # refuse actions that no policy may answer, even if they are only labels
+        scene.action_space.clip(record.action[row])
         applied = scene.step(executed[row])
         state = scene.state()
         truth = tracker.update(state)
@@ -171,7 +171,7 @@ def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Ite
     else:
         due = ("step_limit",) if steps >= limit else ("policy_error", "interrupted")
     if told.termination not in due:
-        yield f"outcome.termination is {told.termination!r} and follows as {' or '.join(map(repr, due))}"
+        yield f"outcome.termination is {told.termination!r} but the replay gives {' or '.join(map(repr, due))}"
     broken = told.termination in ("policy_error", "interrupted")
     error = told.error or ""
     wanted = Outcome(
@@ -183,10 +183,10 @@ def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Ite
     )
     for name in ("success", "error", "clipped_actions", "invalid_actions"):
         if getattr(told, name) != getattr(wanted, name):
-            yield f"outcome.{name} is {getattr(told, name)!r} and follows as {getattr(wanted, name)!r}"
+            yield f"outcome.{name} is {getattr(told, name)!r} but the replay gives {getattr(wanted, name)!r}"
     noise = 0.0 if record.metadata.demonstrator is None else record.metadata.demonstrator.action_noise
     if noise and float(np.abs(record.applied[1:] - record.action[1:]).max(initial=0.0)) > MOST_DEVIATIONS * noise:
-        yield f"action is farther from applied than noise of {noise:g} explains"
+        yield f"action differs from applied by more than noise of {noise:g} explains"
     if broken and not error:
         yield f"outcome.error is missing for {told.termination!r}"
     if steps > limit or (met is not None and met < steps):
@@ -200,7 +200,7 @@ def _compare(record: Record, again: Record, notes: tuple[str, ...], *, outcome: 
     for name, ours in again.arrays().items():
         theirs = record.arrays()[name]
         if ours.shape != theirs.shape or ours.dtype != theirs.dtype:
-            differing.append(f"{name} has the shape {theirs.shape} and follows as {ours.shape}")
+            differing.append(f"{name} has the shape {theirs.shape} but the replay gives {ours.shape}")
             continue
         rows = _rows(ours, theirs)
         if len(rows):
@@ -228,13 +228,13 @@ def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _metadata(record: Record, again: Record) -> Iterator[str]:
-    """Yield the metadata that do not follow from the trial."""
+    """Yield the metadata that differ from those of the trial."""
     for field in fields(record.metadata):
         told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
         if field.name == "render_quality" and record.metadata.camera_preset is not None:
-            continue  # a choice of the run
+            continue  # chosen by the run
         if field.name not in _NOT_DERIVED and told != due:
             shown = [str(value) if len(str(value)) <= 60 else f"{str(value)[:57]}..." for value in (told, due)]
-            yield f"metadata.{field.name} is {shown[0]} and follows as {shown[1]}"
+            yield f"metadata.{field.name} is {shown[0]} but the replay gives {shown[1]}"
     if record.metadata.engine.get("model") != again.metadata.engine.get("model"):
         yield "metadata.engine.model"

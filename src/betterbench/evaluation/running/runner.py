@@ -1,4 +1,4 @@
-"""Running a plan: workers run its trials, a journal lists finished ones, and the same command resumes the run."""
+"""Execution of a plan: workers run trials, a journal lists finished trials, and the same command resumes the run."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Engine = Literal["local", "ray"]
-"""Engine of the workers: processes of this machine, or actors of a Ray cluster."""
+"""Engine of the workers: processes on this machine, or actors on a Ray cluster."""
 
 MAX_WORKERS = 256
 
 MAX_PASSES = 3
-"""Maximum passes of a run through its trials if records disappear."""
+"""Maximum number of passes through the trials of a run if records disappear."""
 
 _TURN_S = 1.0
 
@@ -85,25 +85,25 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run every trial of a plan that is not in the journal yet; with ``until_decided``, only those that are needed.
+    """Run every trial of a plan that is not in the journal yet; with ``until_decided``, only the required trials.
 
     Trials whose record is missing or damaged are run again. The conventions of the policy are compared before anything
-    is written. Results do not depend on the number of workers and environments, nor on the engine.
+    is written. Results do not depend on the engine or the number of workers and environments.
 
     Args:
         plan: The same plan resumes an unfinished run.
         out: Folder of the run.
         workers: Worker processes; with 1 the trials run in this process, except for a user's policy, which
             always runs in a separate process. None for one per processor of this machine or of the cluster, or for a
-            single one if each would load the weights of a policy again.
+            single worker if each would load the weights of a policy again.
         envs: Environments of each worker; None for 1 if the policy answers immediately. Otherwise a warm-up
             chooses the number from the times of the policy and the simulation, within the free memory.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
         cluster: Cluster on which the actors are placed.
-        policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
+        policy_timeout_s: Deadline of one answer of a policy in a worker's process [s]; a late answer ends the trial.
         allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
-        repeats: Run that must have the same policy, unless changed ones are allowed; None for no comparison.
-        policies: Factory of a policy without an address, for one worker; None for the address of the plan.
+        repeats: Run that must have the same policy, unless a changed policy is allowed; None for no comparison.
+        policies: Factory of a policy without an address, for one worker; None for the policy at the plan's address.
         on_progress: Called once at the start and after every trial.
         on_steps: Called about twice a second with the control steps of this session.
 
@@ -113,7 +113,7 @@ def evaluate(
         InvalidInputError: If a number is out of range, or the policy answers in another action space.
         UnknownNameError: If there is no such policy.
         PolicyUnavailableError: If the policy's server cannot be reached.
-        HandshakeError: If it declares other conventions.
+        HandshakeError: If the server declares other conventions.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
@@ -153,9 +153,9 @@ def evaluate(
 
 
 def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
-    """Log assumptions about a policy, and check that this machine can render its images.
+    """Log assumptions about a policy, and check that this machine can render images for it.
 
-    Otherwise every trial would fail for the same reason.
+    Without this check, every trial would fail for the same reason.
     """
     if "assumed" in info.metadata:
         logger.warning("%s", info.metadata["assumed"])
@@ -164,7 +164,7 @@ def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
 
 
 def _restored(run: RunFolder, journal: Journal, needs: PolicyNeeds) -> bool:
-    """Write again what somebody has removed, such as a policy in a process of this machine; tell if trials are lost."""
+    """Rewrite removed files of the run, and return whether trials are lost."""
     with on_disk(run.path):
         changed = [run.restore(), journal.restore()]
         return (any(changed) or needs.process) and reopen_lost(run, journal) > 0
@@ -180,7 +180,7 @@ def _record(
     began: float,
     on_progress: Callable[[Progress], None] | None,
 ) -> None:
-    """Append entries to the journal as they arrive, and report each."""
+    """Append entries to the journal as they arrive, and report progress."""
     plan = schedule.plan
     planned = len(plan.trials)
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
@@ -207,8 +207,8 @@ class _Asked:
     """Properties of the policy that are known before the run."""
 
     info: PolicyInfo
-    envs: int  # per worker, unless told otherwise
-    policies: PolicyFactory | None = None  # may hold the instance that was asked; None where a host holds it
+    envs: int  # default number per worker
+    policies: PolicyFactory | None = None  # may hold the queried instance; None if a host holds it
     host: Host | None = None  # holds the policy for all workers
     shared: bool = False  # one instance serves several workers
     one_worker: bool = False  # each worker would load the weights again
@@ -217,7 +217,7 @@ class _Asked:
 def _ask_policy(
     plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
 ) -> _Asked:
-    """Create the policy, or connect to it, and compare its conventions; the stack closes the resources."""
+    """Create the policy, or connect to it, and compare conventions. The stack closes the resources."""
     if given is not None:
         return _Asked(given.check(plan.action_space, plan.observation, rate_hz=plan.world.control_rate_hz), 1, given)
     address, world, rate_hz = plan.policy, plan.world.dialect, plan.world.control_rate_hz
@@ -228,7 +228,7 @@ def _ask_policy(
         info = policies.check(plan.action_space, plan.observation, rate_hz=rate_hz)
         return _Asked(info, usual_envs(policies), policies)
     with ExitStack() as own:
-        # A policy of the user may hold weights. It is asked in a process of its own, so that they are loaded either
+        # A user's policy may hold weights. It is queried in a separate process, so that the weights are loaded only
         # there or, after that process has ended, in the workers.
         run = (plan.action_space, plan.observation)
         host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world, rate_hz=rate_hz))
@@ -245,7 +245,7 @@ def _ask_policy(
 def _with_policy(
     settings: RunSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
 ) -> RunSettings:
-    """Return settings with what is known of the policy, and the environments that were asked for or may be chosen."""
+    """Return settings with the facts about the policy and the number of environments, requested or chosen."""
     first, most = (envs, envs) if envs else envs_between(asked.envs, workers, world=settings.world)
     return replace(
         settings,
@@ -261,7 +261,7 @@ def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
     """Return the description of the engine for ``run.json``."""
     form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
     if settings.most_envs > settings.envs:
-        form["most_envs"] = settings.most_envs  # a warm-up chooses; the journal says how many there were
+        form["most_envs"] = settings.most_envs  # a warm-up chooses; the journal contains the chosen number
     return form
 
 
@@ -277,7 +277,7 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
 
 
 def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
-    # Imported here because Ray is an extra.
+    # imported here because Ray is an extra
     from betterbench.evaluation.ray_engine.session import RaySession  # noqa: PLC0415
 
     return RaySession(cluster, workers)
@@ -292,9 +292,9 @@ def _entries(
     session: RaySession | None,
     steps: StepCount,
 ) -> Generator[JournalEntry, None, None]:
-    """Yield the journal entry of every trial, as they end."""
+    """Yield the journal entry of each trial when it ends."""
     workers = settings.workers
-    last = 2 * workers * max(settings.envs, settings.most_envs)  # so that each environment takes some of them
+    last = 2 * workers * max(settings.envs, settings.most_envs)  # so that each environment runs some trials
     later = (settings.world.in_order(trials, last=last) for trials in schedule.rounds())
     first = next(later, [])
     if not first:

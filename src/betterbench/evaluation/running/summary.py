@@ -1,4 +1,4 @@
-"""Counts of a run, and answer times of its policy."""
+"""Counts of a run, and answer times of the policy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.records import JournalEntry, RunFolder
 def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:
     """Return the numbers of trials, successes (training conditions and variations) and broken trials, as n and k.
 
-    With ``seeds``, only trials with these seeds count as successes.
+    With ``seeds``, only successes with these seeds are counted.
     """
     counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
     for entry in run.entries():
@@ -29,7 +29,7 @@ def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[
 
 
 def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
-    """Return the entries of broken trials: without a record, or ended by an error of the policy."""
+    """Return the entries of broken trials, without a record or ended by an error of the policy."""
     return tuple(e for e in run.entries() if e.status == "error" or e.message is not None)
 
 
@@ -39,7 +39,9 @@ def require_a_trial(run: RunFolder) -> None:
     if broken and len(broken) == len(run.entries()):
         first = broken[0]
         counted = "the only trial" if len(broken) == 1 else f"all {len(broken)} trials"
-        raise PolicyError(f"{counted} broke, so nothing was measured. {first.key}: {first.message or 'no message'}")
+        raise PolicyError(
+            f"{counted} broke down, so nothing was measured. {first.key}: {first.message or 'no message'}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +53,7 @@ class PolicyService:
         max_s: Longest time of an answer [s].
         concurrency: Average number of pending requests.
         retries: Number of repeated requests; None if the policy has no connection.
-        reconnects: Number of reconnections; None likewise.
+        reconnects: Number of reconnections; None if the policy has no connection.
     """
 
     p50_s: float
@@ -62,7 +64,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return the answer times in the trials of a session of ``elapsed_s`` [s]; None if unknown."""
+    """Return the answer times in the trials of a session that lasted ``elapsed_s`` [s]; None if unknown."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -82,10 +84,10 @@ def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyS
 
 
 RunPart = Literal["policy", "simulation", "rendering", "wire"]
-"""Part of a run that takes time."""
+"""Parts of the duration of a run."""
 
 WAITED = 0.2
-"""Share of waiting in the workers' time above which the policy is the bottleneck."""
+"""Share of the workers' time spent waiting, above which the policy is the bottleneck."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,12 +95,12 @@ class RunTimes:
     """Time by part, summed over all trials of a run, including earlier sessions.
 
     Attributes:
-        policy_s: Time from request to answer without ``wire_s``; the answers of several environments overlap [s].
+        policy_s: Time from request to answer without ``wire_s`` [s]; the answers of several environments overlap.
         simulation_s: Scenes, physics, privileged state and records [s].
         rendering_s: Observations, mostly images [s].
         wire_s: CPU time of betterbench for messages: resizing, packing and sending images, reading answers;
             network latency counts as policy time [s].
-        idle_s: Time in which a worker only waited for the policy [s].
+        idle_s: Time during which workers only waited for the policy [s].
         envs: Environments of each worker in the last trial, or None if the policy runs in the worker itself.
     """
 
@@ -111,7 +113,7 @@ class RunTimes:
 
     @property
     def idle(self) -> float:
-        """Share of the time of the workers in which they waited for the policy."""
+        """Share of the workers' time spent waiting for the policy."""
         worked = self.simulation_s + self.rendering_s + self.idle_s
         return self.idle_s / worked if worked > 0.0 else 0.0
 
@@ -143,7 +145,7 @@ class RunTimes:
 
 
 def run_times(entries: Iterable[JournalEntry]) -> RunTimes | None:
-    """Return the times of trials from the journal; None if it has none."""
+    """Return the times of trials from the journal; None if there are none."""
     walls = [e.wall for e in entries if "simulation_s" in e.wall]
     if not walls:
         return None

@@ -1,1 +1,1 @@
-"""Policies served with the openpi protocol: server, sessions, the host of a run, shadow simulations of experts."""
+"""Policies served with the openpi protocol: server, sessions, host of a run, and shadow simulations of experts."""

@@ -1,6 +1,6 @@
-"""A host: the process that serves a policy to all workers of a run over openpi.
+"""Host: the process that serves a policy to all workers of a run with the openpi protocol.
 
-The policy itself runs in another process, so that a crash there affects only the current trial.
+The policy runs in yet another process, so that a crash affects only the current trial.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""Time that a worker waits for a host [s]: a restarted host loads its weights again."""
+"""Time that a worker waits for a host [s], because a restarted host loads weights again."""
 
 
 class Host:
-    """Serves one policy from a separate process. A context manager, which starts and ends it.
+    """Host of one policy in a separate process. A context manager that starts and ends the process.
 
     Attributes:
         takes_batches: Whether one instance serves all environments.
@@ -58,13 +58,13 @@ class Host:
     ) -> None:
         """Prepare; ``run`` has the action space and observation preset for the comparison of conventions.
 
-        ``world`` is the world in whose conventions a server is spoken to, and ``rate_hz`` the control rate of the run
+        ``world`` is the world whose conventions are used with a server, and ``rate_hz`` the control rate of the run
         [Hz].
         """
         self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world, rate_hz), timeout_s, 0
         self._port = 0
         self.takes_batches = False
-        self._running: SpawnedProcess | None = None  # closing its pipe ends it
+        self._running: SpawnedProcess | None = None  # closing the pipe ends the process
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
@@ -82,18 +82,18 @@ class Host:
 
     @property
     def info(self) -> PolicyInfo:
-        """The policy's description of itself."""
+        """The policy's declarations."""
         if self._info is None:
             raise AssertionError("the host was not started")
         return self._info
 
     @property
     def address(self) -> str:
-        """Address of the policy for workers; its server declares how chunks are executed."""
+        """Address of the policy for workers. The server declares the execution of chunks."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
-        """Start the process again if it has died, at the same port; PolicyError if it died too often."""
+        """Restart a dead process at the same port; raise PolicyError if it died too often."""
         if self._running is None or self._running.process.is_alive():
             return
         status = self._running.process.exitcode
@@ -105,22 +105,22 @@ class Host:
                 "command again with --workers 1 to see why."
             )
         how = "hangs" if hung else f"died (status {status})"
-        logger.warning("the process of %s %s and is started again", self._policy, how)
+        logger.warning("the process of %s %s and is restarted", self._policy, how)
         self._end()
         self._start()
 
     def _start(self) -> None:
-        with interrupts_blocked():  # until it is known here
+        with interrupts_blocked():  # until the process is registered here
             self._running = SpawnedProcess(
                 serve, self._policy, self._run, self._timeout_s, self._port, name="betterbench-policy"
             )
 
     def _greeting(self) -> tuple[PolicyInfo, bool, int]:
-        """Return the policy's description from the process, whether it takes batches, and its port."""
+        """Return the policy's declarations from the process, whether it accepts batches, and the port."""
         if self._running is None:
             raise AssertionError("the host was not started")
         process, pipe = self._running.process, self._running.connection
-        # A child of the process may hold its end of the pipe open when it has died.
+        # a child of a dead process may hold the pipe open
         while not pipe.poll(_POLL_S) and process.is_alive():
             pass
         message: tuple[PolicyInfo, bool, int] | BetterError | None = None
@@ -130,34 +130,34 @@ class Host:
             return message
         raise message or PolicyError(
             f"{self._policy}: its process ended while loading; see its output above. "
-            "With --workers 1 it is loaded in this process."
+            "With --workers 1, this process loads the policy."
         )
 
     def _end(self) -> None:
-        """Let the process close its policy and end; kill it if it does not."""
+        """Let the process close its policy and end; kill a process that does not end."""
         running, self._running = self._running, None
         if running is not None:
             running.end(_CLOSE_S)
 
 
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
-    """Return the address of a policy served by the run itself, with options for its workers.
+    """Return the address of a policy served by the run, with options for workers.
 
     An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
     """
-    # The server keeps and names the deadline itself; this longer one is for a server that does not. The first answer
-    # may have to wait until weights are loaded.
+    # The server enforces the deadline; this longer deadline is for a server that fails to. The first answer may have to
+    # wait until weights are loaded.
     limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
     warmup = min(limit + patience_s, LONGEST_WAIT_S)
     return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
 
 
 def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port: int, pipe: Connection) -> None:
-    """Serve a policy until this process is ended; the main function of a host.
+    """Serve a policy until this process is ended (main function of a host).
 
-    ``run`` is its action space, its observation preset, the world in whose conventions a server is spoken to, and its
-    control rate [Hz]. The port is any free one if ``port`` is 0. What the policy says about itself and the port are
-    sent to ``pipe``, or the error that prevents it; the process ends when the other end is closed.
+    ``run`` has the action space, the observation preset, the world whose conventions are used with a server, and the
+    control rate [Hz]. A ``port`` of 0 means any free port. The policy's declarations and the port, or an error, are
+    sent to ``pipe``; the process ends when the other end is closed.
     """
     prepare_process()
     space, observation, world, rate_hz = run
@@ -172,7 +172,7 @@ def serve(policy: str, run: tuple[str, str, str, float], timeout_s: float, port:
 
 
 def exit_hung() -> None:
-    """End this process, whose policy hangs, after notifying its clients; a hanging call cannot be ended otherwise."""
+    """End this process, whose policy hangs, after notifying the clients. A hanging call cannot be ended otherwise."""
     threading.Timer(_EXIT_DELAY_S, os._exit, (HUNG,)).start()
 
 

@@ -1,4 +1,4 @@
-"""Returning freed memory to the system, for servers that run for weeks."""
+"""Return of freed memory to the system, for servers that run for weeks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import gc
 
 
 def return_memory() -> None:
-    """Return freed memory to the system, which glibc's allocator would keep; does nothing with other allocators."""
+    """Return freed memory, which glibc's allocator would keep, to the system. Does nothing with other allocators."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

@@ -1,4 +1,4 @@
-"""The server of a policy with the openpi protocol, for the workers of a run and for other clients."""
+"""Server of a policy with the openpi protocol, for the workers of a run and for other clients."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ logger = logging.getLogger(__name__)
 
 WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
-"""Actions per answer of an expert: openpi's own policies for one arm send 5 to 16, at 10 to 20 Hz."""
+"""Actions per answer of an expert. openpi's own policies for one arm send 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
 MOST_CLIENTS = 10_000
 KEPT_INSTANCES = 1
-"""Number of idle instances of a policy that are kept for new clients; others are closed."""
+"""Number of idle instances of a policy kept for new clients; others are closed."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""How a server detects the start of an episode; the protocol has no message for it."""
+"""How a server detects the start of an episode, for which the protocol has no message."""
 
 
 def open_server(
@@ -57,7 +57,7 @@ def open_server(
     made: Policy | None = None,
     deadline: Deadline | None = None,
 ) -> PolicyServer:
-    """Return a server of a policy, bound to its port; it answers once it is started.
+    """Return a server of a policy, bound to its port. The server answers after its start.
 
     Args:
         policy: Address of the policy.
@@ -66,11 +66,11 @@ def open_server(
         chunk: Actions in one answer of an expert.
         batch: Maximum observations in one call of a policy that supports batches.
         clients: Maximum simultaneous clients, not counting the workers of a run.
-        trial: Trial of clients that name none; without it, an expert finds the trial by the instruction.
+        trial: Trial of clients that name none; if None, an expert finds the trial by the instruction.
         layout: Preset in which an expert reads requests and answers; None for native and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
-        made: The policy, if it already exists; the server closes it.
-        deadline: Deadline of an answer for the workers of a run, whose records contain error messages; None for all
+        made: An existing policy, which the server will close, or None.
+        deadline: Deadline of an answer, for the workers of a run (whose records contain error messages); None for all
             other clients.
 
     Raises:
@@ -94,9 +94,11 @@ def open_server(
         resolve_condition(trial.task, trial.condition)
     if layout is not None and not needs.state:
         raise InvalidInputError(
-            "--layout", f"{policy} is no expert, and is asked in the layouts native and openpi_libero", "Leave it out"
+            "--layout",
+            f"{policy} is not an expert, so it supports only the layouts native and openpi_libero",
+            "Leave it out",
         )
-    kind.describe(kind.parse(policy))  # a checkpoint that is missing is said now, and not to the first client
+    kind.describe(kind.parse(policy))  # report a missing checkpoint now, not to the first client
     if needs.state:
         shadows = ShadowSimulations(policy)
         adapter = None if layout in (None, NATIVE.name) else own_preset(layout)
@@ -128,7 +130,8 @@ def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None, layout: Ada
     more = {
         "chunk": chunk,
         "trial": str(trial) if trial else "the first training condition whose instruction equals the prompt",
-        "step": "without better/step the whole chunk counts as executed, or what observation/state shows of it",
+        "step": "without better/step, the executed part of a chunk is inferred from observation/state, otherwise the "
+        "whole chunk",
         "episode": NEW_EPISODE,
     }
     space = EE_DELTA if layout is None else action_space(layout.answer.space)
@@ -139,17 +142,16 @@ def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None, layout: Ada
 
 
 class SessionStore:
-    """The instances of a policy: one for all connections if it supports batches, otherwise one for each.
+    """Instances of a policy: one for all connections if it supports batches, otherwise one per connection.
 
-    An instance whose connection has ended serves the next one, so that weights are not loaded again when a client
-    reconnects. Of several idle instances, all but :data:`KEPT_INSTANCES` are closed. A new connection always begins
-    with a reset.
+    An instance whose connection has ended serves the next connection, which avoids loading weights again when a client
+    reconnects. All idle instances but :data:`KEPT_INSTANCES` are closed. A new connection always begins with a reset.
     """
 
     def __init__(
         self, address: str, first: Policy, *, batch: int, trial: TrialId | None, deadline: Deadline | None = None
     ) -> None:
-        """Prepare with the first instance of the policy; answers have a deadline only if the run itself serves."""
+        """Prepare with the first instance of the policy. Answers have a deadline only if the run itself serves."""
         self._address, self._trial, self._deadline = address, trial, deadline
         self._shares = isinstance(first, BatchPolicy)
         self._batch = batch if self._shares else 1
@@ -192,7 +194,7 @@ class SessionStore:
         return_memory()
 
     def close(self) -> None:
-        """Free the instances that no session uses; sessions free theirs when they end."""
+        """Free the unused instances. Sessions free their instances when they end."""
         with self._lock:
             self._closed, unused = True, list(self._unused)
             self._unused = unused if self._shares else []
@@ -213,13 +215,13 @@ def declare(
 ) -> dict[str, Any]:
     """Return the metadata frame of a server.
 
-    ``batch`` is the maximum number of observations in one call, ``more`` further facts for clients. ``cameras`` are
-    those that it uses, None for all. ``expert`` means that it simulates the client's trial, which our own clients
-    then name.
+    ``batch`` is the maximum number of observations in one call, ``more`` contains further facts for clients.
+    ``cameras`` are the cameras that the policy uses, None for all. ``expert`` means that the server simulates the
+    client's trial, which our own clients then name.
     """
     return {
         "betterbench": {
-            **more,  # first, so that a policy's own texts replace no convention
+            **more,  # comes first, so that a policy's own texts cannot replace a convention
             "protocol": PROTOCOL,
             "preset": "native",
             "layouts": ["native", "openpi_libero"],

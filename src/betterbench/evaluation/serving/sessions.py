@@ -1,4 +1,4 @@
-"""Sessions: each answers one connection to a server of this package."""
+"""Sessions, which each answer one connection to a server of this package."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from betterbench.tasks import Condition, TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
-"""Largest difference of two equal states [m, rad]; clients send them as float32."""
+"""Maximum difference of two equal states [m, rad], because clients send float32."""
 ASTRAY = 1e-3
-"""Difference above which a client has left the path of the answered actions [m, rad]."""
+"""Difference above which a client has not executed the answered actions [m, rad]."""
 
 States = list[tuple[StateRule, np.ndarray]]
-"""The states of a request, each as (size,)."""
+"""States of a request, each as (size,)."""
 
 
 class ShadowSession:
-    """One client of a served expert: finds its trial and step, and gets actions from the shadow simulation."""
+    """Session of an expert's client, which finds trial and step and gets actions from a shadow simulation."""
 
     def __init__(
         self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None, layout: Adapter | None = None
@@ -43,7 +43,7 @@ class ShadowSession:
         Args:
             shadows: The simulations of all clients.
             chunk: Maximum actions in one answer.
-            trial: Trial of a client that names none, or None to find it by the instruction.
+            trial: Trial of a client that names none, or None to find the trial by the instruction.
             layout: Layout of requests and answers; None for native and openpi's LIBERO layout.
         """
         self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
@@ -60,7 +60,7 @@ class ShadowSession:
         if request.start is not None:
             _check_space(request.start, EE_DELTA.name, "an expert")
         trial = request.trial or self._fixed or trial_of(request.instruction)
-        # Whatever a message says wrong is found before a scene is built, which takes a hundred times as long.
+        # check the message before building a scene, which takes a hundred times as long
         found = resolve_condition(trial.task, trial.condition)
         instruction = found.condition.instruction.text
         if request.trial is not None and request.instruction != instruction:
@@ -82,14 +82,14 @@ class ShadowSession:
         return layout.reply(shadow.in_space(layout.answer.space, step, actions), shadow.observation(step))
 
     def close(self) -> None:
-        """Close the connection; a few shadow simulations are kept for clients that reconnect."""
+        """Close the connection. A few shadow simulations are kept for clients that reconnect."""
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return the control step of a client: the one it sends, the end of the last chunk, or an earlier one of it.
+        """Return the control step of a client: as sent, the end of the last chunk, or an earlier step of this chunk.
 
-        Many clients execute fewer actions than they received, or none before they repeat a request. For a client that
-        does not count, the step is the one in the chunk that matches its state, relative to the start of the episode.
+        Many clients execute only some of the received actions, or none before they repeat a request. For a client that
+        does not send its step, the state relative to the start of the episode determines the step in the chunk.
 
         Raises PolicyError if no step matches.
         """
@@ -117,16 +117,16 @@ class ShadowSession:
 
 
 def state_gap(states: States, seen: Observation, first: Observation, states_then: States, layout: Adapter) -> float:
-    """Return the difference between a client's states and an observation, each relative to the start of the episode.
+    """Return the difference between a client's states and an observation, both relative to the start of the episode.
 
-    The largest difference of all numbers [m, rad]; rotation vectors are compared as rotations.
+    This is the largest difference of all numbers [m, rad], with rotation vectors compared as rotations.
 
     Args:
-        states: States that the client sends.
+        states: States sent by the client.
         seen: The observation.
         first: The observation at the start.
-        states_then: States that the client sent at the start.
-        layout: Adapter with the meaning of the numbers of a state.
+        states_then: States sent by the client at the start.
+        layout: Adapter that defines the numbers of a state.
     """
     worst = 0.0
     then = {rule.key: sent for rule, sent in states_then}
@@ -149,7 +149,7 @@ def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
 
 
 class Counter:
-    """Counts the control steps of a client that may not send them, and detects the start of an episode."""
+    """Counter of the control steps of a client, which also detects the start of an episode."""
 
     def __init__(self) -> None:
         self._episode: object = None
@@ -167,7 +167,7 @@ class Counter:
         return self._next
 
     def answered(self, step: int, count: int) -> None:
-        """Record that ``count`` actions from ``step`` on were sent; a client without steps executes them all."""
+        """Record that ``count`` actions from ``step`` on were sent, all of which a client without steps executes."""
         self._next = step + count
 
 
@@ -181,7 +181,7 @@ def _check_space(start: EpisodeStart, space: str, who: str) -> None:
 
 
 def trial_of(instruction: str) -> TrialId:
-    """Return the first trial of the suite with an instruction: a training condition, with seed 0.
+    """Return the first training condition of the suite with an instruction, as a trial with seed 0.
 
     InvalidInputError names the closest instructions if no training condition has it.
     """
@@ -198,20 +198,21 @@ def trial_of(instruction: str) -> TrialId:
     raise InvalidInputError(
         "prompt",
         f"no training condition has the instruction {instruction[:200]!r}. The closest are {listed}",
-        "Send one of them, name the trial in better/episode, or serve with --task, --condition and --seed",
+        "Send one of these instructions, name the trial in better/episode, or serve with --task, --condition and "
+        "--seed",
     )
 
 
 class PolicySession:
-    """One client of a policy that gets observations."""
+    """Session of a client of a policy that uses observations."""
 
     def __init__(
         self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
-        """Prepare a connection with its own policy, or one that answers each observation independently.
+        """Prepare a connection with its own policy, or with a policy that answers each observation independently.
 
-        ``trial`` gives the episode number if a client sends none. ``within`` is True for the workers of a run: errors
-        then have the message for the record.
+        ``trial`` gives the episode number if a client sends none. ``within`` is True for the workers of a run, where
+        errors have the message for the record.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
         self._counter = Counter()
@@ -223,7 +224,7 @@ class PolicySession:
             raise InvalidInputError(
                 "the request",
                 "contains no observation",
-                "Send better/joint_positions and its like (preset native), or observation/state (preset openpi_libero)",
+                "Send better/joint_positions etc. (preset native), or observation/state (preset openpi_libero)",
             )
         space = self._policy.info.action_space
         number = episode_number(self._trial.seed if self._trial else 0)

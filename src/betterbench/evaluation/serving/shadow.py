@@ -1,9 +1,9 @@
-"""Shadow simulations: a served expert steps its own copy of the client's scene, because clients send observations only.
+"""Shadow simulations: a served expert steps its own copy of the client's scene, because clients send only observations.
 
-A trial is a pure function of its id: the same task, condition, seed and actions give the same state to the last bit on
-the same machine. So a shadow needs only the number of the control step from its client. A client that executes fewer
-actions of a chunk than it got, repeats a request, or reconnects, also to a restarted server, gets the same actions.
-The client's measurements are compared with the shadow's own state, which reveals that it executed other actions.
+A trial is a pure function of its id: on the same machine, the same task, condition, seed and actions give bit-identical
+states. A shadow simulation therefore needs only the control step from its client. A client that executes only a part of
+a chunk, repeats a request, or reconnects (even to a restarted server) gets the same actions. A comparison of the
+client's measurements with the shadow's state reveals a client that executed other actions.
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ from betterbench.tasks.interventions import resolve_condition
 TOLERANCE = 1e-6
 """Largest difference between client and shadow: joint angles [rad], end effector [m] and distance of the pads [m]."""
 KEPT = 64
-"""Maximum number of simulations of a server, 20 MB each. For further clients the oldest ones are dropped and
-simulated again when needed."""
+"""Maximum number of simulations of a server, 20 MB each.
+
+For further clients, the oldest simulations are dropped and repeated when needed.
+"""
 SPARE = 4
-"""Simulations that are kept beyond one per client, for clients that reconnect."""
+"""Number of simulations kept in addition to one per client, for clients that reconnect."""
 
 
 def require_within(trial: TrialId, step: int, step_limit: int) -> None:
@@ -40,7 +42,7 @@ def require_within(trial: TrialId, step: int, step_limit: int) -> None:
         raise InvalidInputError(
             "better/step",
             f"{trial} ends after {step_limit} steps, and this is step {step}",
-            "A new episode is a new connection, another prompt, or better/step 0",
+            "Begin a new episode with a new connection, another prompt, or better/step 0",
         )
 
 
@@ -52,11 +54,11 @@ class ShadowSimulation:
 
         Raises:
             UnknownNameError: If there is no such policy, task or condition.
-            PolicyError: If the scene contradicts the premise of its instruction.
+            PolicyError: If the scene contradicts the premise of the instruction.
         """
         found = resolve_condition(trial.task, trial.condition)
         self.trial, self.condition = trial, found.condition
-        # Physics does not depend on the quality, so the client may render with another one.
+        # physics does not depend on the render quality, so the client may use another preset
         self._scene = Scene(
             found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast")
         )
@@ -73,13 +75,13 @@ class ShadowSimulation:
         self._lock = threading.Lock()
 
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
-        """Return the policy's actions from a control step on: (1 to ``count``, 7), fewer if it fails on the way.
+        """Return the policy's actions from a control step on, (1 to ``count``, 7); fewer if the policy fails earlier.
 
         ``seen`` is the client's measurement at that step, for comparison.
 
         Raises:
             InvalidInputError: If the trial has ended by that step.
-            PolicyError: If the client's state differs from the shadow's, or the policy itself fails.
+            PolicyError: If the client's state differs from the shadow's, or the policy fails.
         """
         require_within(self.trial, step, self.step_limit)
         with self._lock:
@@ -90,7 +92,7 @@ class ShadowSimulation:
             return np.array(self._actions[step : step + count])
 
     def observation(self, step: int) -> Observation:
-        """Return the observation at a control step, without images; raises the errors of :meth:`actions`."""
+        """Return the observation at a control step, without images; raise the errors of :meth:`actions`."""
         require_within(self.trial, step, self.step_limit)
         with self._lock:
             self._advance(step)
@@ -111,7 +113,7 @@ class ShadowSimulation:
     def in_space(self, space: str, step: int, actions: np.ndarray) -> np.ndarray:
         """Convert actions executed from a control step on, (n, 7), to another action space, (n, dim).
 
-        They command the same poses and joint angles one step later.
+        The converted actions command the same poses and joint angles one step later.
         """
         if space == EE_DELTA.name:
             return actions
@@ -133,7 +135,7 @@ class ShadowSimulation:
         return np.array(rows)
 
     def _advance(self, until: int, *, needed: int | None = None) -> None:
-        """Simulate until ``until`` actions are known; action ``needed`` must be among them, or all if it is None."""
+        """Simulate until ``until`` actions are known. Action ``needed`` must be among them; None requires all."""
         while len(self._actions) < until and self._end is None:
             try:
                 action = np.asarray(self._expert.act_on_state(self._state), dtype=np.float64).copy()
@@ -175,11 +177,11 @@ class ShadowSimulations:
         self._policy = policy
         self._kept: OrderedDict[TrialId, ShadowSimulation] = OrderedDict()
         self._clients = 0
-        # Building a scene fills caches that all scenes share.
+        # lock, because building a scene fills caches shared by all scenes
         self._lock = threading.Lock()
 
     def of(self, trial: TrialId) -> ShadowSimulation:
-        """Return the shadow simulation of a trial, a new one if it was dropped."""
+        """Return the shadow simulation of a trial, or a new simulation if it was dropped."""
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:
@@ -189,12 +191,12 @@ class ShadowSimulations:
             return shadow
 
     def client_came(self) -> None:
-        """Count a client that has connected."""
+        """Count a new client."""
         with self._lock:
             self._clients += 1
 
     def client_left(self) -> None:
-        """Count a client that has left, and drop surplus simulations."""
+        """Count the departure of a client, and drop surplus simulations."""
         with self._lock:
             self._clients -= 1
             dropped = self._drop_oldest()
@@ -202,7 +204,7 @@ class ShadowSimulations:
             return_memory()
 
     def _drop_oldest(self) -> bool:
-        """Drop surplus simulations and return whether there were any; the caller holds the lock."""
+        """Drop surplus simulations, and return whether there were any. The caller must hold the lock."""
         most = min(KEPT, self._clients + SPARE)
         dropped = len(self._kept) > most
         while len(self._kept) > most:

@@ -1,1 +1,1 @@
-"""One trial in one process: the policy, its thread, and the episode up to its record."""
+"""Execution of one trial in one process: policy, policy thread, episode and record."""

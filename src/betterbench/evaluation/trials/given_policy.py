@@ -1,4 +1,4 @@
-"""A policy instance from the caller of an evaluation, run in this process."""
+"""Policy instance from the caller of an evaluation, which runs in this process."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Needs of a caller's policy: a thread waits for it, because its answer times are unknown."""
+"""Needs of a caller's policy: a waiting thread, because its answer times are unknown."""
 
 
 class GivenPolicy(PolicyFactory):
-    """Factory that returns one existing instance, under its declared name.
+    """Factory that returns one existing instance under its declared name.
 
     The instance answers one observation at a time, even if it supports batches. The caller closes it.
     """
@@ -28,12 +28,12 @@ class GivenPolicy(PolicyFactory):
         """Check the instance.
 
         Raises:
-            InvalidInputError: If it is not a policy, or has the name of a built-in policy or of a server.
+            InvalidInputError: If the object is not a policy, or has the name of a built-in policy or a server.
         """
         require_policy(policy, "policy")
         name = policy.info.name
         if not name or find_kind(name) is not None:
-            problem = f"the name {name!r} is an address of betterbench" if name else "its name is empty"
+            problem = f"the name {name!r} is an address of betterbench" if name else "the name is empty"
             raise InvalidInputError(
                 "policy", problem, "Give its PolicyInfo another name, or pass the address as a string"
             )
@@ -46,11 +46,11 @@ class GivenPolicy(PolicyFactory):
 
 
 def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
-    """Return the kind of a caller's policy, which is not registered because other processes cannot create it.
+    """Return the kind of a caller's policy, which is not registered, because other processes cannot create the policy.
 
     Args:
-        name: Name that the policy declares; it may have the characters of addresses.
-        source: Returns name and fingerprint of its file, or "".
+        name: Name that the policy declares, which may have the characters of addresses.
+        source: Returns name and SHA-256 of the policy's file, or "".
     """
     form = AddressForm(scheme=name, example=name, target="none")
     return PolicyKind(
@@ -64,13 +64,13 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 
 
 def needs_in_run(policy: str) -> PolicyNeeds:
-    """Return the needs of a plan's policy; if no kind has its address, it is a caller's policy."""
+    """Return the needs of a plan's policy. An address without a kind means a caller's policy."""
     kind = find_kind(policy)
     return CALLERS if kind is None else kind.needs_of(policy)
 
 
 class _Lent:
-    """View of a policy without its ``close``."""
+    """View of a policy whose ``close`` does nothing."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy

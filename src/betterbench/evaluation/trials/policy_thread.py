@@ -1,4 +1,4 @@
-"""The thread in which a policy answers, so that the simulation does not wait for it."""
+"""Thread for the answers of a policy, which keeps the simulation from waiting."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """The outcome of a request.
+    """Outcome of a request.
 
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` returned.
@@ -37,9 +37,9 @@ class Answered:
 
 
 class PolicyThread:
-    """Sends requests to one policy in a separate thread, one after the other.
+    """Separate thread that sends requests to one policy, one at a time.
 
-    The policy is created in that thread at the first request, so the simulation does not wait for it to load.
+    The thread creates the policy at the first request, so the simulation does not wait for loading.
     """
 
     def __init__(
@@ -52,8 +52,8 @@ class PolicyThread:
     ) -> None:
         """Start the thread.
 
-        ``make`` is called again at the next request if it fails. ``client`` means that the policy is one of our own
-        clients of a server: it counts its requests and gets the trial, which it sends only to the server of an expert.
+        A failed ``make`` is called again at the next request. ``client`` means that the policy is one of our own
+        clients of a server, which counts its requests and gets the trial (sent only to the server of an expert).
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
@@ -62,29 +62,29 @@ class PolicyThread:
             tuple[int, EpisodeStart | Observation | WorldState | None, TrialId | None] | None
         ]
         self._inbox = queue.SimpleQueue()
-        # A daemon thread: a policy that hangs does not keep the process alive.
+        # a daemon thread, because a policy that hangs must not keep the process alive
         self._thread = threading.Thread(target=self._work, name="policy", daemon=True)
         self._thread.start()
 
     def ask(self, seen: EpisodeStart | Observation | WorldState, trial: TrialId) -> int:
-        """Send a request and return the number of its answer in the outbox."""
+        """Send a request and return the ticket of its answer in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, seen, trial))
         return ticket
 
     def connect(self) -> int:
-        """Create the policy without a request, and return the number of the outcome in the outbox."""
+        """Create the policy without a request, and return the ticket of the outcome in the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, None, None))
         return ticket
 
     @property
     def ready_at(self) -> float:
-        """Time since which the policy is ready, by ``time.perf_counter`` [s]; infinite until it is loaded."""
+        """Time from which the policy is ready, by ``time.perf_counter`` [s]; infinite until it is loaded."""
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """After a failed trial, run a policy with its own process in a new process from the next episode on."""
+        """After a failed trial, use a new process for the next episode of a policy with its own process."""
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
 
@@ -93,7 +93,7 @@ class PolicyThread:
         self._inbox.put(None)
 
     def cut(self) -> None:
-        """Close the policy from another thread, which ends its current request.
+        """Close the policy from another thread to end its current request.
 
         Only our own clients and policies in separate processes support this.
         """
@@ -102,7 +102,7 @@ class PolicyThread:
                 close_policy(self._policy)
 
     def join(self, timeout_s: float) -> bool:
-        """Wait up to ``timeout_s`` seconds for the thread after :meth:`dismiss`, and return whether it has ended."""
+        """Wait up to ``timeout_s`` [s] for the thread after :meth:`dismiss`, and return whether it has ended."""
         self._thread.join(max(0.0, timeout_s))
         return not self._thread.is_alive()
 
@@ -128,26 +128,26 @@ class PolicyThread:
 
 
 def name_trial(client: object, trial: TrialId) -> None:
-    """Give one of our own clients the trial that begins; never call this with a user's policy."""
+    """Tell one of our own clients which trial begins. Never call this with a user's policy."""
     told = getattr(client, "name_trial", None)
     if callable(told):
         told(trial)
 
 
 def ready_at(policy: object) -> float:
-    """Return the time since which a policy is ready [s]: reported by one in a separate process, otherwise always."""
+    """Return the time from which a policy is ready [s], as reported by a policy in a separate process."""
     told = getattr(policy, "ready_at", None)
     return told if isinstance(told, float) else -math.inf
 
 
 def shared_cost_s(policy: object) -> float:
-    """Return the CPU time that another thread has spent on messages of a shared policy so far [s]."""
+    """Return the CPU time spent so far by another thread on messages of a shared policy [s]."""
     cost = getattr(policy, "cost_s", 0.0)
     return cost if isinstance(cost, float) else 0.0
 
 
 def no_answer(limit_s: float) -> PolicyError:
-    """Return the error of a trial whose policy did not answer within a deadline [s]."""
+    """Return the error about a policy that did not answer within a deadline [s]."""
     return PolicyError(f"the policy gave no answer within {limit_s:g} s. Raise --policy-timeout.")
 
 

@@ -1,4 +1,4 @@
-"""One policy for many connections: all pending requests are answered in one batch, with a deadline."""
+"""Policy shared by many connections, which answers all pending requests in one batch, with a deadline."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from betterbench.policies.factory import close_policy
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """The deadline of a policy that the run itself serves."""
+    """Deadline of a policy that the run itself serves."""
 
     limit_s: float
     """Longest time from request to answer [s]."""
     on_hang: Callable[[], None]
-    """Called after the deadline: a hanging call can only be ended together with its process."""
+    """Function called after the deadline, because a hanging call can only be ended with its process."""
 
 
 class SharedPolicy:
-    """One policy for all connections; all pending requests are answered in one batch.
+    """Policy for all connections, which answers all pending requests in one batch.
 
-    Only one thread calls the policy. A policy without batches gets one observation at a time.
+    Only one thread calls the policy. A policy that does not support batches gets one observation at a time.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class SharedPolicy:
     ) -> None:
         """Start the thread.
 
-        ``batch`` is the largest number of observations in one call; ``expected`` as in
+        ``batch`` is the maximum number of observations in one call; for ``expected`` see
         :class:`~betterbench.policies.batching.BatchCollector`.
         """
         self._policy, self._deadline = policy, deadline
@@ -51,12 +51,12 @@ class SharedPolicy:
         return _SharedClient(self._policy, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
-        """Stop the thread, within ``timeout_s`` seconds if given, and close the policy unless it still hangs."""
+        """Stop the thread, within ``timeout_s`` [s] if given, and close the policy unless it still hangs."""
         if self._collector.close(timeout_s=timeout_s):
             close_policy(self._policy)
 
     def cut(self) -> None:
-        """Close the policy during a call, which ends the call; only a policy in a separate process supports this."""
+        """Close the policy during a call, to end the call. Only a policy in a separate process supports this."""
         close_policy(self._policy)
         self._collector.close(timeout_s=0.0)
 
@@ -69,7 +69,7 @@ class SharedPolicy:
             answers = self._policy.act_batch([observation for _, observation in asked])
         else:
             answers = [self._policy.act(observation) for _, observation in asked]
-        # A policy may reuse the memory of its answers before other threads have read them.
+        # copied, because a policy may reuse the memory of its answers before other threads have read them
         copies = [np.array(answer) for answer in answers]
         cost_s = (time.thread_time() - began) / max(1, len(asked))
         return [_Given(actions, cost_s) for actions in copies]
@@ -77,18 +77,18 @@ class SharedPolicy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """An answer, and its share of the CPU time of its batch [s]."""
+    """Answer with its share of the CPU time of a batch [s]."""
 
     actions: np.ndarray
     cost_s: float
 
 
 _Asked = tuple[EpisodeStart | None, Observation]
-"""The episode that begins with an observation, or None, and the observation."""
+"""The episode that begins with an observation (or None), and the observation."""
 
 
 class _SharedClient:
-    """A shared policy for one connection."""
+    """Shared policy as seen by one connection."""
 
     def __init__(
         self, policy: Policy, collector: BatchCollector[_Asked, _Given], deadline: Deadline | None = None
@@ -97,15 +97,15 @@ class _SharedClient:
         self._policy, self._collector, self._deadline = policy, collector, deadline
         self._start: EpisodeStart | None = None
         self.cost_s = 0.0
-        """CPU time for messages of this connection so far: its share of its batches [s]."""
+        """CPU time for messages of this connection so far, as a share of its batches [s]."""
 
     @property
     def ready_at(self) -> float:
-        """Time since which the shared policy is ready, by ``time.perf_counter`` [s]."""
+        """Time from which the shared policy is ready, by ``time.perf_counter`` [s]."""
         return ready_at(self._policy)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Mark the start of an episode; the policy is reset with the first observation."""
+        """Mark the start of an episode. The policy is reset with the first observation."""
         self._start = start
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -120,7 +120,7 @@ class _SharedClient:
             )
         except TimeoutError:
             if deadline is None:
-                raise  # of the policy itself
+                raise  # time of the policy itself
             deadline.on_hang()
             raise no_answer(deadline.limit_s) from None
         self.cost_s += given.cost_s

@@ -1,4 +1,4 @@
-"""One trial in one worker: it builds the scene, runs the episode and writes the record."""
+"""One trial in one worker: building the scene, running the episode and writing the record."""
 
 from __future__ import annotations
 
@@ -41,28 +41,28 @@ POLICY_TIMEOUT_S = 300.0
 _SPARE_RENDERERS = 3
 
 TrialSteps = Generator[Question | None, Reply | None, JournalEntry]
-"""A trial that waits for its policy, like :data:`betterbench.episodes.Steps`; it returns the journal entry."""
+"""Trial that waits for its policy, like :data:`betterbench.episodes.Steps`, and returns the journal entry."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """Settings that all trials of a run share; small and picklable, so that they can be sent to a worker.
+    """Settings shared by all trials of a run, small and picklable for sending to a worker.
 
     Attributes:
         run: Folder of the run.
         policy: Address of the policy, as in the records.
-        envs: Environments that a worker keeps open at once, or begins with.
+        envs: Number of environments that a worker keeps open, or the initial number.
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
-        served_at: Address of the process that runs the policy for all workers, or None.
-        task_files: The user's files that workers load before anything else.
-        held: Folders around the run that are locked by the process that started it.
+        served_at: Address of the host process that runs the policy for all workers, or None.
+        task_files: User files that workers load first.
+        held: Parent folders of the run that the starting process has locked.
         looks: Looks of objects and rooms.
-        known: Description that an outside policy server gave at the start of the run; None without such a server.
+        known: Declaration of an external policy server at the start of the run; None without such a server.
         world: The world in which the trials are run.
-        most_envs: Environments that a warm-up may choose at most; no more than ``envs`` where their number is settled.
+        most_envs: Maximum number of environments that a warm-up may choose; at most ``envs`` if the number is fixed.
         workers: Workers of the run, which share the memory of their machine.
         trials: Maximum number of trials left at the start of the run; 0 if unknown.
-        turn: Index of the worker, which determines its EGL device.
+        turn: Index of the worker, which determines the EGL device.
     """
 
     run: str
@@ -107,12 +107,12 @@ class RunSettings:
 
     @property
     def answer_limit_s(self) -> float:
-        """Deadline of one answer [s]: that of a server's address, or of a policy of this run."""
+        """Deadline of one answer [s], from a server's address or for a policy of this run."""
         return answer_limit_s(self.policy, self.policy_timeout_s)
 
 
 class TrialRunner:
-    """Runs the trials of one worker, with shared objects: policies, observer and world processes."""
+    """Runner of the trials of one worker, with shared policies, observer and world processes."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Get the needs of the policy; raises a BetterError if that fails."""
+        """Determine the needs of the policy; raise a BetterError if this fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -140,10 +140,10 @@ class TrialRunner:
         self._processes = WorldProcesses(settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:
-        """Run one trial and write its record and, once, its scene; pause whenever the policy must answer.
+        """Run one trial, write its record and (once) its scene, and pause whenever the policy must answer.
 
-        Yields as :func:`betterbench.episodes.episode_steps`, and nothing if the policy needs no thread. Returns the
-        journal entry; the caller writes it, so that only one process appends.
+        Yields like :func:`betterbench.episodes.episode_steps`, or nothing if the policy needs no thread. Returns the
+        journal entry, which the caller writes, so that only one process appends.
 
         Raises:
             PremiseError: If the scene contradicts the premise of the instruction; the run must stop.
@@ -201,11 +201,11 @@ class TrialRunner:
 
     @property
     def _shown_by(self) -> Observer | None:
-        """Observer that makes the observations; None for a privileged policy, which gets the state."""
+        """Observer for observations; None for a privileged policy, which gets the state."""
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
-        """Run an episode of a policy that needs no thread; return its result and what a faulty policy knows of it."""
+        """Run an episode of a policy that needs no thread; return the result and a faulty policy's ground truth."""
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
             result = run_episode(scene, policy, context=context, observer=self._shown_by, on_step=self._on_step)
@@ -217,7 +217,7 @@ class TrialRunner:
     def _run_asking(
         self, scene: TrialScene, context: TrialContext
     ) -> Generator[Question | None, Reply | None, EpisodeResult]:
-        """Run an episode that stops wherever its policy has to answer, again if the policy's process was killed."""
+        """Run an episode that pauses whenever its policy must answer; repeat if the policy's process was killed."""
         for left in reversed(range(MAX_DEATHS)):
             try:
                 return (
@@ -232,7 +232,7 @@ class TrialRunner:
             except PolicyKilledError as error:
                 if not left:
                     raise
-                logger.warning("%s seed %d: %s; it is run again", scene.condition.id, scene.seed, error)
+                logger.warning("%s seed %d: %s; the trial is repeated", scene.condition.id, scene.seed, error)
         raise AssertionError("the last attempt returns or raises")
 
     def _set_up(self, trial: Trial) -> tuple[TrialScene, TrialContext]:
@@ -259,7 +259,7 @@ class TrialRunner:
         return scene, context
 
     def _write(self, scene: TrialScene, result: EpisodeResult) -> tuple[str, str]:
-        """Write the record of a trial and, once, its scene; return the record's SHA-256 and the scene's digest."""
+        """Write the record of a trial and (once) its scene; return the record's SHA-256 and the scene's digest."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)
             return file_digest(path), self.run.keep_scene(scene)

@@ -1,1 +1,1 @@
-"""Workers: one thread that interleaves several trials, and a pool of processes on this machine that each hold one."""
+"""Workers, which interleave several trials in one thread, and a pool of worker processes on this machine."""

@@ -1,9 +1,9 @@
-"""Choice of the number of environments that a worker keeps open, from measurements in a warm-up of the run.
+"""Choice of the number of environments of a worker, from measurements in a warm-up.
 
-A worker with n environments is a closed queue: a chunk takes the worker S seconds, and the policy L seconds meanwhile.
-With fewer than the knee, (L + S) / S, the worker waits; near it, fluctuations still cost a quarter to a third. So about
-twice the knee are opened, if the policy can take them: a server that answers one question at a time only gets a longer
-queue, which is noticed by its throughput. Records do not depend on the number.
+A worker with n environments is a closed queue: a chunk takes S seconds of the worker's time and L seconds of the
+policy's time. With fewer environments than the knee, (L + S) / S, the worker waits; near the knee, fluctuations still
+cost a quarter to a third. Twice the knee is therefore opened, if the policy can handle it. A server that answers one
+question at a time only gets a longer queue, which its throughput reveals. Records do not depend on the number.
 """
 
 from __future__ import annotations
@@ -17,23 +17,22 @@ from dataclasses import dataclass
 logger = logging.getLogger(__name__)
 
 KNEES = 2.5
-"""Environments that are opened, in multiples of the knee."""
+"""Number of opened environments, in multiples of the knee."""
 
 LONGEST_QUEUE_S = 10.0
-"""Time in which the last of all requests under way has to be answered even by a server that answers one at a time [s]:
-a third of the usual deadline."""
+"""Maximum time until the last pending request is answered, even if one at a time [s]: a third of the usual deadline."""
 
-_ANSWERS = 16  # of a window at least
+_ANSWERS = 16  # minimum number of answers of a window
 _ANSWERS_PER_ENVIRONMENT = 2.0
 _WINDOW_S = 0.2
-_PRESENT = 0.75  # share of the number that has been answered when a window begins; trials are shared out evenly
-_ENOUGH = 1.25  # no change for a number that is larger by less
-_GAIN = 1.2  # of the throughput, by which three times as many environments have to pay
-_IDLE = 0.15  # share of its time that a worker waits, below which more environments cannot pay
-_UNHINDERED = 1.5  # latency in multiples of the least one, up to which the server takes all questions at once
-_STEP = 3  # times as many environments are tried at once where the server has a queue
-_LEFT_OVER = 1.5  # times as many environments are opened where that leaves no trial over
-_LONGEST_MEMORY = 64  # of the answers whose times count
+_PRESENT = 0.75  # share of environments with an answer at the start of a window
+_ENOUGH = 1.25  # minimum relative increase of the number
+_GAIN = 1.2  # minimum gain of throughput with three times as many environments
+_IDLE = 0.15  # share of waiting in the worker's time below which more environments cannot help
+_UNHINDERED = 1.5  # latency, in multiples of the minimum, up to which the server answers all questions at once
+_STEP = 3  # maximum growth factor in one step if the server has a queue
+_LEFT_OVER = 1.5  # growth factor allowed to avoid left-over trials
+_LONGEST_MEMORY = 64  # maximum number of answer times kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,22 +53,21 @@ class Window:
 
     @property
     def wanted(self) -> int:
-        """Number of environments with which the worker never waits."""
+        """Smallest number of environments with which the worker never waits."""
         return math.ceil(KNEES * (self.latency_s + self.worker_s) / max(self.worker_s, 1e-6))
 
     @property
     def idle(self) -> float:
-        """Share of the worker's time that was spent waiting."""
+        """Share of the worker's time spent waiting."""
         return max(0.0, 1.0 - self.rate * self.worker_s)
 
 
 class EnvironmentCount:
-    """Chooses the number of environments of one worker.
+    """Control of the number of environments of one worker.
 
-    It begins with ``first``. Requests before the first answer do not count, because a server may compile its model
-    then, nor do answers after a reconnection. As soon as most environments have had an answer, a window of answers is
-    measured and the number is set. Another window shows whether this helped; if not, the previous
-    number is restored.
+    The number begins with ``first``. Requests before the first answer (when a server may compile its model) and answers
+    after a reconnection are ignored. After most environments have had an answer, a window of answers is measured and
+    the number is set. Another window shows whether this helped; if not, the previous number is restored.
     """
 
     def __init__(
@@ -81,7 +79,7 @@ class EnvironmentCount:
         room: Callable[[int], int] = lambda _: 1_000_000,
         left: Callable[[], int] = lambda: 1_000_000,
     ) -> None:
-        """Begin.
+        """Prepare.
 
         ``room`` gets the current number and returns how many environments fit into memory; ``left`` returns the number
         of trials left for this worker, including running ones.
@@ -92,7 +90,7 @@ class EnvironmentCount:
         self._room, self._left = room, left
         self._first_answer: float | None = None
         self._least_s = math.inf
-        self._answered: set[int] = set()  # environments that have been answered with this number
+        self._answered: set[int] = set()  # environments that have had an answer with this number
         self._before: Window | None = None
         self._open_window()
 
@@ -117,7 +115,7 @@ class EnvironmentCount:
             asked_at: Time of the request [s], on the clock of ``now``.
             now: Time of the answer [s].
             took_s: Time from request to answer [s].
-            clean: Whether it came without a retry or another connection.
+            clean: Whether the answer came without a retry or a new connection.
         """
         if self.settled:
             return
@@ -141,22 +139,22 @@ class EnvironmentCount:
             self._open_window()
 
     def limit(self, most: int) -> None:
-        """Limit the number permanently, because the policy did not accept more."""
+        """Limit the number permanently, because the policy accepted no more connections."""
         self.number, self._most, self.settled = min(self.number, max(1, most)), max(1, most), True
 
     def _decide(self, window: Window) -> None:
         before, self._before = self._before, window
         if before is not None and window.rate < _GAIN * before.rate and window.idle > _IDLE:
-            # The worker still waits, and the policy has given no more answers: it has as many questions as it can take.
+            # the worker still waits, but the policy has not given more answers per second, so it is saturated
             self.number, self.settled = before.envs, True
             return
         goal, left = window.wanted, self._left()
         if window.latency_s > _UNHINDERED * self._least_s:
-            goal = min(goal, _STEP * window.envs)  # the server may have a queue already
+            goal = min(goal, _STEP * window.envs)  # the server may already have a queue
         if goal < left <= _LEFT_OVER * goal:
-            goal = left  # a few trials that are left over would wait for their answers at the end, alone
+            goal = left  # a few left-over trials would wait alone for their answers at the end
         goal = min(goal, self._most)
-        # Were the server to answer one question after the other, the latency would grow like their number.
+        # if the server answers one question at a time, latency grows with the number
         goal = min(goal, int(window.envs * self._longest_queue_s / max(window.latency_s, 1e-6)))
         if goal > window.envs:
             goal = min(goal, self._room(window.envs))

@@ -1,4 +1,4 @@
-"""Free memory of this machine or container, and memory used by this process with its children."""
+"""Free memory of this machine or container, and memory used by this process and its children."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _FILES_V2, _FILES_V1 = "inactive_file", "total_inactive_file"
 
 
 def free_bytes(*, proc: Path = PROC, groups: Path = CONTROL_GROUPS) -> int | None:
-    """Return how much memory this process can still take: of the machine, and of each control group it is in.
+    """Return the memory that this process can still use, limited by the machine and by control groups [bytes].
 
-    None if unknown. Files in a group's cache count as free if they are not in use.
+    None if unknown. Unused files in a group's cache are free memory.
     """
     found = list(_machine_free(proc)) + list(_groups_free(proc, groups))
     return max(0, min(found)) if found else None
 
 
 def used_bytes(pid: int | None = None, *, proc: Path = PROC) -> int:
-    """Return the resident memory of a process and all processes below it; 0 if unknown."""
+    """Return the resident memory of a process and all its descendants [bytes]; 0 if unknown."""
     waiting, total = [os.getpid() if pid is None else pid], 0
     page = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
     seen = set[int]()
@@ -54,10 +54,10 @@ def room_for(envs: int, *, used_before: int, sharing: int, free: int | None = No
 
     Args:
         envs: Environments that are open.
-        used_before: Memory that this process used before it opened the first one [byte].
-        sharing: Workers of this machine, which open theirs at the same time.
+        used_before: Memory that this process used before opening the first environment [byte].
+        sharing: Number of workers on this machine that open environments at the same time.
         free: Free memory [byte]; determined from the system by default.
-        used: Memory that this process uses now [byte]; likewise.
+        used: Memory that this process uses now [byte]; determined from the system by default.
     """
     free = free_bytes() if free is None else free
     if free is None:
@@ -90,7 +90,7 @@ def _groups_free(proc: Path, groups: Path) -> Iterator[int]:
         else:
             continue
         group = Path(path.lstrip("/"))
-        if ".." in group.parts:  # outside of what this container shows
+        if ".." in group.parts:  # outside this container's view
             group = Path()
         for folder in (group, *group.parents):
             left = _left(root / folder, names, files)

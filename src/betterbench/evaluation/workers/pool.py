@@ -1,4 +1,4 @@
-"""A pool of worker processes on this machine; each gets as many trials as it has environments, over a pipe."""
+"""Pool of worker processes on this machine. Each gets as many trials as it has environments, over a pipe."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 MAX_FAILED_STARTS = 3
-"""Maximum consecutive processes that die during start; then the run continues with the existing ones."""
+"""Maximum number of consecutive failed starts, after which the run continues with the existing processes."""
 
 _CURE = "Run the same command again with fewer --workers, or with 1 to see why."
 _TURN_S = 0.02
@@ -33,27 +33,27 @@ _END_S = 10.0
 
 
 class WorkerProcess(SpawnedProcess):
-    """One worker process as the pool sees it."""
+    """Worker process as seen by the pool."""
 
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
         self.trials: dict[TrialId, Trial] = {}  # given to it, and not ended
-        self.alone = False  # its one trial was in a process that died
-        self.lost = False  # its end of the pipe is closed
-        self.ready = False  # it has loaded what it needs
-        self.turn = settings.turn  # its number among the living ones
-        self.envs = settings.envs  # trials that it can run at once, which it tells
+        self.alone = False  # its only trial was in a process that died
+        self.lost = False  # the process has closed its end of the pipe
+        self.ready = False  # the process is ready
+        self.turn = settings.turn  # number among the living processes
+        self.envs = settings.envs  # maximum number of simultaneous trials, as last reported
 
 
 @dataclass(frozen=True, slots=True)
 class OpenEnvironments:
-    """A message of a worker process: the number of trials that it can run at once from now on."""
+    """Message of a worker process: the number of simultaneous trials from now on."""
 
     envs: int
 
 
 class WorkerPool:
-    """Runs trials in worker processes, and repeats those of a process that died. A context manager."""
+    """Pool that runs trials in worker processes and repeats the trials of a dead process. A context manager."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class WorkerPool:
         watch: Callable[[], None] | None = None,
         steps: StepCount | None = None,
     ) -> None:
-        """Prepare; processes are started when there is work, and ``watch`` is called about twice a second.
+        """Prepare; processes start when there is work, and ``watch`` is called about twice a second.
 
         ``steps`` counts the control steps that the workers report.
         """
@@ -80,11 +80,11 @@ class WorkerPool:
         self.close()
 
     def entries(self, rounds: Iterable[Iterable[Trial]]) -> Iterator[JournalEntry]:
-        """Yield the journal entry of every trial as it ends; a round is requested when the previous one has ended.
+        """Yield the journal entry of every trial as it ends. A round is requested when the previous round has ended.
 
         Raises:
             WorkerError: If workers keep dying.
-            BetterError: An error of a worker that stops the run.
+            BetterError: If an error of a worker stops the run.
         """
         for trials in rounds:
             self._ledger.put_back(trials)
@@ -95,7 +95,7 @@ class WorkerPool:
                     self._watch()
                 for worker in self._wait():
                     ended = list(self._receive(worker))
-                    self._distribute()  # before the journal waits for the disk
+                    self._distribute()  # distributed before the journal waits for the disk
                     yield from ended
                     if worker.lost or not worker.process.is_alive():
                         yield from self._handle_worker_exit(worker)
@@ -108,7 +108,7 @@ class WorkerPool:
                 raise AssertionError("every trial has ended")
 
     def close(self) -> None:
-        """End all processes at once; unfinished trials leave nothing behind."""
+        """End all processes at once. Unfinished trials leave no files."""
         processes, self._processes = self._processes, []
         for worker in processes:
             worker.process.kill()
@@ -116,10 +116,10 @@ class WorkerPool:
             worker.end()
 
     def _wait(self) -> Iterable[WorkerProcess]:
-        """Return the processes that have sent something or ended, after at most the time between two watches."""
+        """Return the processes that have sent a message or ended, after at most the time between two watches."""
         sources = {w.connection: w for w in self._processes} | {w.process.sentinel: w for w in self._processes}
         found = [sources[source] for source in wait(list(sources), timeout=_WATCH_S)]  # type: ignore[index]
-        # A child of a dead worker may hold its pipe and its sentinel open, so that neither shows its death.
+        # a child of a dead worker may hold its pipe and its sentinel open, which would hide the death
         found += [w for w in self._processes if not w.process.is_alive()]
         return dict.fromkeys(found)
 
@@ -132,7 +132,7 @@ class WorkerPool:
                 self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
-        """Distribute the trials evenly over the processes; a suspect trial gets its own process."""
+        """Distribute the trials evenly over the processes. A suspect trial gets its own process."""
         for worker in self._processes:
             if self._ledger.suspects and not worker.trials and not worker.lost:
                 worker.alone = True
@@ -150,10 +150,10 @@ class WorkerPool:
         try:
             worker.connection.send(trial)
         except OSError:
-            worker.lost = True  # its exit is handled at the next turn, and the trial is run again
+            worker.lost = True  # the exit is handled in the next turn, and the trial is repeated
 
     def _receive(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
-        """Yield the messages that a process has sent."""
+        """Yield the messages of a process."""
         try:
             while worker.connection.poll():
                 message = worker.connection.recv()
@@ -183,30 +183,30 @@ class WorkerPool:
         if not worker.ready:
             self._handle_failed_start(worker, how)
             return
-        logger.warning("a worker process died (%s); its %d trials are run again", how, len(worker.trials))
+        logger.warning("a worker process died (%s); its %d trials are repeated", how, len(worker.trials))
         for trial in self._ledger.worker_died(list(worker.trials.values()), how):
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Continue without a process that died before it was ready; its trials are not suspects."""
+        """Continue without a process that died before it was ready. Its trials are not suspects."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:
-            logger.warning("a worker process died while it started (%s); another one is started", how)
+            logger.warning("a worker process died during its start (%s); another one is started", how)
             return
         if not any(other.ready for other in self._processes):
             raise WorkerError(
-                f"{self._failed_starts} worker processes died while they started ({how}). See their output "
+                f"{self._failed_starts} worker processes died during their start ({how}). See their output "
                 f"above. {_CURE}"
             )
         self._workers = len(self._processes)
-        logger.warning("another worker process cannot start (%s); the run goes on with %d", how, self._workers)
+        logger.warning("another worker process cannot start (%s); the run continues with %d", how, self._workers)
 
 
 def work(settings: RunSettings, connection: Connection) -> None:
-    """Take trials from a pipe and send back journal entries; the main function of a worker process.
+    """Take trials from a pipe and send back journal entries (main function of a worker process).
 
-    Receiving None means that there is no more work; sending None means that the worker is ready. Sending an error stops
+    Receiving None means that there is no more work. Sending None means that the worker is ready; sending an error stops
     the run.
     """
     prepare_process(settings.held)
@@ -216,7 +216,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
             with Worker(settings, on_step=StepReport(lambda steps: _report(connection, steps))) as worker:
                 connection.send(None)
                 _take_and_send(worker, connection)
-        except PolicyProcessError as problem:  # there may be memory for fewer instances
+        except PolicyProcessError as problem:  # memory may suffice for fewer instances
             logger.warning("%s", problem)
             raise SystemExit(1) from None
         except BetterError as problem:
@@ -224,7 +224,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
 
 
 def _report(connection: Connection, steps: int) -> None:
-    with contextlib.suppress(OSError):  # the run has ended, which the worker notices when its trial has
+    with contextlib.suppress(OSError):  # the run has ended; the worker notices at the end of its trial
         connection.send(StepsTaken(steps))
 
 

@@ -1,4 +1,4 @@
-"""Count of the control steps of a run's workers, so that progress shows while no trial has ended yet."""
+"""Count of the control steps of a run's workers, which shows progress before any trial has ended."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ REPORT_EVERY_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class StepsTaken:
-    """A message of a worker process: control steps since its last message."""
+    """Message of a worker process: control steps since the last message."""
 
     steps: int
 
 
 class StepReport:
-    """Counts the steps of one worker and reports them at intervals; called after every step."""
+    """Counter of the steps of one worker, called after every step, which reports at intervals."""
 
     def __init__(self, hand_over: Callable[[int], None]) -> None:
         """Prepare; ``hand_over`` gets the steps since its last call."""

@@ -1,4 +1,4 @@
-"""A worker: one thread that simulates and renders many trials, while their policy answers in other threads."""
+"""Worker: a thread that simulates and renders many trials, while the policy answers in other threads."""
 
 from __future__ import annotations
 
@@ -33,15 +33,20 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 USUAL_ENVS = 8
-"""Initial environments of a worker for a policy in another process: while some wait, the others
-are simulated. A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environment_count`)."""
+"""Initial environments of a worker for a policy in another process: while some wait, the others are simulated.
+
+A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environment_count`).
+"""
 
 MOST_WAITING = 32
-"""Initial environments of all workers together: a server that answers one request at a time, in 0.3 s, then
-answers the last one in its queue within 10 s, before the deadline."""
+"""Initial environments of all workers together.
+
+A server that answers one request at a time, in 0.3 s, then answers the last request in its queue within 10 s, before
+the deadline.
+"""
 
 MOST_CHOSEN = 96
-"""Maximum environments of all workers together after a warm-up: ``better serve`` accepts 128 connections."""
+"""Maximum environments of all workers together after a warm-up. ``better serve`` accepts 128 connections."""
 
 MAX_ENVS = 256
 
@@ -54,8 +59,8 @@ LEAVE_S = 2.0
 def usual_envs(policies: PolicyFactory) -> int:
     """Return the default number of environments of a worker.
 
-    It is 1 for a policy that answers immediately, and for a Python policy that answers one observation at a time: each
-    environment has its own instance, and instances may have large weights.
+    The default is 1 for a policy that answers immediately, and for a Python policy that answers one observation at a
+    time, because each environment has its own instance, which may have large weights.
     """
     needs = policies.needs
     if not needs.thread:
@@ -64,15 +69,15 @@ def usual_envs(policies: PolicyFactory) -> int:
 
 
 def fair_envs(envs: int, workers: int) -> int:
-    """Return the initial environments of each of several workers if a single worker would have ``envs``."""
+    """Return the initial environments per worker of several workers if a single worker would have ``envs``."""
     return max(1, min(envs, MOST_WAITING // workers))
 
 
 def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[int, int]:
-    """Return with how many environments each of several workers begins, and how many a warm-up may choose.
+    """Return the initial and the maximum number of environments per worker, for a warm-up.
 
-    ``envs`` is the usual number of one worker alone, which the ``world`` may change. A policy of which each environment
-    has an instance of its own stays at 1: instances may hold weights.
+    ``envs`` is the usual number of a single worker, which the ``world`` may change. A policy with one instance per
+    environment stays at 1, because instances may hold weights.
     """
     if envs == 1:
         return 1, 1
@@ -81,10 +86,10 @@ def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
-    """Return how many trials a worker gets at once, so that all workers end at about the same time.
+    """Return the number of trials that a worker gets at once, for workers to end at about the same time.
 
-    Trials that begin together end together. So twelve trials per worker of eight environments are given as six and six,
-    not as eight and four. ``left`` counts the trials that have not ended, those under way included.
+    Trials that begin together end together. With eight environments, twelve trials per worker are therefore given as
+    six and six, not as eight and four. ``left`` counts the trials that have not ended, including running trials.
     """
     share = math.ceil(left / workers)
     return math.ceil(share / math.ceil(share / envs)) if share else 0
@@ -92,26 +97,26 @@ def even_share(left: int, workers: int, envs: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """One environment, and the pending answer for its trial."""
+    """Environment with the pending answer for its trial."""
 
     thread: PolicyThread | None = None
     trial: TrialId | None = None
     steps: TrialSteps | None = None
-    ticket: int = -1  # of the question under way, or -1
+    ticket: int = -1  # ticket of the pending question, or -1
     asked_at: float = 0.0
-    question: Question | None = None  # the last one
-    outcome: Reply | BaseException | None = None  # of the last question, until the trial takes it
-    waits: bool = False  # the trial can do nothing before the outcome is there
-    figures: Mapping[str, float] = field(default_factory=dict)  # what the policy counts about its connection
+    question: Question | None = None  # the last outcome
+    outcome: Reply | BaseException | None = None  # reply to the last question, until the trial takes it
+    waits: bool = False  # the trial cannot continue before the outcome arrives
+    figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
     wire_s: float = 0.0  # processor time of the messages of the trial
-    connecting: bool = False  # a further environment, which takes no trial before its policy has been reached
+    connecting: bool = False  # new environment, which takes trials after reaching its policy
 
 
 class Worker:
-    """Runs trials of a plan, several at once, in the thread that calls it.
+    """Worker that runs several trials of a plan at once, in the calling thread.
 
-    Physics and rendering run in that thread, the policy in others. Results do not depend on the order: every
-    trial is a pure function of its scene and its policy. A context manager, which closes itself.
+    Physics and rendering run in this thread, the policy in other threads. Results do not depend on the order, because
+    every trial is a pure function of scene and policy. A context manager that closes the worker.
     """
 
     def __init__(
@@ -121,7 +126,7 @@ class Worker:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Prepare, and get the needs of the policy; the worker closes ``policies``, or creates its own.
+        """Prepare, and determine the needs of the policy. The worker closes ``policies``, or creates its own.
 
         ``on_step`` is called after every control step of any trial.
         """
@@ -132,7 +137,7 @@ class Worker:
         needs = self._trial_runner.policies.needs
         self._threaded = needs.thread
         self._timed = needs.thread and not needs.server
-        # Waiting for an answer can be ended where another process gives it.
+        # waiting can be ended if another process gives the answer
         self._cuts = needs.server or needs.process
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
@@ -151,7 +156,7 @@ class Worker:
         self._outbox: queue.SimpleQueue[Answered] = queue.SimpleQueue()
         self._numbers = itertools.count()
         self._stop: BetterError | None = None
-        self._leaving: list[PolicyThread] = []  # threads of environments that were closed
+        self._leaving: list[PolicyThread] = []  # threads of closed environments
 
     def __enter__(self) -> Self:
         return self
@@ -178,7 +183,7 @@ class Worker:
 
     @property
     def problem(self) -> BetterError | None:
-        """Error that the next call of :meth:`finished` will raise; available earlier, since no trial may be left."""
+        """Error that the next call of :meth:`finished` will raise, available earlier because no trial may be left."""
         return self._stop
 
     def _open_trials(self) -> int:
@@ -196,14 +201,14 @@ class Worker:
         raise InvalidInputError("trial", "no environment of the worker is free", "Check `free` first")
 
     def finished(self, timeout_s: float) -> list[JournalEntry]:
-        """Run the trials until one has ended or ``timeout_s`` seconds have passed, and return the journal entries.
+        """Run the trials until one has ended or ``timeout_s`` [s] has passed, and return the journal entries.
 
         Raises:
             PremiseError: If a scene contradicts the premise of its instruction.
             StorageError: If the disk is full.
             PolicyUnavailableError: If the policy's server cannot be reached. The previous call returned the entry of
-                that trial.
-            HandshakeError: If the policy has changed, likewise.
+                the trial.
+            HandshakeError: If the policy has changed; the previous call returned the entry of the trial.
         """
         if self._stop is not None:
             raise self._stop
@@ -282,7 +287,7 @@ class Worker:
         slot.steps, slot.ticket = None, -1
         self._ended += 1
         if entry.message is not None and slot.thread is not None:
-            slot.thread.distrust()  # the fault may have been found here, as that of an action of the wrong shape
+            slot.thread.distrust()  # the fault may have been detected here, such as an action of the wrong shape
         self._stop = self._stop or stop
         if not self._threaded:
             return entry
@@ -306,7 +311,7 @@ class Worker:
             slot.ticket = slot.thread.connect()
 
     def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
-        """Start using a new environment, or keep the current ones if the policy refuses its connection."""
+        """Start using a new environment, or keep the current number if the policy refuses the connection."""
         slot.connecting = False
         if isinstance(outcome, BaseException):
             logger.warning(
@@ -349,7 +354,7 @@ class Worker:
                 if slot.waits:
                     self._ready.append(slot)
                 return
-        # Otherwise the trial of the question has ended, or its deadline has passed.
+        # otherwise, the trial of the question has ended, or its deadline has passed
 
     def _count_answer(self, slot: _Slot, outcome: Reply | BaseException | None, *, clean: bool) -> None:
         if isinstance(outcome, Reply):
@@ -377,20 +382,20 @@ class Worker:
             if self._shared is None:
                 taken = self._trial_runner.policies.take()
                 if not isinstance(taken, BatchPolicy):
-                    raise AssertionError("the policy took batches before")
+                    raise AssertionError("the policy accepted batches before")
                 self._shared = SharedPolicy(taken, MAX_BATCH, expected=self._open_trials)
             return self._shared.seat()
 
     def _due(self, slot: _Slot) -> float:
         """Return the deadline of a request, by ``time.perf_counter`` [s].
 
-        It starts when the policy is loaded, which has its own deadline.
+        The deadline starts after loading, which has its own deadline.
         """
         ready_at = -math.inf if slot.thread is None else slot.thread.ready_at
         return max(slot.asked_at, ready_at) + self._settings.policy_timeout_s
 
     def _end_overdue(self) -> None:
-        """End the trials whose policy hangs, together with its process, and replace its thread."""
+        """End the trials whose policy hangs, with the policy's process, and replace its thread."""
         limit = self._settings.policy_timeout_s
         overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() > self._due(s)]
         for slot in overdue:
@@ -403,11 +408,11 @@ class Worker:
         with self._lock:
             shared, self._shared = self._shared, None
         if shared is not None:
-            shared.cut()  # which ends the call that hangs
+            shared.cut()  # ends the hanging call
         for slot in hang:
             if slot.thread is not None:
                 slot.thread.dismiss()
                 slot.thread.cut()
                 slot.thread = None
             if slot.ticket >= 0 and slot.question is not None:
-                self._ask(slot, slot.question)  # it was queued behind the batch that hangs
+                self._ask(slot, slot.question)  # it was queued behind the hanging batch

@@ -1,4 +1,4 @@
-"""Privileged state of a scene, which no policy under test sees."""
+"""Privileged state of a scene, hidden from evaluated policies."""
 
 from betterbench.interface.state.info import ObjectInfo, Region, SceneInfo, SlotInfo
 from betterbench.interface.state.seen import GRIPPER, Box, FrameView, SeenObject, in_runs, inner_pixel

@@ -105,4 +105,4 @@ class PrivilegedPolicy(Protocol):
 
 
 AnyPolicy = Policy | PrivilegedPolicy
-"""A policy under test, or one with access to the privileged state."""
+"""An evaluated policy, or a policy with access to the privileged state."""

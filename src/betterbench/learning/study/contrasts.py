@@ -26,7 +26,7 @@ class ArmFinding:
         training: Success rate on training conditions.
         variations: Success rate on all variations.
         gap: Success rate of the twins minus that of the variations.
-        intention: Share of variation trials with a right first attempt.
+        intention: Share of variation trials whose first attempt is at the right object.
     """
 
     task: str

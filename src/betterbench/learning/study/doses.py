@@ -1,4 +1,4 @@
-"""Doses of a confound: failure rates on variations that break it, by its share of the demonstrations."""
+"""Doses of a confound: failure rates on variations that break the confound, by its share of the demonstrations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks.labels import Kind, Label
 CROSSED = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS, Label.SEMANTIC_FEATURE_COLLAPSE)
 """Labels of planted confounds. Balanced conditions cross words, places and looks, which reduces them."""
 PLANTED = 0.95
-"""Minimum dose at which a confound counts as planted."""
+"""Minimum dose of a planted confound."""
 
 
 @dataclass(frozen=True, slots=True)

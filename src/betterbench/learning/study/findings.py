@@ -37,9 +37,9 @@ from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.interventions import resolve_condition
 
 SOLVED = 0.5
-"""Success rate above which a variation counts as solved, if its interval excludes this rate."""
+"""Success rate above which a variation is solved, if the interval excludes this rate."""
 DROPPED = 0.5
-"""Share of the success in training below which a variation counts as failed in the score of the prediction."""
+"""Share of the success in training below which a variation is failed in the score of the prediction."""
 CONTRAST = "balanced against confounded"
 """Name of the contrasts of a page."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
@@ -88,7 +88,7 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """Results on the variations without words, categories or colors that some learners were never shown.
+    """Results on the variations whose words, categories and colors were shown to all learners.
 
     Attributes:
         variations: Number of these variations.
@@ -341,7 +341,7 @@ def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
 
 
 def reworded(task: str) -> tuple[str, ...]:
-    """Return the variations with the same scene as their twin whose instruction asks for another first object."""
+    """Return the variations with the same scene as their twin but another first object in the instruction."""
     found = []
     for variation in get_task(task).variations:
         twin = resolve_condition(task, variation.base).condition
@@ -358,7 +358,7 @@ def reworded(task: str) -> tuple[str, ...]:
 def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
     """Return the rate at which the first target of learners changes between twins that differ only in words.
 
-    A trial without an attempt has no target, and its pair counts as unchanged.
+    A trial without an attempt has no target; its pair is treated as unchanged.
     """
     pairs = [p for f in learners for name in reworded(f.learner.task) for p in f.pairs(name)]
     changed = sum(

@@ -1,6 +1,6 @@
 """Training of the learners of a study: one in this process, or several in parallel, each in its own process.
 
-A learner of this size uses one processor, so that two in parallel take as long as one.
+A learner of this size uses one processor, so two learners in parallel take as long as one.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class TrainingJob:
 
 
 class _Learner(SpawnedProcess):
-    """Process that trains a learner, and what it has told."""
+    """Process that trains a learner, with its last messages."""
 
     def __init__(self, job: TrainingJob, device: str) -> None:
         super().__init__(_learn, job, device, loaded_files(), held_folders(), name="betterbench-learner")
@@ -108,7 +108,7 @@ def train_learners(
                 ", ".join(p.note for p in learners if p.note),
             )
     finally:
-        for learner in learners:  # what is still at work has saved what it needs to go on
+        for learner in learners:  # processes that are still running have saved their state
             learner.end(_STOP_S if learner.policy is not None else 0.0)
     return tuple(learner.policy for learner in learners if learner.policy is not None)
 

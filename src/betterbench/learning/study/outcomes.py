@@ -23,7 +23,7 @@ class TrialOutcome:
         variation: Variation, or None for a training condition.
         condition: Training condition; for a variation, that of its twin.
         label: Label of the diagnosis.
-        intention: Whether the first attempt was right; None without a record.
+        intention: Whether the first attempt was at the right object; None without a record.
         target: Slot or object of the first attempt; None without an attempt.
     """
 

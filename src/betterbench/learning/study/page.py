@@ -32,7 +32,7 @@ FILES = ("study.html", "study.json", "numbers.csv", "trials.csv")
 LEAST_DIFFERENCE = 0.30
 """Expected reduction of the illusion gap for balanced learners, as a fraction."""
 LEAST_SOLVED = 0.70
-"""Expected success rate of balanced learners on the variations without anything never shown."""
+"""Expected success rate of balanced learners on the variations whose words and objects were shown in training."""
 LEAST_DECORRELATED = 0.20
 """Expected advantage in success of balanced over diverse-confounded learners on variations, as a fraction."""
 MOST_DEAF, LEAST_HEARING = 0.20, 0.70

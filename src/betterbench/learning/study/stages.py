@@ -268,7 +268,7 @@ class _Study:
         threads = 0
         for learner in learners:
             if self._plan.start_of(learner) in [one.learner for one in group]:
-                break  # it starts from the weights of one of these
+                break  # it starts from the weights of a learner in this group
             one = self._learning(learner, hashes)
             threads += one.job.recipe.threads
             if group and threads > self._workshop.threads:

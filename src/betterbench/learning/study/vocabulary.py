@@ -1,7 +1,7 @@
 """Words, object categories and colors of a variation that a learner was never shown.
 
-A learner maps all of them to the same index, that of the unknown. A failure then shows ignorance instead of a shortcut,
-so the variations without unknowns are also counted separately.
+A learner maps all unknown entries to the same index. A failure then shows ignorance instead of a shortcut, so the
+variations without unknown entries are also counted separately.
 """
 
 from __future__ import annotations

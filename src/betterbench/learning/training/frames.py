@@ -98,7 +98,7 @@ def drawn_frames(
 
 
 def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Iterator[object]:
-    """Draw the files that are missing, one folder after the other."""
+    """Render the missing files, one folder at a time."""
     cameras = observation_spec(eyes.observation).only(eyes.cameras).cameras
 
     def draw(pictures: Pictures, file: Path) -> None:
@@ -110,11 +110,11 @@ def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Ite
 
     for folder in sorted({file.parent for file in missing}):
         with job_folder(folder, waits=TrainingProcesses.here().size > 1):
-            # A process that trains together with this one may have drawn them while this one waited.
+            # another process of the same training may have rendered them during the wait
             inside = [file for file in missing if file.parent == folder]
             waiting = [file for file in inside if _EpisodeFrames.open(file) is None]
             yield from range(len(inside) - len(waiting))
-            # Neighbors share a scene, which takes longer to open than a picture to draw.
+            # neighbors share a scene, which takes longer to open than an image to render
             waiting.sort(key=lambda file: (missing[file].record.metadata.scene_hash, file))
             yield from in_threads(waiting, draw, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality))
 

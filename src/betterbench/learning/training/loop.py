@@ -54,14 +54,14 @@ _ROW_STEPS = 50
 _BETAS = (0.9, 0.95)
 _STATE_CURE = "Train into another folder, or put the file back"
 _CURES = {
-    "torch": "Go on with that version of torch",
-    "device": "Go on with that --device",
-    "processes": "Go on with as many processes",
-    "learner": "Go on with the learner's file as it was, of which the folder keeps a copy in task_files",
+    "torch": "Continue with that version of torch",
+    "device": "Continue with that --device",
+    "processes": "Continue with as many processes",
+    "learner": "Continue with the original file of the learner, a copy of which is in task_files",
 }
 """Remedies where a resumed training differs in anything but recipe and data."""
 _PATIENCE = timedelta(hours=6)
-"""Longest wait of the processes for the first one, which validates and writes."""
+"""Maximum wait of the processes for the first process, which validates and writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -407,7 +407,7 @@ def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
     path = out / _RECIPE_NAME
     if path.exists():
         there = read_object(path, max_bytes=_MAX_RECIPE, cure="Choose another folder")
-        cure = "Go on with the same recipe and data"
+        cure = "Continue with the same recipe and data"
         require_same(out, _wherever(there), _wherever(form), "training", where="training", cure=cure, cures=_CURES)
         if there == form:
             return

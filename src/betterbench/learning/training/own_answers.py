@@ -1,4 +1,4 @@
-"""Answers of a co-trained learner about its own trials: the position of the object in the instruction.
+"""Answers of a co-trained learner about its own trials, on the position of the instructed object.
 
 A learner that answers questions in addition to acting may know where the object is and still reach elsewhere. Its
 answer head is evaluated on the recorded states of its own trials, with the same inputs as for actions. It answers with
@@ -50,7 +50,7 @@ class OwnAnswer:
         cell: The correct answer: "column,row" in a grid of 8 x 8 over the image.
         answer: Answer of the learner.
         nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell. A
-            cell is about as large as an object, so that a neighboring cell often shows the object too.
+            cell is about as large as an object, so a neighboring cell often shows the object too.
     """
 
     trial: str

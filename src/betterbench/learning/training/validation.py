@@ -89,7 +89,7 @@ def right_answers(
 ) -> list[AnswerRate]:
     """Return the numbers of correct answers to questions about held-out demonstrations; empty without co-training.
 
-    An answer that does not occur in training cannot be given, so its questions count as wrong.
+    A learner cannot give an answer that does not occur in training, so such questions are counted as wrong.
     """
     chosen = data.asked(held_out=True)
     if data.questions is None or not len(chosen):

@@ -28,7 +28,7 @@ _UNIFIED = "action_unified"
 
 
 class BeingHServer(EndpointServer):
-    """A server whose requests and answers are serialized by torch."""
+    """Server with requests and answers serialized by torch."""
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
         return write_torch(question)
@@ -41,17 +41,17 @@ class BeingHServer(EndpointServer):
 
 
 class BeingHClient(ServerClient[BeingHServer]):
-    """A Being-H policy; each environment has its own client.
+    """Being-H policy. Each environment has its own client.
 
-    With real-time chunking the server also answers with its whole chunk in its unified action space. With ``ahead`` or
-    ``delay``, the unexecuted rest of that chunk is sent with the next request, together with the number of control
-    steps that pass while the server computes, so that the new chunk continues the old one.
+    With real-time chunking, the server also returns the whole chunk in its unified action space. With ``ahead`` or
+    ``delay``, the next request contains the unexecuted rest of this chunk and the number of control steps that pass
+    during the computation, and the new chunk continues the old chunk.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         import_torch()
         super().__init__(address, adapter_of(address, BEING_H_LIBERO), seed=seed)
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and its whole chunk
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the whole chunk
         self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
         self._delay = address.whole("delay", self.info.execution.ahead)
         self._connection.open()
@@ -88,7 +88,7 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
 
 
 def _numbers(chunk: object, where: str) -> np.ndarray:
-    """Return the whole chunk as an array; the server sends lists but does not accept them."""
+    """Return the whole chunk as an array, because the server sends lists but does not accept lists."""
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Checkpoints of LeRobot: weights, pre- and postprocessors, and the features that they declare."""
+"""Checkpoints of LeRobot: weights, processors and declared features."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _WEIGHTS = "model.safetensors"
 _LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
-"""Policy types that answer a whole chunk from one observation alone. All others keep a memory of observations."""
+"""Policy types that answer a whole chunk from a single observation. All others keep a memory of observations."""
 
 NOISE_TYPES = ("smolvla", "pi0", "pi05")
-"""Policy types that start from noise. The noise is passed in, so that an answer does not depend on its batch."""
+"""Policy types that start from noise. betterbench passes the noise, so an answer does not depend on its batch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +56,13 @@ class Features:
     def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
         """Read the configuration of a policy.
 
-        Raises InvalidInputError if an input does not exist in observations, or the output is not an action.
+        Raises InvalidInputError if observations lack an input, or the output is not an action.
         """
         images, states = {}, {}
         for key, feature in (config.input_features or {}).items():
             kind, shape = str(getattr(feature.type, "value", feature.type)), tuple(feature.shape)
             if kind == "VISUAL" and len(shape) == 3 and shape[0] == 3:
-                # Cameras that the policy was trained to miss are left out; the policy fills them in itself.
+                # leave out cameras that the policy was trained to do without
                 if "empty_camera" not in key:
                     images[key] = (int(shape[1]), int(shape[2]))
             elif kind == "STATE" and len(shape) == 1 and key.endswith(".state"):
@@ -84,15 +84,15 @@ class Features:
 
 
 class Checkpoint:
-    """The loaded weights with their processors, shared by several policies in one process.
+    """Loaded weights and processors, shared by several policies in one process.
 
     ``fingerprint`` is the SHA-256 of configuration, weights and processors; ``lock`` is held during computation.
     """
 
     def __init__(self, path: str, device: str | None, where: str, *, trusted: bool = False) -> None:
-        """Load a folder or a hub id onto a device; None to choose one. :func:`load_checkpoint` avoids loading it twice.
+        """Load a folder or a hub id onto a device (None to choose). :func:`load_checkpoint` avoids loading twice.
 
-        Code named in the checkpoint is run only if the checkpoint is ``trusted``.
+        Code named in the checkpoint runs only if the checkpoint is ``trusted``.
 
         Raises:
             MissingDependencyError: If LeRobot, or a package that this type of policy needs, is not installed.
@@ -116,7 +116,7 @@ class Checkpoint:
                     require_no_code(self.config, _processor_files(path), where)
                 require_short_horizons(self.config, where)
                 self.config.device = self.device
-                # The checkpoint contains all weights, so the pretrained weights of its backbone are not downloaded.
+                # the checkpoint contains all weights, so do not download pretrained weights of the backbone
                 if getattr(self.config, "pretrained_backbone_weights", None):
                     self.config.pretrained_backbone_weights = None
                 self.type = str(self.config.type)
@@ -136,7 +136,7 @@ class Checkpoint:
         except BetterError:
             raise
         except Exception as error:
-            # Any exception of LeRobot about an unusable checkpoint becomes one line for the user.
+            # report any exception of LeRobot about an unusable checkpoint on one line
             problem = one_line(error, most=300) or type(error).__name__
             raise InvalidInputError(
                 where, f"LeRobot cannot load it ({problem})", "Name a folder or hub id of a checkpoint of LeRobot 0.4"
@@ -161,7 +161,9 @@ class Checkpoint:
 
     def _check_config(self, path: str, where: str) -> None:
         if getattr(self.config, "use_peft", False):
-            raise InvalidInputError(where, "it contains only a PEFT adapter", "Merge it into its base and save that")
+            raise InvalidInputError(
+                where, "it contains only a PEFT adapter", "Merge the adapter into its base and save the result"
+            )
         folder = Path(path)
         if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
             raise InvalidInputError(
@@ -172,7 +174,7 @@ class Checkpoint:
 
     def sibling(self) -> Any:  # noqa: ANN401 - a policy of LeRobot's
         """Return a policy with the same weights and a separate memory."""
-        # A shallow copy shares the modules; reset() replaces the policy's memory in this copy only.
+        # A shallow copy shares the modules; reset() replaces the policy's memory only in this copy.
         made = copy.copy(self.policy)
         made.reset()
         return made
@@ -182,17 +184,17 @@ class Checkpoint:
 
         Args:
             batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the instructions as "task".
-            seeds: One seed per environment for the noise of a policy that starts from noise.
+            seeds: One seed per environment, for policies that start from noise.
 
         Returns:
-            (B, horizon, dim) float64, in the units of the data it was trained on.
+            (B, horizon, dim) float64, in the units of the training data.
         """
         torch = self._torch
         with self.lock, torch.inference_mode(), self._precision():
             prepared = self._before(dict(batch))
             extra = {"noise": self._noise(seeds)} if self.type in NOISE_TYPES else {}
             raw = self.policy.predict_action_chunk(prepared, **extra)
-            # The processors expect one action per environment, so each action of a chunk is passed as a separate row.
+            # the processors expect one action per environment, so pass each action of a chunk as a separate row
             done = self._after(raw.reshape(-1, raw.shape[-1]))
         actions = done.reshape(*raw.shape[:2], -1)[..., : self.features.action]
         return np.asarray(actions.float().cpu().numpy(), dtype=np.float64)
@@ -227,7 +229,7 @@ _LOADING = threading.Lock()
 
 
 def load_checkpoint(address: PolicyAddress) -> Checkpoint:
-    """Return the checkpoint of "lerobot:CHECKPOINT"; all users in this process share one object while it is referenced.
+    """Return the checkpoint of "lerobot:CHECKPOINT", shared in this process while it is referenced.
 
     Raises the errors of :class:`Checkpoint`.
     """
@@ -246,7 +248,7 @@ def load_checkpoint(address: PolicyAddress) -> Checkpoint:
 
 
 def _processor_files(path: str) -> dict[str, Path]:
-    """Return the paths of a checkpoint's processor files, by name; missing files are reported by LeRobot later."""
+    """Return the paths of a checkpoint's processor files, by name. LeRobot reports missing files later."""
     folder = Path(path)
     if folder.is_dir():
         return {name: folder / name for name in PROCESSORS if (folder / name).exists()}
@@ -255,21 +257,21 @@ def _processor_files(path: str) -> dict[str, Path]:
         try:
             found[name] = Path(hub.hf_hub_download(path, name))
         except errors.EntryNotFoundError as error:
-            # A file that cannot be downloaded now may still exist: LeRobot might download it a moment later.
+            # a failed download does not mean that the file is missing: LeRobot might download it a moment later
             if isinstance(error, errors.LocalEntryNotFoundError):
                 raise
     return found
 
 
 def _weights_file(path: str) -> Path:
-    """Return the file of the weights of a checkpoint, fetched if the checkpoint is on the hub."""
+    """Return the weights file of a checkpoint, downloaded if the checkpoint is on the hub."""
     if Path(path).is_dir():
         return Path(path) / _WEIGHTS
     return Path(_import("huggingface_hub").hf_hub_download(path, _WEIGHTS))
 
 
 def _fingerprint(path: str) -> str:
-    """Return the SHA-256 of the files that a checkpoint was loaded from."""
+    """Return the SHA-256 of the files of a checkpoint."""
     folder = Path(path)
     if not folder.is_dir():
         folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))
@@ -311,7 +313,9 @@ def _check_form(file: Path, where: str) -> None:
         raise InvalidInputError(where, f"{file.name} cannot be read ({error})", "Save the checkpoint again") from error
     if not isinstance(form, dict) or not isinstance(form.get("type"), str):
         raise InvalidInputError(
-            where, f"{file.name} names no type of policy, so it is not a checkpoint of LeRobot", "Name another folder"
+            where,
+            f"{file.name} does not name a policy type, so it is not a checkpoint of LeRobot",
+            "Name another folder",
         )
 
 

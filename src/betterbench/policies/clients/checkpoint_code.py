@@ -1,4 +1,4 @@
-"""Check for code that loading a LeRobot checkpoint would run; it is refused unless the user trusts the author.
+"""Check for code that loading a LeRobot checkpoint would run. Such code is refused unless the user trusts the author.
 
 LeRobot makes each step of its processors from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
 with a ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function of any module, for example
@@ -27,19 +27,19 @@ _CODE_OF: Mapping[str, str] = {
     "paligemma_tokenizer_name": "google/paligemma-3b-pt-224",
     "tokenizer_assets_repo": "lerobot/eagle2hg-processor-groot-n1p5",
 }
-"""Fields that name a repository whose code is run, each with the value that LeRobot itself uses."""
+"""Fields that name a repository with code to run, each with LeRobot's own value."""
 
 
 def require_no_code(config: object, files: Mapping[str, Path], where: str) -> None:
     """Check that a checkpoint names only LeRobot's own code.
 
     Args:
-        config: Its configuration, as read by LeRobot.
-        files: Paths of its processors' files, by name.
+        config: Configuration, as read by LeRobot.
+        files: Paths of the processor files, by name.
         where: Name of the checkpoint in messages.
 
     Raises:
-        InvalidInputError: If it names other code, or a processor file cannot be read.
+        InvalidInputError: If the checkpoint names other code, or a processor file cannot be read.
     """
     for name in _CODE_OF:
         _require_known(name, getattr(config, name, None), f"its {name}", where)

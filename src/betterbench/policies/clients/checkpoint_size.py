@@ -1,7 +1,7 @@
-"""Limits on the network that the configuration of a checkpoint of LeRobot describes.
+"""Limits on the size of the network in the configuration of a LeRobot checkpoint.
 
-LeRobot builds the network from ``config.json`` and reads the weights afterwards. A width of a million in a file of one
-kilobyte would therefore take all memory before anything is compared with the weights.
+LeRobot builds the network from ``config.json`` before reading the weights. A configuration with a width of a million
+would therefore fill all memory before any comparison with the weights.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from betterbench.errors import InvalidInputError, one_line
 
 _STEPS = ("chunk_size", "action_chunk_size", "horizon", "n_action_steps", "n_obs_steps", "n_action_pred_token")
 _MOST_STEPS = 4096
-"""Longest chunk or history [steps]; the longest of LeRobot's own configurations has 100."""
+"""Longest chunk or history [steps]; the maximum in LeRobot's own configurations is 100."""
 
 _ALWAYS_ALLOWED = 16_000_000
-"""Parameters that a network may have whatever its file holds: a backbone that LeRobot builds and then replaces."""
+"""Number of parameters allowed for any file, because LeRobot builds and then replaces a backbone."""
 
 
 _MOST_TENSORS = 100_000
-"""Most weight and bias tensors of a network; the largest network that LeRobot knows has some thousand."""
+"""Maximum number of weight and bias tensors of a network; LeRobot's largest network has a few thousand."""
 
 
 def require_short_horizons(config: object, where: str) -> None:
-    """Check the numbers of steps in a configuration, for which LeRobot makes tables while it builds the network.
+    """Check the numbers of steps in a configuration, because LeRobot allocates tables for them.
 
     Raises:
-        InvalidInputError: If one is above 4,096.
+        InvalidInputError: If a number is above 4,096.
     """
     for name in _STEPS:
         value = getattr(config, name, None)
@@ -42,18 +42,18 @@ def require_short_horizons(config: object, where: str) -> None:
 
 @contextlib.contextmanager
 def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
-    """Limit the parameters of the networks that are built in this context by the size of the file of their weights.
+    """Limit the number of parameters of networks built in this context by the size of their weights file.
 
-    A parameter takes at least one byte of the file, and four in LeRobot's own files, so that a network with more
-    parameters than the file has bytes cannot be the one that was saved. PyTorch reserves the memory of a parameter,
-    registers it and then fills it; the count is taken at the second of these steps, before memory is used.
+    A parameter takes at least one byte of the file (four in LeRobot's own files), so a network with more parameters
+    than bytes in the file cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
+    parameter and then fills it; the limit is checked at registration, before memory is used.
 
     Args:
-        file_bytes: Size of the file of the weights [bytes].
+        file_bytes: Size of the weights file [bytes].
         where: Name of the checkpoint in messages.
 
     Raises:
-        InvalidInputError: If a network grows larger.
+        InvalidInputError: If a network exceeds the limit.
     """
     most, seen, tensors = max(file_bytes, _ALWAYS_ALLOWED), 0, 0
 
@@ -65,7 +65,7 @@ def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
             size = f"{most:,} parameters" if seen > most else f"{_MOST_TENSORS:,} weight tensors"
             raise InvalidInputError(
                 where,
-                f"its config.json describes a network of more than {size}, and the file of its weights has "
+                f"its config.json describes a network of more than {size}, but the file of its weights has "
                 f"{file_bytes:,} bytes",
                 "Take config.json and the weights from the same checkpoint",
             )

@@ -1,4 +1,4 @@
-"""Connection shared by all clients of policy servers: reconnecting, a deadline per request, and retries."""
+"""Connection of all clients of policy servers, with reconnects, deadlines and retries."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a request is repeated or a server is dialed again [s]; doubled each time."""
+"""Pause before a request is repeated or a server is contacted again [s]; doubled each time."""
 
 LONGEST_WAIT_S = 604_800
-"""Longest deadline and longest patience [s], a week."""
+"""Maximum of deadlines and of ``patience_s`` [s], a week."""
 
 MOST_RETRIES = 1000
 """Maximum number of retries."""
@@ -47,11 +47,11 @@ class ConnectionLimits:
 
     Attributes:
         timeout_s: Deadline of each request [s].
-        warmup_s: Deadline of the first reply [s]: many servers compile their model at the first request. It applies
-            once; after a timeout, ``timeout_s`` is used.
-        retries: Number of times that a request is repeated after the connection broke or the deadline passed.
-        patience_s: Time for which a server that cannot be reached is tried again [s].
-        seed: Seed of the jitter of pauses, so that clients of one lost server do not reconnect all at once.
+        warmup_s: Deadline of the first reply [s], because many servers compile their model at the first request. After
+            a timeout, ``timeout_s`` is used.
+        retries: Number of repetitions of a request after a broken connection or a timeout.
+        patience_s: Time during which connections to an unreachable server are retried [s].
+        seed: Seed of the jitter of pauses, which keeps the clients of a lost server from reconnecting at the same time.
     """
 
     timeout_s: float = 30.0
@@ -69,7 +69,7 @@ class ConnectionLimits:
         usual = cls()
         limits = cls(
             timeout_s=address.number("timeout", usual.timeout_s),
-            # A deadline in the address applies from the first request on, unless warmup is given too.
+            # a deadline in the address applies from the first request on, unless warmup is given too
             warmup_s=address.number("warmup", address.number("timeout", usual.warmup_s)),
             retries=address.whole("retries", usual.retries),
             patience_s=address.number("patience", usual.patience_s),
@@ -84,21 +84,21 @@ class ConnectionLimits:
             ("retries", limits.retries, MOST_RETRIES),
         ):
             if value > most:
-                raise address.error(f"{name}={value:g} is too much", f"Give at most {most}")
+                raise address.error(f"{name}={value:g} is too large", f"Give at most {most}")
         return limits
 
 
 class PolicyConnection(Generic[Connection]):
-    """A connection to one server that survives the loss of its sockets.
+    """Connection to one server that reopens lost sockets.
 
-    One thread at a time sends requests; another thread may call :meth:`close`, which ends every wait.
+    One thread at a time sends requests. Another thread may call :meth:`close`, which ends every wait.
     """
 
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
-        """Prepare the connection; nothing is dialed yet.
+        """Prepare the connection, without contacting the server yet.
 
-        ``dial`` makes a connection, handshake included, within the given time [s]. It raises OSError if another attempt
-        may help, and a BetterError if not.
+        ``dial`` connects, with the handshake, within the given time [s]. ``dial`` raises OSError if another attempt may
+        help, and a BetterError otherwise.
         """
         self._where, self._dial, self._limits = where, dial, limits
         self._draw = np.random.default_rng(limits.seed)
@@ -118,7 +118,7 @@ class PolicyConnection(Generic[Connection]):
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
-        """Return the connection, dialing until the server answers.
+        """Return the connection; connect repeatedly until the server answers.
 
         Raises:
             PolicyUnavailableError: If the server could not be reached within ``patience_s``.
@@ -132,7 +132,7 @@ class PolicyConnection(Generic[Connection]):
             self._check_open()
             left = self._limits.patience_s - (time.monotonic() - began)
             try:
-                # The last attempt, or the only one without patience, still gets one second.
+                # the last attempt, or a single attempt without patience, still gets one second
                 self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
             except OSError as problem:
                 left = self._limits.patience_s - (time.monotonic() - began)
@@ -156,12 +156,13 @@ class PolicyConnection(Generic[Connection]):
         """Send a request, and repeat it if the connection breaks or the deadline passes.
 
         Args:
-            exchange: Sends the request over a connection and returns the reply, within the given time [s]. It raises
-                OSError (TimeoutError, ConnectionError) if another attempt may help, and PolicyError if not.
+            exchange: Function that sends the request over a connection and returns the reply, within the given time
+                [s]. Raises OSError (TimeoutError, ConnectionError) if another attempt may help, and PolicyError
+                otherwise.
             replies: False for a message that the server does not answer.
 
         Raises:
-            PolicyError: If the reply is bad, or the request failed after all retries.
+            PolicyError: If the reply is invalid, or the request failed after all retries.
             PolicyUnavailableError: If the server could not be reached within ``patience_s``.
         """
         self._counts["requests"] += 1
@@ -171,7 +172,7 @@ class PolicyConnection(Generic[Connection]):
             try:
                 reply = exchange(connection, deadline)
             except PolicyError:
-                # Further data on this connection may belong to the failed request.
+                # more data on this connection may belong to the failed request
                 self.drop()
                 raise
             except OSError as problem:
@@ -194,11 +195,11 @@ class PolicyConnection(Generic[Connection]):
         raise AssertionError("the last attempt returns or raises")
 
     def holds(self, connection: Connection) -> bool:
-        """Tell whether a connection is the one in use."""
+        """Return whether a connection is the current connection."""
         return self._connection is connection
 
     def drop(self) -> None:
-        """End the connection; the next request makes a new one."""
+        """End the connection; the next request opens a new connection."""
         connection, self._connection = self._connection, None
         if connection is not None:
             connection.close()
@@ -218,7 +219,7 @@ class PolicyConnection(Generic[Connection]):
 
 
 def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
-    """Return the key from the environment variable that an address names; keys do not belong in addresses.
+    """Return the key from the environment variable named in an address. Addresses must not contain keys.
 
     Raises InvalidInputError if the variable is not set, or its value cannot be sent in a header.
     """

@@ -1,10 +1,10 @@
 """Requests and declarations of Dexbotic's inference server at ``http://host:7891/v1/infer``.
 
-``POST /v1/infer`` takes JSON: the prompt, images by the number of their slot as PNG files in base64, and a state. The
-answer contains ``actions``. ``POST /process_frame``, of older releases, takes the same data as a form with files and
-answers ``response``. ``GET /v1/capabilities`` declares slots, state and the size of an action. ``POST /v1/reset``
-begins an episode; form requests have a flag in their first request instead. Source: dexmal/dexbotic,
-``dexbotic/exp/base_exp.py``, ``dexbotic/client.py`` and ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark,
+``POST /v1/infer`` takes JSON: the prompt, images (by slot number) as PNG files in base64, and a state. The answer
+contains ``actions``. ``POST /process_frame``, of older releases, takes the same data as a form with files and returns
+``response``. ``GET /v1/capabilities`` declares slots, state and action size. ``POST /v1/reset`` begins an episode; the
+first form request of an episode has a flag instead. Source: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``,
+``dexbotic/client.py`` and ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark,
 ``evaluation/policies/base_vla_agent.py``.
 """
 
@@ -45,7 +45,7 @@ class Route:
 
     @classmethod
     def of(cls, path: str) -> Route | None:
-        """Return the route of a path, or None if it is not one of Dexbotic's; a proxy may add a prefix."""
+        """Return the route of a path, or None if Dexbotic has no such path; a proxy may add a prefix."""
         bare = path.rstrip("/")
         if bare.endswith(FORM_PATH):
             return cls(True, "", "")
@@ -59,9 +59,9 @@ def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]
     """Return the content type and the body of a form with the data of a request in the layout :data:`presets.DEXBOTIC`.
 
     Args:
-        request: ``observation`` with prompt, images by slot and, if the model takes it, a state. Other entries
+        request: ``observation`` with prompt, images by slot and, if the model uses one, a state. Other entries
             (``send.KEY=VALUE``) become fields of the form.
-        first: Whether it is the first request of an episode, which models with a memory need to know.
+        first: Whether this is the first request of an episode, for models with a memory.
 
     Raises:
         PolicyError: If the request has another layout.
@@ -69,7 +69,7 @@ def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]
     seen = request.get(OBSERVATION)
     images = seen.get("images") if isinstance(seen, Mapping) else None
     if not isinstance(seen, Mapping) or not isinstance(images, Mapping) or not all(map(str.isdecimal, images)):
-        raise PolicyError(f"{FORM_PATH} takes the layout of preset dexbotic. Give it, or another path.")
+        raise PolicyError(f"{FORM_PATH} takes the layout of preset dexbotic. Give this preset, or another path.")
     fields = {"text": str(seen.get("prompt", "")), "episode_first_frame": str(first)}
     if isinstance(seen.get("state"), np.ndarray):
         fields["states"] = json.dumps(seen["state"].tolist())
@@ -91,7 +91,7 @@ def read_form_answer(reply: object) -> object:
 
 
 def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str, Any]:
-    """Return what a server declares about its model, after comparing it with an adapter.
+    """Return a server's declaration of its model, after comparing it with an adapter.
 
     Raises HandshakeError with both sides if the model needs an image, a state or an action size that the adapter lacks,
     or generates no actions.

@@ -1,4 +1,4 @@
-"""Connection to a server with named endpoints over ZeroMQ: GR00T and Being-H, which differ in the codec."""
+"""Connection to a server with named endpoints over ZeroMQ: GR00T or Being-H, which use different codecs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.policies.clients.request_client import RequestClient
 from betterbench.policies.conventions.handshake import read_declared
 
 ERROR_REPLY = b"ERROR"
-"""Reply of these servers to a failed request without an error message."""
+"""Reply of these servers to a request that failed without an error message."""
 
 
 class EndpointServer:
@@ -20,7 +20,7 @@ class EndpointServer:
 
     Raises:
         OSError: If the server cannot be reached or is not ready.
-        HandshakeError: If it refuses the token, speaks another protocol or declares other conventions.
+        HandshakeError: If the server refuses the token, uses another protocol or declares other conventions.
     """
 
     def __init__(self, address: PolicyAddress, token: str | None, *, timeout_s: float) -> None:
@@ -38,7 +38,7 @@ class EndpointServer:
         self._first("ping", end)
 
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
-        """Send a first request; an error then means that the two sides do not fit."""
+        """Send a first request, whose failure means that the two sides are incompatible."""
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
@@ -59,7 +59,7 @@ class EndpointServer:
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded
         """Return the decoded answer to a request, which must arrive within ``timeout_s`` [s].
 
-        ``declares`` marks a request for the server's declaration, whose answer is short.
+        ``declares`` marks a request for the server's declaration, which has a short answer.
 
         Raises OSError if no answer came, PolicyError if the server reports an error or the answer cannot be read.
         """

@@ -6,16 +6,17 @@ server declares its modalities, which are compared with the adapter at each conn
 
 A server without an observation history takes the observations of many environments in one request
 (:class:`Gr00tBatchClient`). A server that needs several time steps of images or state gets one client per environment.
-Such a client must see every control step, so it executes the chunks itself, one action at a time.
+Such a client must see every control step, so the client executes the chunks, one action at a time.
 
 Real-time chunking (``rtc_overlap_steps``) sends the rest of the old chunk as ``observation.action`` and the steps as
 options, as NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of
-N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both; the client warns if it notices.
+N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both; the client warns if it detects
+this.
 
 Replies of N1.7 mark arrays and modalities differently from N1.6; requests are the same.
 
-Servers of the first N1.5 releases pickle with torch. They are not supported on purpose: unpickling an untrusted answer
-can run arbitrary code.
+Servers of the first N1.5 releases pickle with torch. betterbench deliberately does not support them, because unpickling
+an untrusted answer can run arbitrary code.
 """
 
 from __future__ import annotations
@@ -46,10 +47,10 @@ RequestLayout = Literal["nested", "flat", "n1.5"]
 (N1.6 and N1.7 with the simulation wrapper), or that map as the data of the request, without options (N1.5)."""
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
-"""Arrays of one environment at one time step, (1, 1, ...), by modality and name."""
+"""Arrays of one environment at a single time step, (1, 1, ...), by modality and name."""
 
 RAMP_RATE = 6.0
-"""Default rate at which the overlapping actions of a new chunk become free to change, as in N1.6's action head."""
+"""Default decay rate of the constraint on the overlapping actions of a new chunk, as in N1.6's action head."""
 
 FROZEN_TOLERANCE = 0.05
 """Allowed deviation of a frozen action, as a share of the largest action."""
@@ -62,7 +63,7 @@ _NO_PICKLES = (
 
 
 class Gr00tServer(EndpointServer):
-    """A server that uses msgpack and whose modalities fit the adapter."""
+    """Server that uses msgpack and has the modalities of the adapter."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
         self._adapter = adapter
@@ -85,7 +86,7 @@ class Gr00tServer(EndpointServer):
 
 
 class Gr00tClient(ServerClient[Gr00tServer]):
-    """A GR00T policy; each environment has its own client."""
+    """GR00T policy. Each environment has its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
@@ -138,7 +139,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
     ) -> dict[str, np.ndarray]:
         """Return the arrays of a server's answer by name without prefix, each (environments, horizon, dim).
 
-        ``more`` is added to the observation of the nested layout; ``options`` are sent beside it.
+        ``more`` is added to the observation of the nested layout; ``options`` are sent next to the observation.
         """
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
@@ -167,7 +168,8 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             return {"observation": observation, "options": None}
         flat: dict[str, Any] = {f"{kind}.{n}": array for kind in SEEN for n, array in message[kind].items()}
         if self._layout == "n1.5":
-            # Nested, because N1.5 takes the first element of each entry: a plain string would become its first letter.
+            # Nested, because N1.5 takes the first element of each entry, which would reduce a plain string to its first
+            # letter.
             return {**flat, name: [[instruction] for instruction in instructions]}
         return {"observation": {**flat, name: instructions}, "options": None}
 
@@ -211,7 +213,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
 
 class Gr00tBatchClient(Gr00tClient):
-    """A GR00T policy without an observation history; one client serves many environments."""
+    """GR00T policy without an observation history. One client serves many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode in one of the environments; there is no state to reset."""
@@ -223,7 +225,10 @@ class Gr00tBatchClient(Gr00tClient):
 
 
 class Gr00tHistoryClient(Gr00tClient):
-    """Client for a GR00T policy with an observation history: it sees every control step and executes its own chunks."""
+    """Client for a GR00T policy with an observation history.
+
+    The client sees every control step and executes the chunks.
+    """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)
@@ -256,7 +261,7 @@ class Gr00tHistoryClient(Gr00tClient):
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
         oldest = observation.step + min(wanted[0] for wanted in steps.values())
-        # The last frame before the oldest step is kept: it replaces that step if the step itself was not seen.
+        # keep the last frame before the oldest step, to replace that step if it was not seen
         for step in sorted(s for s in self._frames if s < oldest)[:-1]:
             del self._frames[step]
         if not self._chunk:
@@ -271,19 +276,19 @@ class Gr00tHistoryClient(Gr00tClient):
         return self._chunk.pop(0)[None]
 
     def _frame(self, step: int) -> Seen:
-        """Return the observation at a step, or the last one before it; before the first one, the first."""
+        """Return the last observation up to a step; the first observation if there is none before the step."""
         before = [s for s in self._frames if s <= step]
         return self._frames[max(before) if before else min(self._frames)]
 
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """Overlap of a new action chunk with the one before it.
+    """Overlap of a new action chunk with the previous chunk.
 
     Attributes:
         steps: Number of control steps that both chunks cover.
-        frozen: Number of those steps, from the first on, whose actions are kept from the old chunk.
-        ramp_rate: Rate at which the actions of the other steps become free to change.
+        frozen: Number of initial overlapping steps whose actions are kept from the old chunk.
+        ramp_rate: Decay rate of the constraint on the actions of the other overlapping steps.
     """
 
     steps: int
@@ -292,7 +297,7 @@ class Overlap:
 
     @classmethod
     def of(cls, address: PolicyAddress, ahead: int) -> Overlap | None:
-        """Read the overlap from an address; None if it has none. By default, ``ahead`` steps are frozen.
+        """Read the overlap from an address; None if the address sets none. By default, ``ahead`` steps are frozen.
 
         Raises InvalidInputError if the numbers contradict each other.
         """
@@ -315,18 +320,18 @@ class Overlap:
 
 
 class Gr00tOverlapClient(Gr00tClient):
-    """A GR00T policy whose chunks continue each other; each environment has its own client."""
+    """GR00T policy with real-time chunking. Each environment has its own client."""
 
     def __init__(self, address: PolicyAddress, overlap: Overlap, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)
-        wrong = "its chunks are not averaged" if self.info.execution.ensemble is not None else ""
+        wrong = "chunks cannot be averaged" if self.info.execution.ensemble is not None else ""
         wrong = f"layout={self._layout} has no entry for a chunk" if self._layout != "nested" else wrong
         wrong = "the server needs several time steps" if self.modalities.remembers else wrong
         if wrong:
             self.close()
             raise address.error(f"rtc_overlap_steps is not possible: {wrong}", "Leave rtc_overlap_steps out")
         self._overlap = overlap
-        self._last: tuple[int, dict[str, np.ndarray]] | None = None  # step of the last request, and its answer
+        self._last: tuple[int, dict[str, np.ndarray]] | None = None  # step and answer of the last request
         self._told = False
 
     def reset(self, start: EpisodeStart) -> None:
@@ -335,7 +340,7 @@ class Gr00tOverlapClient(Gr00tClient):
         self._last = None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64; the request contains the rest of the last chunk."""
+        """Return the next actions, (horizon, dim) float64. The request contains the rest of the last chunk."""
         more, options = self._continuation(observation.step)
         arrays = self._answer([self._seen(observation)], [observation], more, options)
         if more and not self._told:
@@ -344,7 +349,7 @@ class Gr00tOverlapClient(Gr00tClient):
         return self._read(arrays, [observation])[0]
 
     def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return the additional entries of an observation, and the options; empty if too little of it is left."""
+        """Return the additional entries of an observation, and the options; empty if too few actions are left."""
         if self._last is None:
             return {}, None
         asked_at, arrays = self._last
@@ -362,13 +367,13 @@ class Gr00tOverlapClient(Gr00tClient):
         return {"action": action}, options
 
     def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
-        """Warn once if a server does not keep the frozen actions, because it ignores real-time chunking silently."""
+        """Warn once if a server changes the frozen actions, which means that it silently ignores real-time chunking."""
         kept = slice(0, self._overlap.frozen)
         for name, old in sent.items():
             new = answered.get(name)
             if new is None or new.shape != old.shape or not self._overlap.frozen:
                 continue
-            # Models compute in bfloat16, with eight bits, in the range of the data.
+            # models compute in bfloat16 (8 bits of precision) in the range of the data
             if np.abs(new[:, kept] - old[:, kept]).max() > FROZEN_TOLERANCE * max(float(np.abs(old).max()), 1e-6):
                 self._told = True
                 logger.warning(

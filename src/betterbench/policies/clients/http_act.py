@@ -1,8 +1,8 @@
-"""Client of servers with ``POST /act``: ``http://host:port/act``; OpenVLA, OpenVLA-OFT, X-VLA, Dexbotic and their like.
+"""Client of servers with ``POST /act``: ``http://host:port/act``; for OpenVLA, OpenVLA-OFT, X-VLA, Dexbotic and others.
 
-Each request uses a new connection, and there is no handshake: such a server declares neither its inputs nor the meaning
-of its numbers, so the address must name a preset or an adapter. Dexbotic's server
-(:mod:`betterbench.policies.clients.dexbotic`) declares its images and the size of its actions, which are compared.
+Each request uses a new connection, without a handshake. Because these servers do not declare their inputs and outputs,
+the address must name a preset or an adapter. Dexbotic's server (:mod:`betterbench.policies.clients.dexbotic`) declares
+images and action size, which the client compares.
 Source: OpenVLA and OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
 """
 
@@ -42,7 +42,7 @@ _LONGEST_BODY_SHOWN = 2000
 
 @dataclass(frozen=True, slots=True)
 class HttpAnswer:
-    """Status and body of the answer to a request."""
+    """Status and body of an answer."""
 
     status: int
     body: bytes
@@ -55,7 +55,7 @@ class HttpServer:
     """
 
     def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
-        """Check that a server listens; raise OSError if not."""
+        """Raise OSError unless a server listens."""
         self._host, self._port = address.server()
         encrypted = address.scheme == "https" or address.choice("tls", ("true", "false"), "false") == "true"
         self._tls = ssl.create_default_context() if encrypted else None
@@ -73,7 +73,7 @@ class HttpServer:
     def ask(self, method: str, path: str, body: bytes, timeout_s: float, *, kind: str = JSON) -> HttpAnswer:
         """Send a request and return the complete answer, which must arrive within ``timeout_s`` [s].
 
-        Raises OSError if it does not arrive or the connection broke, and PolicyError if its body is too large.
+        Raises OSError if the answer does not arrive or the connection broke, and PolicyError if the body is too large.
         """
         end = time.monotonic() + timeout_s
         typed, sized = ([f"Content-Type: {kind}"], [f"Content-Length: {len(body)}"]) if method == "POST" else ([], [])
@@ -100,7 +100,7 @@ class HttpServer:
         return HttpAnswer(answer.status, read)
 
     def close(self) -> None:
-        """Do nothing: no connection is open between requests."""
+        """Do nothing, because no connection is open between requests."""
 
 
 class _Source(io.RawIOBase):
@@ -124,7 +124,7 @@ class _Source(io.RawIOBase):
 
 
 class HttpActClient(ServerClient[HttpServer]):
-    """A policy behind ``POST /act``; each environment has its own client."""
+    """Policy behind ``POST /act``. Each environment has its own client."""
 
     feeds_back = True
 
@@ -138,17 +138,17 @@ class HttpActClient(ServerClient[HttpServer]):
         self._encoded = address.choice("encoded", ("true", "false"), "false") == "true"
         self._capabilities: Mapping[str, Any] = {}
         self._first = True
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the numbers fed back
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the fed-back numbers
         self._connection.open()
         self.info = describe_remote_policy(address, self.adapter, self._capabilities, says_actions=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; a server with a reset endpoint is notified."""
+        """Begin an episode, and notify a server that has a reset endpoint."""
         super().reset(start)
         self._first = True
         route = self._route
         if route is not None and route.reset:
-            # The answer is ignored: most of its models have no state to reset, and some servers lack this path.
+            # ignore the answer: most models have no state to reset, and some servers lack this path
             self._connection.request(
                 lambda server, timeout_s: server.post(b"{}", timeout_s, path=route.reset), replies=False
             )
@@ -166,12 +166,12 @@ class HttpActClient(ServerClient[HttpServer]):
         reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
-                f"{self._where} answers {one_line(reply)!r}, which these servers send for any failure. "
+                f"{self._where} answers {one_line(reply)!r}, which such servers send for any failure. "
                 "See the server's log, and compare the keys that it reads with the adapter."
             )
         if isinstance(reply, Mapping) and "error" in reply:
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
-        # OpenVLA answers with the array itself, OFT with a list of them.
+        # OpenVLA answers with an array, OFT with a list of arrays
         reply = self.adapter.named(_stacked(reply), self._where)
         actions = self.adapter.actions(reply, observation)
         if self.adapter.feedback is not None:
@@ -180,7 +180,7 @@ class HttpActClient(ServerClient[HttpServer]):
         return actions
 
     def _fed_back(self, request: dict[str, Any], step: int) -> dict[str, Any]:
-        """Return a request whose state begins with the last executed action, if there is one in this trial."""
+        """Return a request whose state begins with the last executed action of this trial, if any."""
         feedback, last = self.adapter.feedback, self._last
         if feedback is None or last is None or step <= last[0]:
             return request
@@ -190,7 +190,7 @@ class HttpActClient(ServerClient[HttpServer]):
         return request
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
-        """Send a body and return the answer if it is valid; a refusal or redirection ends the run."""
+        """Send a body and return a valid answer. A refusal or redirection ends the run."""
         answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
         if status == http.client.OK:
@@ -216,7 +216,7 @@ class HttpActClient(ServerClient[HttpServer]):
         raise PolicyError(f"{self._where} answers HTTP {status}: {told}")
 
     def _dial(self, timeout_s: float) -> HttpServer:
-        """Find the server, and compare its declaration if it has one."""
+        """Check that the server listens, and compare its declaration, if any."""
         end = time.monotonic() + timeout_s
         server = HttpServer(self._address, self._key, timeout_s=timeout_s)
         if self._route is not None and self._route.capabilities:
@@ -232,7 +232,7 @@ class HttpActClient(ServerClient[HttpServer]):
 
 
 def _stacked(reply: object) -> object:
-    """Return a list of arrays as one array; anything else as it is."""
+    """Return a list of arrays as one array; return other values unchanged."""
     if isinstance(reply, list) and any(isinstance(row, np.ndarray) for row in reply):
         try:
             return np.stack([number_array(row) for row in reply])

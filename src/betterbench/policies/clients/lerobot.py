@@ -1,13 +1,13 @@
 """Policies of LeRobot in this process: ``lerobot:CHECKPOINT``, a folder or an id on the hub.
 
-The checkpoint declares the images, the state and the size of the action that it was trained with. The adapter is
-derived from them, unless the address names one. Normalization is done by the checkpoint's own processors.
+The checkpoint declares the images, the state and the action size of its training. The adapter is derived from these
+declarations, unless the address names an adapter. The checkpoint's own processors do the normalization.
 
-:mod:`betterbench.policies.clients.lerobot_types` lists the types of policies and their requirements. Policies that
+:mod:`betterbench.policies.clients.lerobot_types` lists policy types and their requirements. Policies that
 answer a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches: one instance serves many environments.
-Each answer depends only on its own observation, including the noise of the flow policies. All others (diffusion,
-VQ-BeT, TD-MPC and policies with a memory of observations) are called at every step and execute their chunks
-themselves, as in LeRobot's own evaluation; their instances share the weights.
+Each answer, including the noise of flow policies, depends only on its own observation. All other types (diffusion,
+VQ-BeT, TD-MPC and policies with a memory of observations) are called at every step and execute their own chunks, as in
+LeRobot's evaluation. Their instances share the weights.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
 class LerobotPolicy(AdaptedPolicy):
-    """A policy that answers whole chunks; one instance serves many environments."""
+    """Policy that answers whole chunks. One instance serves many environments."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         self._address, self._checkpoint = address, checkpoint
         self._where = f"policy {address}"
         features = checkpoint.features
-        # An adapter of the user is used as it is, without inferred parts.
+        # a user's adapter is used without inferred parts
         self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
         compare_features(self.adapter, features, self._where)
         self.server = Declaration(
@@ -77,7 +77,7 @@ class LerobotPolicy(AdaptedPolicy):
         )
 
     def _execution(self) -> Execution:
-        """Return how chunks are executed: as given in the address, else as in LeRobot's own evaluation."""
+        """Return the execution of chunks, from the address or else as in LeRobot's evaluation."""
         if self._address.given(EXECUTION):
             return self._address.execution()
         config = self._checkpoint.config
@@ -87,7 +87,7 @@ class LerobotPolicy(AdaptedPolicy):
         return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; raise HandshakeError if it uses another action space."""
+        """Begin an episode in one environment; raise HandshakeError if the episode uses another action space."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -119,7 +119,7 @@ class LerobotPolicy(AdaptedPolicy):
 
 
 class LerobotStepPolicy(AdaptedPolicy):
-    """A policy with a memory; each environment has its own instance, and all share the weights."""
+    """Policy with a memory. Each environment has its own instance; all instances share the weights."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         given = address.given(EXECUTION)
@@ -135,7 +135,7 @@ class LerobotStepPolicy(AdaptedPolicy):
         self._seed = 0
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode; raise HandshakeError if the episode uses another action space."""
+        """Reset the memory; raise HandshakeError if the new episode uses another action space."""
         self._inner.reset(start)
         self._policy.reset()
         self._seed = start.episode
@@ -148,10 +148,10 @@ class LerobotStepPolicy(AdaptedPolicy):
 
 
 def load_lerobot(address: PolicyAddress) -> Policy:
-    """Return the policy of a checkpoint, which takes batches if it answers chunks from one observation.
+    """Return the policy of a checkpoint. It accepts batches if it answers chunks from one observation.
 
     Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter in the
-    address does not fit the checkpoint.
+    address does not match the checkpoint.
     """
     checkpoint = load_checkpoint(address)
     remembers = int(getattr(checkpoint.config, "n_obs_steps", 1)) > 1
@@ -161,10 +161,10 @@ def load_lerobot(address: PolicyAddress) -> Policy:
 
 
 def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
-    """Return the adapter that follows from a checkpoint and from the address's state, action_space and camera.KEY.
+    """Derive the adapter from a checkpoint and from the options state, action_space and camera.KEY of an address.
 
     Raises:
-        InvalidInputError: If a convention remains unknown; the message names the option that decides it.
+        InvalidInputError: If a convention remains unknown; the message names the option to give.
         UnknownNameError: If the value of an option does not exist.
     """
     where = f"policy {address}"
@@ -176,7 +176,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
             raise InvalidInputError(
                 where,
                 f"its {one_line(key, most=100)} has {size} numbers, but the known states have {rule.size}",
-                "Give adapter=FILE with the parts of its state",
+                "Give adapter=FILE with the parts of the state",
             )
         states.append(rule)
     views = tuple(
@@ -226,7 +226,7 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
 
 
 def seed_of(observation: Observation, salt: int = 0) -> int:
-    """Return a seed that depends on the observation only, not on other observations in the batch."""
+    """Return a seed that depends only on the observation, not on the rest of the batch."""
     digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
     digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
     digest.update(np.asarray(observation.ee_position, np.float64).tobytes())
@@ -257,7 +257,7 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
 
 
 def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRule:
-    """Return the reading of an action with the checkpoint's number of values."""
+    """Return the answer rule for an action with the checkpoint's number of values."""
     space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
     turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"
     parts = (

@@ -1,4 +1,4 @@
-"""Policy types of LeRobot, with the extra requirements of each.
+"""Policy types of LeRobot, with their additional requirements.
 
 Facts: LeRobot's ``pyproject.toml`` and ``src/lerobot/policies/factory.py``, 0.4.4 and 0.6.
 """
@@ -16,7 +16,7 @@ from betterbench.installation import package_command
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """Requirements of a policy type: the extra of LeRobot that installs them, and the modules to look for."""
+    """Requirements of a policy type: the required modules, and the extra of LeRobot that installs them."""
 
     extra: str = ""
     modules: tuple[str, ...] = ()
@@ -86,7 +86,7 @@ def _with_extra(kind: str) -> str:
 
 
 def _install(extra: str, release: str) -> str:
-    """Return how to install the packages of an extra; not every release has all extras."""
+    """Return the install instructions for an extra. Not every release has all extras."""
     try:
         offered = importlib.metadata.metadata("lerobot").get_all("Provides-Extra") or []
     except importlib.metadata.PackageNotFoundError:

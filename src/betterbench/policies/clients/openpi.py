@@ -1,8 +1,8 @@
 """Client of openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
 
-The server first sends one map of metadata. Then each binary frame with an observation is answered by one with actions;
-a text frame is an error and ends the connection. There is no reset: each observation is independent. Source: openpi's
-``packages/openpi-client``.
+The server first sends a map of metadata, and then answers each binary frame with an observation by a frame with
+actions. A text frame is an error and ends the connection. There is no reset: each observation is independent. Source:
+openpi's ``packages/openpi-client``.
 
 Other servers with this protocol differ in details, which are supported too. Arrays may be marked as by msgpack-numpy:
 in answers, and in requests if the metadata does so or ``arrays=nd`` is given. vLLM-Omni
@@ -10,9 +10,9 @@ in answers, and in requests if the metadata does so or ``arrays=nd`` is given. v
 of actions, and reports an error as a map with ``type`` "error". It distinguishes episodes by a ``session_id``, which is
 sent if its metadata contains ``needs_session_id``.
 
-Real-time chunking is not in openpi itself. Its fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``) and
-similar servers take the rest of the old chunk as ``prev_action_chunk``, in the units of their answers, with
-``inference_delay`` and ``execute_horizon``. These are sent if ``delay=N`` is given.
+openpi itself does not support real-time chunking. Its fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
+and similar servers take the rest of the old chunk as ``prev_action_chunk``, in the units of their answers, with
+``inference_delay`` and ``execute_horizon``. With ``delay=N``, the client sends these fields.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ _SESSION = "session_id"
 
 
 class OpenpiClient(ServerClient[WebSocket]):
-    """A policy with openpi's protocol; each environment has its own client."""
+    """Policy behind openpi's protocol. Each environment has its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        # Errors in the address itself are reported before any server is dialed.
+        # report errors in the address before contacting a server
         super().__init__(address, adapter_of(address, NATIVE), seed=seed)
         self._max_bytes = max_bytes
         self._arrays: OpenpiArrays = address.choice("arrays", get_args(OpenpiArrays), "openpi")
@@ -69,12 +69,12 @@ class OpenpiClient(ServerClient[WebSocket]):
             raise address.error(
                 f"adapter {self.adapter.name} reads several arrays, and delay needs one", "Leave it out"
             )
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and its whole chunk
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the whole chunk
         self._start: EpisodeStart | None = None
         self._trial: TrialId | None = None
         self._serves_expert = False
         self._server_s = 0.0
-        self._chosen: Adapter | None = None  # set at the first handshake
+        self._chosen: Adapter | None = None  # set by the first handshake
         self.last_reply: dict[str, Any] = {}
         self._metadata: Mapping[str, Any] = {}
         self._within = False
@@ -89,7 +89,7 @@ class OpenpiClient(ServerClient[WebSocket]):
             needs_images=wants if isinstance(wants, bool) else None,
             cameras=looks_at if isinstance(looks_at, list) else None,
         )
-        # For the execution of chunks, the address takes precedence over the server, and the server over the preset.
+        # for the execution of chunks, the address has priority over the server, and the server over the preset
         told = read_execution(self._where, ours)
         if told is not None and not address.given(EXECUTION):
             info = replace(info, execution=told)
@@ -101,12 +101,15 @@ class OpenpiClient(ServerClient[WebSocket]):
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; a server that needs it gets a new ``session_id``."""
+        """Begin an episode, with a new ``session_id`` for a server that needs one."""
         super().reset(start)
         self._start, self._server_s, self._session, self._last = start, 0.0, _new_session(), None
 
     def name_trial(self, trial: TrialId) -> None:
-        """Note which trial begins. It is sent only to a server that declares an expert, which simulates the trial."""
+        """Store the trial that begins.
+
+        Only a server that declares an expert gets the trial, for its shadow simulation.
+        """
         self._trial = trial
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -119,7 +122,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
         def exchange(connection: WebSocket, timeout_s: float) -> object:
             end = time.monotonic() + timeout_s
-            # The protocol numbers neither requests nor answers.
+            # requests and answers have no numbers in this protocol
             connection.refuse_unasked()
             connection.send(frame, timeout_s)
             answer = connection.receive(end - time.monotonic())
@@ -147,10 +150,10 @@ class OpenpiClient(ServerClient[WebSocket]):
         return {"prev_action_chunk": moved_up(*self._last, step=step), "inference_delay": self._delay, **executed}
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, read the metadata and compare conventions; repeated after a restart of the server."""
+        """Connect, read the metadata and compare conventions; also called after a restart of the server."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
-        with connection.greeting("it accepted the connection but sent no metadata; is it an openpi server?"):
+        with connection.greeting("it accepted the connection but sent no metadata and may not be an openpi server"):
             frame = connection.receive(end - time.monotonic())
             self._agree(read_declared(self._where, frame, lambda given: self._read(given, (Mapping,))))
             if "arrays" not in self._address.options:
@@ -162,7 +165,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
         read_execution(self._where, declared)  # malformed declarations are refused at every handshake
-        # For a process of this run, the policy's declaration goes to the record instead of the server's address.
+        # for a server process of this run, the record contains the policy's declaration instead of the server's address
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
@@ -172,7 +175,7 @@ class OpenpiClient(ServerClient[WebSocket]):
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            # The server supports this layout too; the preset defines how many columns an action has in it.
+            # the server also supports this layout, in which the preset defines the number of columns of an action
             columns = theirs.action_dim if adapter.answer.as_is else None
             theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)

@@ -29,12 +29,12 @@ def describe_remote_policy(
     cameras: Sequence[object] | None = None,
     says_actions: bool = True,
 ) -> PolicyInfo:
-    """Return a client's declaration of its policy, which is stored with the run.
+    """Return a client's declaration of its policy for storage with the run.
 
-    ``needs_images`` is False if the server declares that it uses no images, None to infer it from the adapter. A camera
-    in the adapter is rendered and sent anyway. ``cameras`` are those that the server declares to use, None for all.
-    ``says_actions`` is False if the server declares nothing about its actions. Unless the address does, the assumed
-    conventions are then stored in the metadata as "assumed" and reported before a run.
+    ``needs_images`` is False if the server declares that it uses no images; None infers this from the adapter. Cameras
+    of the adapter are rendered and sent in any case. ``cameras`` are the cameras declared by the server, None for all.
+    ``says_actions`` is False if the server does not declare its actions. If the address does not either, the assumed
+    conventions are stored in the metadata as "assumed" and reported before a run.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
@@ -66,7 +66,7 @@ def plain_text(value: object) -> str:
     whole = printable(text, most=_LONGEST_TEXT)
     if whole == text:
         return text
-    # The digest shows a resumed run that a part beyond the cut, or an unprintable part, has changed.
+    # the digest reveals changes beyond the cut, or in unprintable parts, when a run resumes
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
     return f"{printable(text[:_LONGEST_TEXT], most=_LONGEST_TEXT)}... (sha256 {digest})"
 
@@ -81,12 +81,12 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
 
 
 class AdaptedPolicy:
-    """Policy with a fixed adapter, whose conventions are compared with those of the run."""
+    """Policy with a fixed adapter, whose conventions are compared with the run."""
 
     adapter: Adapter
     server: Declaration
     offered: Declaration | None = None
-    """Declaration of this side in the server's vocabulary; None if the server uses ours."""
+    """Declaration of this side in the server's terms; None if the server uses our terms."""
 
     @property
     def _compared(self) -> Declaration:
@@ -94,7 +94,7 @@ class AdaptedPolicy:
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's; raise a HandshakeError with both if they differ."""
+        """Compare the conventions of a run with the policy's; raise a HandshakeError with both sides if they differ."""
         adapter, theirs = self.adapter, self._compared
         ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
         compare_declarations(ours, theirs)
@@ -124,7 +124,7 @@ class AdaptedPolicy:
 
 
 class ServerClient(AdaptedPolicy, Generic[Connection]):
-    """A policy behind a server; each environment has its own client.
+    """Policy behind a server. Each environment has its own client.
 
     :func:`betterbench.policies.kinds.make_policy` lists the errors of a client's creation. Its ``act`` raises
     PolicyError if no usable reply came, and PolicyUnavailableError if the server cannot be reached.
@@ -132,17 +132,17 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
 
     info: PolicyInfo
     feeds_back = False
-    """Whether the client sends a policy its own last answer (see ``Feedback`` in
+    """Whether the client sends a policy's last answer back to the policy (see ``Feedback`` in
     :mod:`betterbench.policies.conventions.adapter`)."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
         """Prepare the client; a subclass opens the connection when it is ready to compare conventions.
 
-        The seed is that of the jitter between attempts.
+        ``seed`` is the seed of the jitter between attempts.
         """
         if adapter.feedback is not None and not self.feeds_back:
             raise address.error(
-                f"adapter {adapter.name} sends the policy its last answer, which only http:// supports",
+                f"adapter {adapter.name} sends the policy's last answer back, which only http:// supports",
                 "Leave feedback out of the adapter",
             )
         self._address, self._where = address, address.server_name
@@ -152,13 +152,13 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         self._declared: dict[str, str] | None = None  # set at the first handshake
 
     def _dial(self, timeout_s: float) -> Connection:
-        """Connect and compare conventions within a time [s]; repeated after a restart of the server."""
+        """Connect and compare conventions within a time [s]; also called after a restart of the server."""
         raise NotImplementedError
 
     def _require_same(self, declared: Mapping[Any, Any]) -> None:
         """Compare the server's declaration with its first declaration.
 
-        Raises HandshakeError with both values if they differ, because two checkpoints would share a run.
+        Raises HandshakeError with both values if they differ, because the run would mix two checkpoints.
         """
         told = {str(name): plain_text(value) for name, value in declared.items()}
         before, self._declared = self._declared or told, self._declared or told

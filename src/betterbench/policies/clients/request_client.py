@@ -1,4 +1,4 @@
-"""ZeroMQ socket for requests and replies with a deadline, so that a lost reply does not block it."""
+"""ZeroMQ socket for requests and replies with a deadline."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _SETTLE_S = 0.002
 
 
 class RequestClient:
-    """Socket to one server that behaves like a REQ socket: it sends an empty frame and then the request.
+    """Socket to one server that, like a REQ socket, sends an empty frame and then the request.
 
-    A REQ socket silently discards an unexpected reply that arrives early enough. This client refuses it. After an
-    OSError, close the client and make another one: then a late reply cannot be taken for the answer to the next
+    A REQ socket silently discards an unexpected reply that arrives early enough; this client reports an error. After an
+    OSError, close the client and make a new client, so that a late reply cannot be mistaken for the answer to the next
     request.
     """
 
@@ -32,14 +32,14 @@ class RequestClient:
         try:
             socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()
         except OSError as error:
-            raise ConnectionError(f"nobody listens on {self.where}: {error}") from error
+            raise ConnectionError(f"no server listens on {self.where}: {error}") from error
         self._busy, self._ended = threading.Lock(), threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._socket = self._context.socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
         self._socket.setsockopt(zmq.IPV6, int(":" in host))
-        # Reports at once that the server has gone, which ZeroMQ would hide until the deadline.
+        # reports at once that the server is gone, which ZeroMQ would hide until the deadline
         self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._answered_at = 0.0
         self._poller = zmq.Poller()
@@ -60,7 +60,8 @@ class RequestClient:
         deadline = time.monotonic() + timeout_s
         with self._busy:
             try:
-                # A second answer would arrive right after the first one and be taken for the answer to this request.
+                # a second answer would arrive right after the first answer and be mistaken for the answer to this
+                # request
                 settled = self._answered_at + _SETTLE_S - time.monotonic()
                 if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
                     raise ConnectionError("it sent an unexpected answer")
@@ -87,7 +88,7 @@ class RequestClient:
             if self._ended.is_set():
                 raise ConnectionError("the connection was closed on this side")
             if self._monitor in ready:
-                # ZeroMQ itself drops the connection if an answer is too large, and does not report the cause.
+                # ZeroMQ drops the connection if an answer is too large, without reporting the cause
                 raise ConnectionError(
                     f"the server closed the connection, or its answer exceeds {MAX_FRAME_BYTES} bytes"
                 )
@@ -95,10 +96,10 @@ class RequestClient:
                 raise TimeoutError(f"no answer within {timeout_s:.3g} s")
 
     def close(self) -> None:
-        """Close the socket; harmless if it is already closed.
+        """Close the socket; harmless if already closed.
 
-        A socket belongs to one thread at a time. If another thread waits for an answer, that thread is told to stop and
-        to close the socket.
+        A socket belongs to one thread at a time. If another thread waits for an answer, that thread is stopped and
+        closes the socket.
         """
         self._ended.set()
         if self._busy.acquire(timeout=10.0 * _GLANCE_S):

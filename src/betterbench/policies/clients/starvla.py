@@ -1,8 +1,8 @@
 """Client of starVLA's websocket server: ``starvla://host:port``.
 
-The server first sends one map of metadata. Then each request, a map of type, identifier and payload, is answered by a
-map with the same identifier; a text frame is an error and ends the connection. A payload contains a list of examples,
-so one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
+The server first sends a map of metadata, and then answers each request (a map of type, identifier and payload) by a map
+with the same identifier. A text frame is an error and ends the connection. A payload contains a list of examples, so
+one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
 ``deployment/model_server``.
 """
 
@@ -29,14 +29,14 @@ from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 
 ExampleLayout = Literal["payload", "flat"]
-"""Layout of a request: examples in its payload, or at the top level beside its type as in the first servers."""
+"""Layout of a request: examples in the payload, or at the top level next to the type as in the first servers."""
 
 _IMAGES = "image"
 _MOST_STRAYS = 64
 
 
 class StarVlaClient(ServerClient[WebSocket]):
-    """A policy behind starVLA's websocket; one client serves many environments."""
+    """Policy behind starVLA's websocket. One client serves many environments."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, STARVLA), seed=seed)
@@ -70,7 +70,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         ]
 
     def _example(self, observation: Observation) -> dict[str, Any]:
-        """Return one example: its images as a list in the adapter's order, and a state as (1, size)."""
+        """Return one example: images as a list in the adapter's order, and a state as (1, size)."""
         message = replace(self.adapter, constants=()).request(observation)
         images = message.get(_IMAGES)
         if isinstance(images, Mapping):
@@ -135,10 +135,10 @@ class StarVlaClient(ServerClient[WebSocket]):
         return [{name: array[i] for name, array in arrays.items()} for i in range(count)]
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect and compare the metadata with the first connection's; repeated after a restart of the server."""
+        """Connect and compare the metadata with the first connection; also called after a restart of the server."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key)
-        with connection.greeting("it accepted the connection but sent no metadata; is it a starVLA server?"):
+        with connection.greeting("it accepted the connection but sent no metadata and may not be a starVLA server"):
             metadata = read_declared(self._where, connection.receive(end - time.monotonic()), self._read)
             self._require_same(metadata)
             self._metadata = metadata

@@ -1,8 +1,8 @@
 """Client of vla-evaluation-harness: ``vla-eval://host:port``, about twenty model families with one protocol.
 
-Messages are maps of type, payload, sequence number and time. Both sides send a hello. Then an episode is started, every
-observation is answered by an action with the same number, and the episode is ended. Source: ``vla_eval/protocol`` and
-``vla_eval/model_servers/serve.py`` of the package vla-eval.
+Messages are maps of type, payload, sequence number and time. Both sides send a hello. The client then starts an
+episode, the server answers every observation by an action with the same number, and the client ends the episode.
+Source: ``vla_eval/protocol`` and ``vla_eval/model_servers/serve.py`` of the package vla-eval.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _GRIPPERS = {
     "closed_at_least": ("binary_close_01", "continuous_01"),
 }
 _SIGNED = ("binary_close_positive",)
-"""Gripper formats of a fraction with threshold 0, so that the sign decides."""
+"""Gripper formats read as a fraction with threshold 0, where the sign decides."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
@@ -72,7 +72,7 @@ _MessageKind = Literal["hello", "observation", "action", "episode_start", "episo
 
 
 class VlaEvalClient(ServerClient[WebSocket]):
-    """A policy with the protocol of vla-evaluation-harness; each environment has its own client."""
+    """Policy with the protocol of vla-evaluation-harness. Each environment has its own client."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
         super().__init__(address, adapter_of(address, VLA_EVAL), seed=seed)
@@ -92,7 +92,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         )
 
     def reset(self, start: EpisodeStart) -> None:
-        """End the last episode and begin one; of the trial, the server gets only the instruction."""
+        """End the last episode and begin a new one. The server gets only the instruction of the trial."""
         super().reset(start)
         self._end_episode()
         self._start, self._asked = start, 0
@@ -105,7 +105,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
             if self._running_on is not connection and self._start is not None:
-                # This connection was made after the episode began, so the server does not know the episode.
+                # this connection was opened after the episode began, so the server does not know the episode
                 self._begin_episode(connection, timeout_s)
             sent = self._send(connection, "observation", payload, timeout_s)
             return self._reply(connection, sent, end)
@@ -116,7 +116,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
     @property
     def _compared(self) -> Declaration:
-        """None: the handshake has already compared the server's declaration, which uses the harness's names."""
+        """None, because the handshake has already compared the server's declaration, in the harness's terms."""
         return Declaration(self._where)
 
     def close(self) -> None:
@@ -125,7 +125,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         super().close()
 
     def _dial(self, timeout_s: float) -> WebSocket:
-        """Connect, exchange hellos and compare; repeated after a restart of the server."""
+        """Connect, exchange hellos and compare; also called after a restart of the server."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         said = {
@@ -133,7 +133,9 @@ class VlaEvalClient(ServerClient[WebSocket]):
             "protocol_version": PROTOCOL_VERSION,
             "benchmark": "betterbench",
         }
-        with connection.greeting("it accepted the connection but did not answer the hello; is it a vla-eval server?"):
+        with connection.greeting(
+            "it accepted the connection but did not answer the hello and may not be a vla-eval server"
+        ):
             sent = self._send(connection, "hello", said, timeout_s)
             self._agree(self._reply(connection, sent, end, expected="hello"))
         return connection
@@ -154,12 +156,12 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
     def _begin_episode(self, connection: WebSocket, timeout_s: float) -> None:
         if self._start is None:
-            raise AssertionError("an episode begins with a start")
+            raise AssertionError("an episode must begin before its first observation")
         self._send(connection, "episode_start", {"task": {"name": self._start.instruction}}, timeout_s)
         self._running_on = connection
 
     def _end_episode(self) -> None:
-        """Report the end of the episode to a connected server; the policy must not learn the outcome."""
+        """Report the end of the episode to a connected server, without the outcome, which the policy must not learn."""
         connection, self._running_on = self._running_on, None
         if connection is None or not self._connection.holds(connection):
             return
@@ -178,7 +180,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
     def _reply(
         self, connection: WebSocket, sent: int, end: float, *, expected: _MessageKind = "action"
     ) -> Mapping[Any, Any]:
-        """Return the payload of the answer to message number ``sent``; errors about earlier messages may come first."""
+        """Return the payload of the answer to message number ``sent``. Errors about earlier messages may come first."""
         for _ in range(_MOST_STRAYS):
             frame = connection.receive(end - time.monotonic())
             message = self._decoded(frame, declares=expected == "hello") if isinstance(frame, bytes) else None
@@ -206,10 +208,10 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
 
     The harness sends the wrist camera and the state only to servers that request them, by ``observation_params`` or by
     a component in ``observation_spec``. Some servers use every entry they get, so only requested entries are sent. If
-    the address chose the adapter, all its entries are sent except those that the server declines.
+    the address names the adapter, all entries are sent except those that the server declines.
 
     Raises:
-        HandshakeError: If its specs are malformed, or it requests absolute actions and the adapter reads deltas.
+        HandshakeError: If the server's specs are malformed, or request absolute actions while the adapter reads deltas.
     """
     parameters = hello.get("observation_params")
     if not isinstance(parameters, Mapping):
@@ -240,15 +242,15 @@ def _unshortened(rule: StateRule) -> StateRule:
 
 
 def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
-    """Return what a server declares and what the adapter offers, in a common vocabulary.
+    """Return the declarations of server and adapter in common terms.
 
-    As in the harness, a format ``raw`` declares nothing, and ranges are not compared: the harness's own constant for
-    rotation vectors allows +-3.15 for numbers that are scaled to +-1. Names of images are not compared either, because
-    servers take images in order; their number is compared.
+    As in the harness, the format ``raw`` declares nothing, and ranges are not compared: the harness's own constant for
+    rotation vectors allows +-3.15 for numbers scaled to +-1. Image names are not compared either, only the number of
+    images, because servers take images in order.
 
     Raises:
-        HandshakeError: If its specs are malformed, or it answers with joints and the adapter reads another action
-            space.
+        HandshakeError: If the server's specs are malformed, or the server answers with joints and the adapter reads
+            another action space.
     """
     action, seen = _specs(who, hello, "action_spec"), _specs(who, hello, "observation_spec")
     answer = adapter.answer
@@ -260,7 +262,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
             "Give adapter=FILE that reads joints, and --action-space with it."
         )
     position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
-    # A format that both sides know gets the same name on both sides; otherwise each side keeps its own name.
+    # a format known to both sides gets the same name; otherwise each side keeps its own name
     told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
     meant = {
         "position": () if position is None else (position,),
@@ -292,7 +294,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class _Spec:
-    """Declared component: its format, and the other formats that are accepted for it."""
+    """Declared component: format, and other accepted formats."""
 
     format: str | None
     accepts: tuple[str, ...]

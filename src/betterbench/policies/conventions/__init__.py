@@ -1,4 +1,4 @@
-"""Conventions of policies: how observations and actions are translated, and the handshake that compares both sides.
+"""Conventions of policies: translation of observations and actions, and the handshake that compares both sides.
 
 ``presets`` names the conventions of known checkpoints; ``adapter`` applies them.
 """

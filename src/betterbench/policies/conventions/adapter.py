@@ -1,4 +1,4 @@
-"""Adapters: the mapping of observations to a policy's inputs and of its answers to actions, as storable data."""
+"""Adapters: mapping of observations to a policy's inputs and of answers to actions, as storable data."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class InstructionRule:
         if self.template.count("{}") != 1:
             raise InvalidInputError(
                 f"instruction {'/'.join(self.key)}: template",
-                f"{self.template!r} has no place",
+                f"{self.template!r} does not contain {{}}",
                 "Write {} into it once",
             )
 
@@ -53,7 +53,7 @@ class InstructionRule:
         return self.template.replace("{}", instruction)
 
     def read(self, text: str) -> str:
-        """Return the instruction in a sent text; a text that does not match the template is returned unchanged."""
+        """Return the instruction in a sent text; return a text that does not match the template unchanged."""
         before, _, after = self.template.partition("{}")
         follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
         return text[len(before) : len(text) - len(after)] if follows else text
@@ -62,7 +62,7 @@ class InstructionRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ConstantRule:
-    """Constant entry of every request, such as the name of a normalization.
+    """Entry that is constant in every request, such as the name of a normalization.
 
     Attributes:
         value: Value to send; None for an entry without a safe default, which the address must give (``send.KEY=``).
@@ -75,7 +75,7 @@ class ConstantRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DepthRule:
-    """A depth image among a policy's inputs, (height, width) float32 [m], in its rendered size."""
+    """Depth image among a policy's inputs, (height, width) float32 [m], in the rendered size."""
 
     key: tuple[str, ...]
     camera: str
@@ -84,7 +84,7 @@ class DepthRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """State whose first values are replaced by the policy's own last answer, from the second request on.
+    """State whose first values are replaced by the policy's last answer, from the second request on.
 
     Attributes:
         state_key: Key of the state.
@@ -100,23 +100,23 @@ class Feedback:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """Mapping of observations to a policy's inputs, and of its answers to actions.
+    """Mapping of observations to a policy's inputs, and of answers to actions.
 
-    Statistics and normalization stay with the server.
+    The server is responsible for statistics and normalization.
 
     Attributes:
         leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
         ee_offset_m: Offset added to the position of the end effector in the robot's base frame, for a policy with
             another origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
         tool_offset_m: The policy's tool point in the tool frame of betterbench, for positions in states and absolute
-            poses. That of LIBERO is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are applied at our own
+            poses. LIBERO's tool point is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are applied at our tool
             point.
-        gripper_opening_m: Opening width that counts as fully open [m].
+        gripper_opening_m: Opening width of a fully open gripper [m].
         episode_key: Key under which servers of betterbench get the start of the episode, or None.
         constants: Entries that are the same in every request.
         depths: Depth images, for a run that renders them (``--observation calvin_depth``); not for GR00T.
-        feedback: State that contains the policy's own last answer, or None; used by ``POST /act`` only.
-        horizon: Default number of executed actions of a chunk, as in the policy's own client; None for all.
+        feedback: State that contains the policy's last answer, or None; used only by ``POST /act``.
+        horizon: Default execution horizon (executed actions of a chunk), as in the policy's own client; None for all.
     """
 
     name: str
@@ -147,7 +147,7 @@ class Adapter:
                     f"adapter {self.name}: feedback",
                     f"{self.feedback.size} numbers do not fit into the state {'/'.join(self.feedback.state_key)!r} "
                     f"and the answer {'/'.join(self.feedback.answer_key)!r}",
-                    "Name a state and an answer of the adapter, and no more numbers than both have",
+                    "Name a state and an answer of the adapter, with at most as many numbers as both have",
                 )
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
         keys += [rule.key for rule in self.depths]
@@ -177,9 +177,9 @@ class Adapter:
         return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return exactly the images among the policy's inputs, by key of the request: (height, width, 3) uint8.
+        """Return the image inputs of the policy, by key of the request: (height, width, 3) uint8.
 
-        Raises PolicyError if the run does not render a camera that is needed.
+        Raises PolicyError if the run does not render a required camera.
         """
         shown = {}
         for rule in self.views:
@@ -194,7 +194,7 @@ class Adapter:
         return shown
 
     def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
-        """Return one of its states: (size,) of the required type, or a number for a scalar."""
+        """Return a state input: (size,) of the required type, or a number for a scalar."""
         return rule.read(
             observation,
             ee_offset_m=self.ee_offset_m,
@@ -207,7 +207,7 @@ class Adapter:
     ) -> dict[str, Any]:
         """Return the request for actions; entries are nested if their key has several names.
 
-        The trial is for a server that simulates it (a served expert); ``start`` is used only with an ``episode_key``.
+        The trial is for a server with a shadow simulation (a served expert); ``start`` requires an ``episode_key``.
         Raises PolicyError if the run does not render a required camera.
         """
         message: dict[str, Any] = {}
@@ -239,7 +239,7 @@ class Adapter:
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
         """Return the actions in a reply, (horizon, dim) float64 in the action space ``answer.space``.
 
-        Raises a PolicyError that names the key and its value if the reply cannot be read.
+        Raises PolicyError, which names the key and its value, if the reply cannot be read.
         """
         if not isinstance(reply, Mapping):
             raise PolicyError(f"the reply is a {type(reply).__name__}, not a map with actions.")
@@ -252,7 +252,7 @@ class Adapter:
         )
 
     def named(self, reply: object, who: str) -> Mapping[Any, Any]:
-        """Return an answer as a map; a value that is not a map is stored under the single key of the actions.
+        """Return an answer as a map. A value that is not a map is stored under the single key of the actions.
 
         Raises PolicyError if the actions are expected under several keys.
         """
@@ -265,7 +265,7 @@ class Adapter:
         return {keys[0][0]: reply}
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
-        """Return the answer of a policy with this adapter that corresponds to these actions."""
+        """Return the answer that a policy with this adapter would give for these actions."""
         message: dict[str, Any] = {}
         written = self.answer.write(
             actions,
@@ -279,7 +279,7 @@ class Adapter:
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
-        """Return the adapter with other cameras under some of its keys; nested keys are joined by "/".
+        """Return the adapter with other cameras for some keys; nested keys are joined by "/".
 
         Raises UnknownNameError if the adapter has no such key.
         """
@@ -291,7 +291,7 @@ class Adapter:
         return replace(self, views=changed)
 
     def with_constants(self, values: Mapping[str, bool | int | float | str]) -> Adapter:
-        """Return the adapter with other constants, or more of them; nested keys are joined by "/"."""
+        """Return the adapter with changed or additional constants; nested keys are joined by "/"."""
         known = {"/".join(rule.key): rule for rule in self.constants}
         known |= {key: ConstantRule(tuple(key.split("/")), value) for key, value in values.items()}
         return replace(self, constants=tuple(known.values()))

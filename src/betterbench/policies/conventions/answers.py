@@ -1,4 +1,4 @@
-"""Mapping of a policy's answer to actions: the meaning of its columns, their units, frame and gripper polarity."""
+"""Mapping of a policy's answer to actions: meaning of columns, units, frame and gripper polarity."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ AnswerKind = Literal[
 ]
 """Meaning of some columns of an answer: a whole action in the format of betterbench, or one part of it.
 
-The translation of an absolute pose is its position. A translation, and a rotation of three numbers, may be given axis
-by axis: ``rotation_x`` is the first number of the rotation's format, the x of a rotation vector or the roll."""
+The translation of an absolute pose is its position. A translation, or a rotation of three numbers, may be given axis by
+axis: ``rotation_x`` is the first number of the rotation's format, the x of a rotation vector or the roll."""
 
 Polarity = Literal[
     "close_positive",
@@ -51,10 +51,10 @@ Polarity = Literal[
 ]
 """Convention of the gripper value in an answer.
 
-``close_positive`` and ``open_positive`` pass the number on, and its sign decides. The others are fractions, with 1 for
-closed or 1 for open. ``closed_fraction`` closes above the threshold and opens otherwise, ``closed_at_least`` also
-closes at the threshold, ``open_fraction`` opens above it and closes otherwise. ``open_sign`` is the sign of 1 - 2 g, so
-that exactly 0.5 keeps the gripper unchanged. ``closed_linear`` and ``open_linear`` pass on 2 g - 1 and 1 - 2 g.
+``close_positive`` and ``open_positive`` pass on the number, whose sign decides. The other conventions are fractions,
+with 1 for closed or 1 for open. ``closed_fraction`` closes above the threshold and opens otherwise, ``closed_at_least``
+also closes at the threshold, ``open_fraction`` opens above it and closes otherwise. ``open_sign`` is the sign of 1 - 2
+g, so that exactly 0.5 keeps the gripper unchanged. ``closed_linear`` and ``open_linear`` pass on 2 g - 1 and 1 - 2 g.
 """
 
 _DELTAS = ("ee_delta", "ee_delta_measured")
@@ -72,10 +72,10 @@ _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_absolute_quaternion": "quaternion_xyzw",
     "libero_absolute": "axis_angle",
 }
-"""Rotation format of the action spaces that only other worlds play."""
+"""Rotation format of the action spaces that only other worlds use."""
 
 _OF_THE_SPACE: Any = None
-"""Default of a convention that is taken from the action space."""
+"""Marker for a convention taken from the action space."""
 
 _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
     "translation": ("translation_x", "translation_y", "translation_z"),
@@ -87,11 +87,11 @@ _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
-    """Adjacent columns of an answer with one meaning.
+    """Adjacent columns of an answer that form one quantity.
 
     Attributes:
         key: Path of the array in the reply. Parts with the same key are consecutive columns of one array.
-        size: Number of columns; None for the natural number of the kind.
+        size: Number of columns; None for the usual number of this kind.
     """
 
     key: tuple[str, ...]
@@ -112,10 +112,10 @@ class AnswerRule:
         translation_unit_m: Translation of a delta of 1 [m]: 0.05 as scaled in LIBERO, 1 for meters.
         rotation_unit_rad: Rotation of a delta of 1 in a rotation vector or in angles [rad].
         joint_unit_rad: Rotation of a joint step of 1 [rad].
-        step_rate_hz: Control rate of the training data [Hz], if deltas are to be executed as velocities at the control
-            rate of the run; None if one answer is one step at any rate.
+        step_rate_hz: Control rate of the training data [Hz], if deltas are executed as velocities at the control rate
+            of the run; None if each action is one step at any rate.
         gripper_threshold: Fraction above which ``closed_fraction`` closes and ``open_fraction`` opens.
-        precision: Type to which the policy's own client rounds an action before its execution.
+        precision: Number type to which the policy's own client rounds an action before execution.
     """
 
     space: str = "ee_delta"
@@ -131,7 +131,7 @@ class AnswerRule:
     precision: Literal["float64", "float32"] = "float64"
 
     def __post_init__(self) -> None:
-        """Fill in the conventions of the action space, and check that the parts form one of its actions."""
+        """Fill in the conventions of the action space, and check that the parts form an action of this space."""
         for name, own in own_conventions(self.space).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, own)
@@ -141,7 +141,9 @@ class AnswerRule:
 
     def _check_numbers(self) -> None:
         if not self.parts:
-            raise InvalidInputError("answer", "it has no parts", "Name them, such as translation, rotation, gripper")
+            raise InvalidInputError(
+                "answer", "the answer has no parts", "Name them, such as translation, rotation, gripper"
+            )
         for name in ("translation_unit_m", "rotation_unit_rad", "joint_unit_rad", "step_rate_hz"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
@@ -156,7 +158,7 @@ class AnswerRule:
                     f"answer: {part.kind}", f"{part.size} columns are out of range", "Give 1 or more"
                 )
             if part.kind == "unused" and part.size is None:
-                raise InvalidInputError("answer: unused", "it does not say how many columns", "Give its size")
+                raise InvalidInputError("answer: unused", "the number of columns is missing", "Give its size")
             if part.kind != "unused" and part.size not in (None, self._natural(part.kind)):
                 raise InvalidInputError(
                     f"answer: {part.kind}",
@@ -189,7 +191,7 @@ class AnswerRule:
         if self.as_is and not self._means_ours:
             raise InvalidInputError(
                 "answer",
-                "its numbers are whole actions, which have fixed rotation format, units, frame and gripper",
+                "the columns are whole actions, with fixed rotation format, units, frame and gripper polarity",
                 "Leave rotation, units, frame and gripper out, or read its parts (translation, rotation, gripper)",
             )
         if self.frame == "tool" and self.space not in _DELTAS:
@@ -209,7 +211,7 @@ class AnswerRule:
         return any(part.kind == "action" for part in self.parts)
 
     def in_space(self, space: str) -> AnswerRule:
-        """Return the rule for another action space, in its own conventions if only another world plays it.
+        """Return the rule for another action space, in the conventions of this space if only another world uses it.
 
         Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not form one
         of its actions.
@@ -246,8 +248,8 @@ class AnswerRule:
         """Return the actions in a reply, (horizon, dim) float64 in the action space.
 
         Rows with non-finite numbers remain non-finite, so that they can be recognized. ``ee_offset_m``, which was added
-        to the observed position of the end effector, is subtracted from an absolute one; so is ``tool_offset_m``, the
-        policy's tool point in the tool frame of betterbench.
+        to the observed position of the end effector, is subtracted from absolute positions, as is ``tool_offset_m``,
+        the policy's tool point in the tool frame of betterbench.
 
         Raises:
             PolicyError: If the reply lacks these arrays, or contains an invalid rotation.
@@ -292,7 +294,7 @@ class AnswerRule:
 
     @property
     def _means_ours(self) -> bool:
-        """Whether all conventions are those of the action space itself."""
+        """Whether all conventions equal those of the action space."""
         plain = self.frame == "base" and self.step_rate_hz is None and self.precision == "float64"
         return plain and all(getattr(self, name) == own for name, own in own_conventions(self.space).items())
 
@@ -331,7 +333,7 @@ class AnswerRule:
             own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
             return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         if self.frame == "base" and self.rotation == "axis_angle":
-            # One factor per number, so that it is exactly 1 if the units are those of the action space.
+            # one factor per number, exactly 1 if the units equal those of the action space
             units = np.array([self.translation_unit_m] * 3 + [self.rotation_unit_rad] * 3)
             twist = np.concatenate([taken["translation"], taken["rotation"]], axis=1)
             return np.concatenate([twist * (units * pace / scale), gripper], axis=1)
@@ -352,7 +354,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _in_world(self, translation: np.ndarray, rows: list[list[float]], bad: np.ndarray) -> np.ndarray:
-        """Return translation and rotation in the numbers of another world's action space, (horizon, 6 or 7)."""
+        """Return translation and rotation in another world's action space, (horizon, 6 or 7)."""
         if self.space in _ADDS_ANGLES:
             scale = action_space(self.space).scale
             moves = translation * (self.translation_unit_m / scale[0])
@@ -367,7 +369,7 @@ class AnswerRule:
         return np.concatenate([translation, np.array(turns)], axis=1)
 
     def _to_base(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """Rotate deltas from the tool frame to the base frame, in place; each step rotates the next tool frame."""
+        """Rotate deltas from the tool frame to the base frame, in place. Each step rotates the next tool frame."""
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             turn = from_axis_angle(rotation[i].tolist())
@@ -503,7 +505,7 @@ def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 
 def number_array(given: object) -> np.ndarray:
-    """Return an answer as an array; of dtype object if its lists are ragged or contain booleans."""
+    """Return an answer as an array, with dtype object if its lists are ragged or contain booleans."""
     try:
         return np.asarray(None) if _holds_truths(given) else np.asarray(given)
     except ValueError:

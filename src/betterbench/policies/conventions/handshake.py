@@ -1,4 +1,4 @@
-"""Handshakes: the conventions that each side declares, and their comparison, which stops a run if they differ."""
+"""Handshakes: declarations of conventions by both sides, and a comparison that stops the run at a difference."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ PROTOCOL = 1
 """Version of the declaration of betterbench's servers."""
 
 _MOST_SHOWN = 12
-"""Maximum of differences named in one message."""
+"""Maximum number of differences named in one message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """Conventions declared by one side; fields that are left out are not compared.
+    """Conventions declared by one side. Missing fields are not compared.
 
     Attributes:
         action_scale: Physical size of one unit of each number.
@@ -39,8 +39,8 @@ class Declaration:
         state: Format of the robot's state.
         language: Whether the instruction is sent or required ("instruction").
         rate_hz: Control rate [Hz].
-        cameras: Images by key, each with (width, height) or None for any size. The other side must give each required
-            image and may give more.
+        cameras: Images by key, each with (width, height) or None for any size. The other side must provide each
+            required image and may provide more.
     """
 
     who: str
@@ -84,7 +84,7 @@ _SERVER = TypeAdapter(_ServerForm)
 
 
 def declare_space(who: str, space: ActionSpace) -> Declaration:
-    """Return the declaration of an action space alone."""
+    """Return a declaration with only an action space."""
     return Declaration(
         who,
         action_space=space.name,
@@ -124,7 +124,7 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 
 
 def read_server(who: str, form: object) -> Declaration:
-    """Read the declaration of a betterbench server; raise HandshakeError if it is malformed or of another version."""
+    """Read the declaration of a betterbench server; raise HandshakeError for a malformed one or another version."""
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
@@ -143,9 +143,9 @@ def read_server(who: str, form: object) -> Declaration:
 
 
 def read_execution(who: str, form: object) -> Execution | None:
-    """Read how a betterbench server executes chunks, or None if it does not declare it.
+    """Read the chunk execution that a betterbench server declares; None if there is no such declaration.
 
-    Raises HandshakeError if it is malformed.
+    Raises HandshakeError if the declaration is malformed.
     """
     told = form.get("execution") if isinstance(form, Mapping) else None
     if told is None:
@@ -163,35 +163,35 @@ def read_execution(who: str, form: object) -> Execution | None:
 
 
 def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
-    """Return what a server declares about itself, decoded.
+    """Return a server's decoded declaration.
 
-    Raises HandshakeError if it is too large or too deeply nested, and the errors of ``decode``.
+    Raises HandshakeError if the declaration is too large or too deeply nested, and the errors of ``decode``.
     """
     if len(frame) > MAX_DECLARED_BYTES:
         raise HandshakeError(
             f"{who} sends a declaration of {len(frame)} bytes; the limit is {MAX_DECLARED_BYTES}. "
-            "Let the server declare names, sizes and conventions only."
+            "The server should declare only names, sizes and conventions."
         )
     value = decode(frame)
     try:
         require_depth(value, MAX_DECLARED_DEPTH)
     except ValueError as error:
         raise HandshakeError(
-            f"{who} sends a declaration that cannot be read: {error}. Let the server declare flat maps."
+            f"{who} sends a declaration that cannot be read: {error}. The server should declare flat maps."
         ) from error
     return value
 
 
 def space_cure(space: str) -> str:
-    """Return the remedy for a policy that answers in another action space than the run's.
+    """Return the remedy for a policy that answers in another action space than the run.
 
-    Another world is played in the space of its own, so there the option does not exist.
+    Other worlds have a fixed action space, so the option does not exist there.
     """
     return f"Give --action-space {space} in a suite of betterbench; in LIBERO and CALVIN, another policy or preset"
 
 
 def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
-    """Raise a HandshakeError with both values of each field that both sides declare and that differs."""
+    """Raise a HandshakeError with both values of each field that the two sides declare differently."""
     found = []
     for entry in fields(Declaration):
         if entry.name in ("who", "cameras"):

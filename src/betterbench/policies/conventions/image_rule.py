@@ -1,4 +1,4 @@
-"""Image inputs of a policy: rotated, mirrored, cropped and resized."""
+"""Image inputs of a policy: rotation, mirroring, cropping and resizing."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class ImageRule:
         camera: Name of the camera, or ``*`` for all cameras.
         width: Required width [pixel]; None to keep the size of the image.
         fit: Fitting of an image with another aspect ratio.
-        keep: Share of the area that a center crop keeps, before fitting; policies trained with random crops were
-            evaluated with 0.9 (OpenVLA) or 0.95.
+        keep: Share of the area kept by a center crop, before fitting. Policies trained with random crops are evaluated
+            with 0.9 (OpenVLA) or 0.95.
         turn: Counter-clockwise rotation [deg]. The images of betterbench are upright.
         mirror: Whether left and right are swapped.
     """
@@ -68,10 +68,10 @@ class ImageRule:
         return tuple(part.replace("{camera}", camera) for part in self.key)
 
     def show(self, image: np.ndarray) -> np.ndarray:
-        """Return an image as the policy's input.
+        """Return a camera image as the input of the policy.
 
-        Shrinking averages over all source pixels of a pixel (Pillow's bilinear filter, which is antialiased and the one
-        in openpi's client). An image of the right size is not changed.
+        Shrinking averages over all source pixels of a pixel (Pillow's antialiased bilinear filter, as in openpi's
+        client). An image of the right size is not changed.
 
         Returns:
             (self.height, self.width, 3) uint8, contiguous.

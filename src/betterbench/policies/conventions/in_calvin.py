@@ -1,4 +1,4 @@
-"""Existing evaluation clients in CALVIN: the request that each sends, and the action that it passes to ``env.step``.
+"""Requests and actions of existing evaluation clients in CALVIN.
 
 CALVIN's images are upright. ``ee_position``, ``ee_rpy``, ``gripper_width`` and ``gripper_command`` are the entries 0 to
 2, 3 to 5, 6 and 14 of its ``robot_obs``.
@@ -189,7 +189,7 @@ CALVIN_PRESETS: Mapping[str, Adapter] = {
         *(BEING_H_CALVIN, OPENVLA_CALVIN, OPENVLA_OFT_CALVIN),
     )
 }
-"""The presets whose actions only CALVIN executes, by name."""
+"""Presets whose actions only CALVIN can execute, by name."""
 
 _NAMED: Mapping[str, Adapter] = {
     "starvla": STARVLA_CALVIN,
@@ -203,7 +203,7 @@ _USUAL: Mapping[str, Adapter] = {"gr00t_new_embodiment": GR00T_CALVIN, "being_h_
 
 
 def in_calvin(adapter: Adapter, *, chosen: bool) -> Adapter:
-    """Return the adapter of CALVIN's clients for a policy; ``chosen`` says whether its address named the preset."""
+    """Return the adapter of CALVIN's clients for a policy; ``chosen`` is True if its address named the preset."""
     if adapter.name == "native":
         return adapter.in_space(CALVIN_RELATIVE.name)
     return _NAMED.get(adapter.name) or (adapter if chosen else _USUAL.get(adapter.name, adapter))

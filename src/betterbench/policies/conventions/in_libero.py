@@ -1,4 +1,4 @@
-"""Existing evaluation clients in LIBERO: the request of each preset and the execution of its answers, in LIBERO itself.
+"""Requests and actions of existing evaluation clients in LIBERO, by preset.
 
 A preset such as ``starvla`` describes a policy that was fine-tuned on demonstrations of betterbench. In LIBERO the same
 name describes a checkpoint that was trained on LIBERO, and its answers are executed as by the policy's own client: the
@@ -22,7 +22,7 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.proprioception import StatePart
 
 SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
-"""LIBERO's eight numbers as sent by vla-evaluation-harness: its rotation vector is at most half a turn long."""
+"""LIBERO's eight numbers as sent by vla-evaluation-harness: the rotation vector is at most half a turn long."""
 
 _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "starvla": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
@@ -37,7 +37,7 @@ _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
 
 
 def in_libero(adapter: Adapter) -> Adapter:
-    """Return the adapter of LIBERO's clients for a preset; the preset itself if nothing differs."""
+    """Return the adapter of LIBERO's clients for a preset; the preset itself if it needs no change."""
     if adapter.name == "x_vla":
         return _x_vla(adapter)
     if adapter.name not in _CHANGES:
@@ -51,7 +51,7 @@ def in_libero(adapter: Adapter) -> Adapter:
 def _x_vla(adapter: Adapter) -> Adapter:
     """Return X-VLA's LIBERO client: absolute poses, the pose measured by robosuite's controller, and domain 3.
 
-    It rotates the front image by 180 degrees and uses the wrist image as rendered by robosuite.
+    The client rotates the front image by 180 degrees and uses the wrist image as rendered by robosuite.
     """
     front, wrist = adapter.views
     measured: tuple[StatePart, ...] = ("controller_position", "controller_rotation_6d", *("zero",) * 11)

@@ -2,7 +2,7 @@
 
 - **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
   gain. In one control step the end effector moves 0.0125 m and turns 0.1 rad per unit (robosuite 1.4.0, every axis,
-  actions of 0.1 to 1.0). Our controller executes a delta exactly, so these numbers are the units.
+  actions of 0.1 to 1.0). Our controller executes a delta exactly, so our action units use these measured values.
 - **Origin.** Positions are in LIBERO's world frame, where the position of the robot's base depends on the kind of scene
   (``libero/libero/envs/robots``: ``base_xpos_offset``, with the lengths of the tables in ``envs/problems``).
 - **Tool point.** LIBERO's is 0.097 m from the hand (robosuite's ``grip_site``), ours 0.1034 m, so ours is 6.4 mm lower.
@@ -47,7 +47,7 @@ LIBERO-10 and LIBERO-90 mix kitchens with living rooms and studies; both use the
 
 
 def trained_on_libero(adapter: Adapter, name: str, suite: str, *, gripper: Polarity = "close_positive") -> Adapter:
-    """Return an adapter for a checkpoint that was trained on a suite of LIBERO.
+    """Return an adapter for a checkpoint trained on a suite of LIBERO.
 
     Args:
         adapter: Layout of a policy that was fine-tuned on demonstrations of betterbench.

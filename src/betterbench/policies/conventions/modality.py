@@ -1,4 +1,4 @@
-"""Modalities that a GR00T server declares: the entries of each, and the required number of time steps."""
+"""Modalities declared by a GR00T server, with entries and required time steps."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _MOST_SHOWN = 20
 
 @dataclass(frozen=True, slots=True)
 class Modalities:
-    """Modalities of a server, with the entries and the time steps of each.
+    """Modalities of a server, each with entries and time steps.
 
     Attributes:
-        video: Names of the required images; None if not declared. The other modalities likewise.
+        video: Names of the required images; None if not declared. The same applies to the other modalities.
         steps: Control steps of each sample relative to now, by modality in ``SEEN``; the last one is 0.
         prefixed: Whether names have a prefix with their modality ("video.front"), as in N1.5.
     """
@@ -40,7 +40,7 @@ class Modalities:
     def read(cls, reply: object, where: str) -> Modalities:
         """Read the answer to ``get_modality_config``; a plain map, as from starVLA's server, declares nothing.
 
-        Raises HandshakeError if it is malformed, or requires inputs that no client has.
+        Raises HandshakeError if the answer is malformed, or requires inputs that no client has.
         """
         marked = [isinstance(value, ModalityConfig) for value in reply.values()] if isinstance(reply, Mapping) else []
         if isinstance(reply, Mapping) and not any(marked):
@@ -69,7 +69,7 @@ class Modalities:
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
-        """Raise a HandshakeError with both sides of each modality in which the adapter differs.
+        """Raise a HandshakeError that shows both sides of each modality where the adapter differs.
 
         The key of the instruction is not compared: the server's key is used.
         """
@@ -94,7 +94,7 @@ class Modalities:
             )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which is stored with the run."""
+        """Return the JSON form stored with the run."""
         return {
             **{kind: getattr(self, kind) for kind in (*SEEN, "language", "action")},
             "steps": {kind: list(steps) for kind, steps in self.steps.items()},

@@ -63,7 +63,7 @@ NATIVE = Adapter(
     instruction=InstructionRule(("prompt",)),
     episode_key=("better/episode",),
 )
-"""The complete observation of betterbench with openpi's protocol; the answer is executed unchanged."""
+"""The complete observation of betterbench in openpi's protocol; answers are executed unchanged."""
 
 OPENPI_LIBERO = Adapter(
     "openpi_libero",
@@ -78,10 +78,10 @@ OPENPI_LIBERO = Adapter(
 )
 """The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
 
-This is the layout of a policy that was fine-tuned on demonstrations of betterbench; ``openpi_libero_SUITE`` is that of
-a checkpoint trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). Our images are upright, so they
-must not be rotated by 180 degrees. The state is the tool's position and rotation vector and the two finger joints.
-openpi's example client executes 5 actions of a chunk.
+This layout is for a policy fine-tuned on demonstrations of betterbench; ``openpi_libero_SUITE`` is for a checkpoint
+trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). Our images are upright, so they must not be
+rotated by 180 degrees. The state is the tool's position and rotation vector and the two finger joints. openpi's example
+client executes 5 actions of a chunk.
 """
 
 OPENPI_DROID = Adapter(
@@ -108,12 +108,12 @@ OPENPI_DROID = Adapter(
 
 DROID's actions are seven joint velocities in units of 0.2 rad per step at 15 Hz, that is 3 rad/s (``droid/robot_ik/
 robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``), and a gripper position from 0 (open) to 1 (closed), which
-the client thresholds at 0.5. They are executed as velocities: at our 20 Hz one unit is a step of 0.15 rad.
+the client thresholds at 0.5. The actions are executed as velocities: at our 20 Hz one unit is a step of 0.15 rad.
 ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds are reduced
-and counted as clipped. DROID adds a step to the measured joint angles, betterbench to the last commanded ones. The
-exterior camera is beside the robot. The closest camera is ``left_shoulder``, which ``--observation droid`` renders;
-``camera.observation/exterior_image_1_left=front`` uses the front view instead. openpi's example client executes 8
-actions of a chunk.
+and counted as clipped. DROID adds a step to the measured joint angles, betterbench to the last commanded angles.
+DROID's exterior camera stands to the side of the robot. Our closest camera is ``left_shoulder``, which ``--observation
+droid`` renders; ``camera.observation/exterior_image_1_left=front`` uses the front view instead. openpi's example client
+executes 8 actions of a chunk.
 """
 
 GR00T_NEW_EMBODIMENT = Adapter(
@@ -130,8 +130,8 @@ GR00T_NEW_EMBODIMENT = Adapter(
 )
 """GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
 
-Keys and slices of a new embodiment are those of the ``meta/modality.json`` of its fine-tuning; the ones here are those
-of our export. The server declares its own at connection, and they are compared.
+Keys and slices of a new embodiment come from the ``meta/modality.json`` of its fine-tuning; this preset uses those of
+our export. The server declares its keys at connection, and the handshake compares them.
 """
 
 _XYZ = ("x", "y", "z")
@@ -191,8 +191,8 @@ GR00T_OXE_WIDOWX = Adapter(
 
 Conventions of BridgeData V2: meters, and angles about the axes of the base, at 5 Hz; a gripper value of 1 is open.
 Rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
-``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are treated as velocities: each step at 20 Hz executes
-a quarter of one.
+``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are treated as velocities: each step at 20 Hz executes a
+quarter of a delta.
 """
 
 GR00T_OXE_DROID = Adapter(
@@ -216,7 +216,7 @@ GR00T_OXE_DROID = Adapter(
 """GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles as input and output. The server
 has already converted the model's relative angles to absolute ones; a gripper value of 1 is closed.
 
-Its client executes the angles at 15 Hz; here they are executed at 20 Hz, a third faster. N1.7's tag
+GR00T's client executes the angles at 15 Hz; here they are executed at 20 Hz, a third faster. N1.7's tag
 ``oxe_droid_relative_eef_relative_joint`` is different: it has two more entries (``eef_9d``) in a tool frame of DROID.
 For the camera see :data:`OPENPI_DROID`.
 """
@@ -236,8 +236,8 @@ BEING_H_LIBERO = Adapter(
 )
 """Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
 
-As in its own client (``BeingH/benchmark/utils/policy.py``), images are sent as rendered; the server resizes them, and 8
-actions of a chunk are executed.
+As in Being-H's client (``BeingH/benchmark/utils/policy.py``), images are sent as rendered; the server resizes them, and
+8 actions of a chunk are executed.
 
 ``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. In its data, a gripper value of 1 is open
 (``BeingH/benchmark/libero/run_libero_eval.py`` inverts it).
@@ -276,9 +276,9 @@ STARVLA = Adapter(
 )
 """Example in starVLA's requests, without a state (``deployment/model_server``).
 
-The entries under ``image`` are sent as a list, in this order; their sizes are those of its LIBERO client.
+The entries under ``image`` are sent as a list, in this order, in the sizes of starVLA's LIBERO client.
 
-Some of its models write a received state into the prompt, so a state is sent only on request (:data:`STARVLA_STATE`).
+Some starVLA models write a received state into the prompt, so a state is sent only on request (:data:`STARVLA_STATE`).
 ``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on LIBERO itself, where a
 gripper value of 1 is open.
 """
@@ -288,7 +288,7 @@ STARVLA_STATE = replace(
     name="starvla_state",
     states=(StateRule(("state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
 )
-"""The same with LIBERO's eight numbers of state, for a model that was trained with them."""
+"""starVLA's requests with LIBERO's eight numbers of state, for models trained with a state."""
 
 OPENVLA = Adapter(
     "openvla",
@@ -299,9 +299,9 @@ OPENVLA = Adapter(
 )
 """The body of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
 
-``send.unnorm_key=NAME`` adds the name of the normalization, which a checkpoint of several data sets needs. In all its
-data, a gripper value of 1 is open. Checkpoints trained with random crops need the central 0.9 of the image, which some
-servers crop and others do not: ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+``send.unnorm_key=NAME`` adds the name of the normalization, which a checkpoint of several data sets needs. A gripper
+value of 1 is open. Checkpoints trained with random crops need the central 0.9 of the image, which some servers crop and
+others do not: ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on LIBERO itself.
 """
 
 OPENVLA_OFT = Adapter(
@@ -335,8 +335,8 @@ X_VLA = Adapter(
 """The body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
 
 Images, a state of two times ten numbers of which a single arm fills nine, and absolute poses of the tool as the answer.
-Arrays are sent as texts (``arrays=text``). ``domain_id`` names the data set whose prompt the model uses (3 is LIBERO)
-and must be given: ``send.domain_id=3``. Its own client sends the last commanded pose; this preset sends the measured
+Arrays are sent as texts (``arrays=text``). ``domain_id`` selects the data set whose prompt the model uses (3 is LIBERO)
+and must be given: ``send.domain_id=3``. X-VLA's client sends the last commanded pose; this preset sends the measured
 pose.
 """
 
@@ -354,8 +354,8 @@ DEXBOTIC = Adapter(
 ``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``): two images by slot, LIBERO's state and the
 plain instruction. ``POST /process_frame`` gets the same as a form (:mod:`betterbench.policies.clients.dexbotic`).
 
-Its clients pass the answer to LIBERO unchanged, so a gripper value of +1 closes. They execute 5 (pi0) to 12 (DM0)
-actions of a chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+Dexbotic's clients pass the answer to LIBERO unchanged, so a gripper value of +1 closes. They execute 5 (pi0) to 12
+(DM0) actions of a chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
 """
 
 DEXBOTIC_COGACT = replace(
@@ -365,8 +365,11 @@ DEXBOTIC_COGACT = replace(
     states=(),
     instruction=InstructionRule(("observation", "prompt"), template="What action should the robot take to {}?"),
 )
-"""The same for its CogACT, MemVLA and OFT models: one image, no state, and the instruction in the prompt template of
-their training. ``dexbotic_cogact_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+"""The body for Dexbotic's CogACT, MemVLA and OFT models.
+
+It has one image, no state, and the prompt template of training. ``dexbotic_cogact_libero_SUITE`` is for checkpoints
+trained on LIBERO itself.
+"""
 
 LEROBOT = Adapter(
     "lerobot",
@@ -380,7 +383,7 @@ LEROBOT = Adapter(
 )
 """LeRobot's own names, as ``lerobot:CHECKPOINT`` derives them from a checkpoint that was trained on our export.
 
-The state is that of betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+The state equals that of betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
 """
 
 _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
@@ -417,10 +420,10 @@ PRESETS: dict[str, Adapter] = {
 }
 
 OWN_PRESETS = {name: adapter for name, adapter in PRESETS.items() if adapter.answer.space not in WORLD_ACTION_SPACES}
-"""The presets whose actions betterbench's own scenes execute."""
+"""Presets whose actions betterbench's own scenes can execute."""
 
 UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
-"""The original layout of each preset that converts our observations to LIBERO's conventions; LIBERO itself uses it."""
+"""Original layout of each preset that converts our observations to LIBERO's conventions. LIBERO itself uses it."""
 
 
 def preset(name: str) -> Adapter:
@@ -434,7 +437,8 @@ def preset(name: str) -> Adapter:
 def own_preset(name: str) -> Adapter:
     """Return a preset for betterbench's own scenes.
 
-    Raises UnknownNameError if there is no such preset, and InvalidInputError if only another world plays its actions.
+    Raises UnknownNameError if there is no such preset, and InvalidInputError if only another world executes its
+    actions.
     """
     found = preset(name)
     if name not in OWN_PRESETS:
@@ -449,14 +453,14 @@ def own_preset(name: str) -> Adapter:
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
     """Return the adapter given in an address, or the default if it names neither a preset nor a file.
 
-    In another world, a preset is what that world's own clients do with such a policy.
+    In another world, a preset matches that world's own clients for such a policy.
 
     Raises InvalidInputError if the address names both, or neither without a default, if an option is malformed, or if
     the world cannot execute such actions. Raises UnknownNameError if a name in it does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
-        raise InvalidInputError(where, "it names both a preset and an adapter", "Give one")
+        raise InvalidInputError(where, "the address names both a preset and an adapter", "Give one")
     named = preset(options["preset"]) if "preset" in options else default
     if "adapter" in options:
         adapter = Adapter.load(Path(options["adapter"]))
@@ -467,7 +471,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
         also = "" if address.world else f"; trained on LIBERO: {trained}"
         raise InvalidInputError(
             where,
-            "neither it nor the server declares the images and state that the policy needs",
+            "neither the address nor the server declares the images and state that the policy needs",
             f"Add ?preset=NAME ({', '.join(presets_in(address.world))}{also}) or ?adapter=FILE",
         )
     cameras = {k.removeprefix(CAMERA.name): v for k, v in options.items() if k.startswith(CAMERA.name)}
@@ -508,7 +512,7 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
-    """Return the error about actions that the world of an address does not support, with a remedy for that world."""
+    """Return the error for actions that the world of an address does not support, with a remedy for that world."""
     world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
@@ -519,7 +523,7 @@ def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputEr
 
 
 def presets_in(world: str) -> tuple[str, ...]:
-    """Return the names of the presets that are played in another world, or in our own scenes if it is empty."""
+    """Return the names of the presets for a world, or for our own scenes if ``world`` is empty."""
     if world == "calvin":
         return tuple(CALVIN_PRESETS)
     layouts = _LAYOUTS if world == "" else (*_LAYOUTS, VLA_EVAL_ABSOLUTE)
@@ -531,7 +535,7 @@ _WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the constants in an address; raise InvalidInputError if a required one is missing."""
+    """Return the adapter with the constants in an address; InvalidInputError if a required constant is missing."""
     given = {k.removeprefix(CONSTANT.name): v for k, v in address.options.items() if k.startswith(CONSTANT.name)}
     if given:
         adapter = adapter.with_constants({key: _constant(text) for key, text in given.items()})
@@ -545,7 +549,7 @@ def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _constant(text: str) -> bool | int | float | str:
-    """Return a number or boolean as such, and any other text unchanged."""
+    """Parse a number or boolean; return any other text unchanged."""
     if text in ("true", "false"):
         return text == "true"
     for kind in (int, float):

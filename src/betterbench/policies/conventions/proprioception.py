@@ -1,4 +1,4 @@
-"""Proprioceptive inputs of a policy: the parts of the robot's state, their format and order."""
+"""Proprioceptive inputs of a policy: parts of the robot's state, with format and order."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ StatePart = Literal[
 ``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is rotated from pointing straight
 down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
 negated, as in robosuite and LIBERO; the fractions are of the full opening. ``zero`` fills an entry that the policy does
-not use. ``ee_axis_angle_short`` is always at most half a turn long, even if that makes it jump.
+not use. ``ee_axis_angle_short`` is at most half a turn long, even if the vector jumps as a result.
 
 Some parts come from other simulators. ``controller_position`` and its rotations are the pose measured by robosuite's
 controller in LIBERO, one physics step earlier; elsewhere they are the pose of the tool. ``gripper_command`` is the last
@@ -76,7 +76,7 @@ _AXES: dict[str, tuple[StatePart, int]] = {
     **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
     **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
 }
-"""Parts that are one component of a vector, with the vector and the index."""
+"""Parts that are a single component of a vector: name of the vector and index."""
 
 _SIZES: dict[str, int] = {
     "ee_position": 3,
@@ -99,7 +99,7 @@ class StateRule:
 
     Attributes:
         dtype: Type of its numbers.
-        scalar: Whether to send a plain number instead of an array; only for one part of one number.
+        scalar: Whether to send a plain number instead of an array; only for a single number.
     """
 
     key: tuple[str, ...]
@@ -111,7 +111,7 @@ class StateRule:
         """Check that it has parts."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
-            raise InvalidInputError(where, "it has no parts", "Name at least one, such as ee_position")
+            raise InvalidInputError(where, "the state has no parts", "Name at least one, such as ee_position")
         if self.scalar and self.size != 1:
             raise InvalidInputError(where, f"a scalar cannot contain {self.size} numbers", "Leave scalar out")
 
@@ -122,7 +122,7 @@ class StateRule:
 
     @property
     def holds_position(self) -> bool:
-        """Whether the vector contains the position of the end effector, or one coordinate."""
+        """Whether the vector contains the position of the end effector or a coordinate of the position."""
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self) -> list[tuple[StatePart, slice]]:
@@ -142,7 +142,7 @@ class StateRule:
         gripper_opening_m: float,
         tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
-        """Return the state of an observation: (size,) of the required type, or a number for a scalar.
+        """Return the state input for an observation: (size,) of ``dtype``, or a number for a scalar.
 
         ``ee_offset_m`` is added to the position of the end effector, for policies with another origin.
         ``tool_offset_m`` is the policy's tool point in our tool frame. ``gripper_opening_m`` counts as fully open.
@@ -186,7 +186,7 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
         return [0.0]
     if part in ("gripper_command", "gripper_command_closed"):
         raise PolicyError(
-            f"{part} is available in CALVIN only. Name gripper_width or gripper_closed_fraction in the adapter."
+            f"{part} is available only in CALVIN. Name gripper_width or gripper_closed_fraction in the adapter."
         )
     if part.startswith("gripper_"):
         return _gripper(part, observation.gripper_width, gripper_opening_m)
@@ -203,10 +203,10 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Return a rotation of the tool in a format, without a jump where the tool points down.
+    """Return a tool rotation in a format, continuous where the tool points down.
 
-    Down is half a turn about x. There the scalar part of the quaternion crosses zero, so the rule w >= 0 would flip the
-    sign of all four numbers, and the roll would jump by a full turn between two images.
+    Pointing down is half a turn about x, where the scalar part of the quaternion crosses zero. The rule w >= 0 would
+    flip all four signs there, and the roll would jump by a full turn between two images.
     """
     values = to_format(q, form)
     if form in ("quaternion_wxyz", "quaternion_xyzw"):

@@ -1,8 +1,8 @@
-"""Requests to a betterbench server: an observation in one of two layouts, checked field by field.
+"""Requests to a betterbench server: observations in one of two layouts, checked field by field.
 
-The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. The LIBERO layout of openpi is
-sent by other clients: two images, eight numbers and the instruction. It does not contain joint angles; they are then
-NaN, which no policy can mistake for a measurement.
+The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send the LIBERO
+layout of openpi: two images, eight numbers and the instruction. This layout lacks joint angles, which are then NaN, so
+that no policy can mistake them for a measurement.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
-"""Bound on positions, angles and speeds of a robot [m, rad, m/s, rad/s]; the square of far larger ones overflows."""
+"""Bound on positions, angles and speeds of a robot [m, rad, m/s, rad/s]. The squares of far larger numbers overflow."""
 _MEASURED = {"joint_positions": 7, "joint_velocities": 7, "ee_position": 3, "ee_quaternion": 4}
 _LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
 
@@ -39,8 +39,8 @@ class Request:
         step: Control steps since reset, or None if the client does not send it.
         start: Start of the episode, or None if the client does not send it.
         trial: The trial, if the client names it; only a served expert needs it.
-        observation: Observation of the client, or None if it sends neither joints nor state.
-        measured: Whether the observation contains the joint angles, so that two sides can compare their states.
+        observation: Observation of the client, or None if the client sends neither joints nor state.
+        measured: Whether the observation contains joint angles, which the shadow simulation compares.
     """
 
     instruction: str
@@ -92,7 +92,7 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
     """Return the states in a request in the layout of an adapter, each as (size,) float64.
 
-    A state of zeros counts as missing. Raises InvalidInputError with the name of the field if one is malformed.
+    A state of zeros is treated as missing. Raises InvalidInputError with the name of a malformed field.
     """
     found = []
     for rule in layout.states:
@@ -114,7 +114,7 @@ def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | No
     """Return the start of a client's episode, and its trial if the client names one."""
     if not isinstance(form, Mapping):
         raise InvalidInputError(
-            "better/episode", f"it is a {type(form).__name__}", "Send a map with action_space and episode"
+            "better/episode", f"expected a map, got a {type(form).__name__}", "Send a map with action_space and episode"
         )
     trial = None
     if {"task", "condition", "seed"} & set(form):
@@ -133,14 +133,14 @@ def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | No
 def _name(form: Mapping[Any, Any], key: str) -> str:
     value = form.get(key)
     if not isinstance(value, str):
-        raise InvalidInputError(f"better/episode: {key}", "it is not a string", "Send the name as a string")
+        raise InvalidInputError(f"better/episode: {key}", "expected a string", "Send the name as a string")
     return value
 
 
 def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
     numbers = {name: _numbers(message.get(f"better/{name}"), f"better/{name}", n) for name, n in _MEASURED.items()}
     if np.signbit(numbers["ee_quaternion"][0]):
-        numbers["ee_quaternion"] *= -1.0  # the same rotation, as observations write it: w >= 0
+        numbers["ee_quaternion"] *= -1.0  # the same rotation with w >= 0, as in observations
     return Observation(
         instruction=instruction,
         step=step,
@@ -190,9 +190,9 @@ def _numbers(value: object, where: str, count: int) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         array = np.full(0, math.nan)
     if array.shape != (count,) or not np.isfinite(array).all():
-        raise InvalidInputError(where, f"it is not {count} finite numbers", f"Send a float array of shape ({count},)")
+        raise InvalidInputError(where, f"expected {count} finite numbers", f"Send a float array of shape ({count},)")
     if np.abs(array).max(initial=0.0) > _LARGEST_NUMBER:
-        problem = f"it contains {array[np.abs(array).argmax()]:g}, which is out of range"
+        problem = f"the value {array[np.abs(array).argmax()]:g} is out of range"
         raise InvalidInputError(where, problem, "Send meters and radians")
     return array
 

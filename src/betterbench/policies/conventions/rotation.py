@@ -1,9 +1,9 @@
 """Rotation formats of policies, with conversions to and from our quaternions.
 
-A quaternion and its negative are one rotation but two vectors, and the rotation vector computed from the one with w < 0
-is longer than pi. Every conversion here uses the one with w >= 0, by way of :func:`betterbench.geometry.normalize`,
-which is right for the small rotations of actions. The state of a tool that points down is converted differently,
-continuously around half a turn (see ``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`).
+A quaternion and its negative describe the same rotation, but w < 0 gives a rotation vector longer than pi. Every
+conversion here normalizes to w >= 0 with :func:`betterbench.geometry.normalize`, which suits the small rotations of
+actions. The rotation of a tool in the state is instead converted continuously around half a turn (see
+``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`).
 """
 
 from __future__ import annotations
@@ -131,14 +131,14 @@ def from_matrix(matrix: np.ndarray) -> Quaternion:
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix with columns along two vectors; the second is made orthogonal to the first."""
+    """Return the rotation matrix with columns along two vectors, after making the second orthogonal to the first."""
     length = float(np.linalg.norm(first))
     if length < 1e-9:
-        raise ValueError("a rotation matrix with a column of zeros is not a rotation")
+        raise ValueError("a matrix with a zero column is not a rotation")
     x = first / length
     y = second - float(x @ second) * x
     length = float(np.linalg.norm(y))
     if length < 1e-9:
-        raise ValueError("a rotation matrix with parallel columns is not a rotation")
+        raise ValueError("a matrix with parallel columns is not a rotation")
     y = y / length
     return np.stack([x, y, np.cross(x, y)], axis=1)

@@ -1,6 +1,6 @@
 """Privileged policies: the expert, and the faulty policies that calibrate the diagnosis.
 
-Each public name is imported from its module when it is first used: an address can be read without a simulator.
+Each public name is imported at first use, so an address can be read without a simulator.
 """
 
 from typing import TYPE_CHECKING

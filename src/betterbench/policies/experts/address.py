@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from betterbench.policies.address import AddressForm, Option, PolicyAddress
 
 MAX_ACTION_NOISE_M = 0.02
-"""Largest allowed action noise [m]; above it, objects are knocked over everywhere."""
+"""Maximum action noise [m]; more noise knocks objects over everywhere."""
 
 OPTIONS = (
-    Option("strength", "the share of the trials in which its rule applies", "number", 1.0),
+    Option("strength", "the share of the trials in which the faulty rule applies", "number", 1.0),
     Option(
         "action_noise",
         "the standard deviation of the noise on each control step's translation [m]",
@@ -24,7 +24,7 @@ ZOO_FORM = AddressForm(scheme="zoo", example="zoo:lexical", target="optional", o
 PROBE_FORM = AddressForm(scheme="probe", example="probe:no-language", target="optional", options=OPTIONS)
 
 WITNESS = "expert:witness"
-"""The expert that also records which faulty rules decide as it does (see
+"""The expert that also records which faulty rules make the same decisions (see
 :mod:`betterbench.policies.experts.witness`)."""
 
 
@@ -33,8 +33,8 @@ class Address:
     """Address of a privileged policy, with its execution noise.
 
     Attributes:
-        name: Its name without options.
-        strength: Share of trials in which its rule applies.
+        name: Name without options.
+        strength: Share of trials in which the rule applies.
         action_noise_m: Standard deviation of the noise on each control step's translation [m].
     """
 
@@ -44,7 +44,7 @@ class Address:
 
     @classmethod
     def of(cls, read: PolicyAddress) -> Address:
-        """Return the policy that a parsed address describes."""
+        """Return the privileged policy of a parsed address."""
         return cls(read.name, read.number("strength", 1.0), read.number("action_noise", 0.0))
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Privileged policies by the world whose state they read."""
+"""Privileged policies for other worlds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EXPERTS_IN: Mapping[str, Callable[[str, Any], PrivilegedPolicy]] = {
     OURS.name: make_expert,
     LIBERO.name: libero.LiberoAgent,
 }
-"""Makers of a policy from its address and the scene of an episode, by the name that the scene gives as ``world``."""
+"""Constructors of a policy from an address and a scene, by the name of the world (``scene.world``)."""
 
 POLICIES_IN: Mapping[str, tuple[str, ...]] = {LIBERO.title: tuple(libero.POLICIES)}
-"""Addresses of the policies that know another world's state, by its title."""
+"""Addresses of the policies that support another world's state, by title of the world."""

@@ -1,7 +1,7 @@
 """Privileged policies in LIBERO: an expert for pick and place, and faulty policies that calibrate the diagnosis there.
 
-They act through robosuite's ``OSC_POSE``, whose deltas start from the measured pose, so each action is the difference
-between the goal and the measured pose. The fingers close along the x axis of LIBERO's tool.
+The policies act through robosuite's ``OSC_POSE``, whose deltas start from the measured pose. Each action is therefore
+the difference between the goal and the measured pose. The fingers close along the x axis of LIBERO's tool.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.tasks import Label, TrainingDistribution, stream
 from betterbench.tasks.worlds.libero_training import CARRIED, trained_in, word_of_sentence
 
 FINGER_ROOM_M = 0.074
-"""Widest object that is grasped between the fingers; they open to 77 mm."""
+"""Maximum width of an object grasped between the fingers, which open to 77 mm [m]."""
 
 TOOL_TIP_M = 0.011
 """Length of the fingers below the tool center point [m]."""
@@ -44,19 +44,19 @@ _STILL_STEPS, _STILL_M = 6, 0.002
 
 POLICIES = {
     "expert": "brings the right object to the right target, and repeats a missed grasp",
-    "zoo:lexical": "picks at the slot from which training picked for the words of the instruction",
+    "zoo:lexical": "picks at the slot from which training picked for the same words of the instruction",
     "zoo:layout": "picks at the slot from which training picked most often, whatever the instruction says",
     "zoo:habit-place": "brings the right object to the trained position of the target",
-    "zoo:clumsy": "reaches for the right object, and drops it or closes the gripper beside it",
+    "zoo:clumsy": "reaches for the right object, but drops it or closes the gripper next to it",
 }
 """The privileged policies that support LIBERO, by address, with their behavior."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Aim:
-    """Object to carry and its target: the position for the center of its bottom [m].
+    """Object to carry and its target position, for the center of the object's bottom [m].
 
-    ``fault`` is the fault of a wrong target. It is recorded only when the object has been carried there.
+    ``fault`` is the fault of a wrong target, recorded only after the object has been carried there.
     """
 
     object: str
@@ -72,7 +72,7 @@ class LiberoAgent:
 
         Raises:
             UnknownNameError: If there is no such policy.
-            InvalidInputError: If it does not support LIBERO, or the task needs other skills.
+            InvalidInputError: If the policy does not support LIBERO, or the task needs other skills.
         """
         asked = parse_address(address)
         if asked.name not in POLICIES:
@@ -94,7 +94,7 @@ class LiberoAgent:
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """Ground truth about its own episode, as of :class:`betterbench.policies.experts.PrivilegedAgent`."""
+        """Ground truth about the policy's episode, as in :class:`betterbench.policies.experts.PrivilegedAgent`."""
         fault = self._fault
         return {
             "truth": "" if fault is None else fault.label,
@@ -115,7 +115,7 @@ class LiberoAgent:
         return action
 
     def close(self) -> None:
-        """Forget the episode."""
+        """Release the episode."""
         run, self._run = self._run, None
         if run is not None:
             run.close()
@@ -194,7 +194,7 @@ class LiberoAgent:
         state = yield from _move(state, _raised(grasp, grasp.position[2] + _LIFT_M), CLOSE, limit=25, speed=0.6)
         if state.held != aim.object:
             if not self._miss:
-                self._mishap = self._mishap or f"the gripper did not get hold of {aim.object}"
+                self._mishap = self._mishap or f"the gripper failed to grasp {aim.object}"
             state = yield from _move(state, above, OPEN, limit=25)
             return state
         hung = tuple(a - b for a, b in zip(state.ee_pose.position, state.pose(aim.object).position, strict=True))
@@ -219,7 +219,7 @@ class LiberoAgent:
         return state
 
     def _grasp(self, state: WorldState, thing: ObjectInfo) -> Pose:
-        """Return the pose of the tool at which the fingers close on an object, or beside it."""
+        """Return the tool pose at which the fingers close on an object or, with a grasp fault, next to the object."""
         grasp = grasp_of(state, thing)
         if not self._miss:
             return grasp
@@ -231,7 +231,7 @@ class LiberoAgent:
 
 @dataclass(frozen=True, slots=True)
 class CarriedStep:
-    """Goal relation that is reached by carrying an object; ``number`` is its index in the goal."""
+    """Goal relation reached by carrying an object; ``number`` is the index in the goal."""
 
     number: int
     relation: str
@@ -240,10 +240,10 @@ class CarriedStep:
 
 
 def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
-    """Return what the task of a scene that has been reset asks for.
+    """Return the steps of the task of a scene after reset.
 
     Raises:
-        InvalidInputError: If a step is not done by carrying.
+        InvalidInputError: If a step requires more than carrying.
     """
     return tuple(carried_step(scene.info.objects, i, name) for i, name in enumerate(scene.subgoal_names))
 
@@ -259,7 +259,7 @@ def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> Car
     known = {o.name: o for o in objects}
     target = next((n for n in known if len(about) == 2 and (about[1] == n or about[1].startswith(f"{n}_"))), None)
     if relation not in CARRIED or target is None or about[0] not in known or known[about[0]].fixed:
-        raise InvalidInputError("policy", f"it has no skill for {name}", "Name pick-and-place tasks")
+        raise InvalidInputError("policy", f"the policy has no skill for {name}", "Name pick-and-place tasks")
     return CarriedStep(number, relation, about[0], target)
 
 
@@ -274,7 +274,7 @@ def standing_in(state: WorldState, slot: str) -> str | None:
 
 
 def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
-    """Return the pose of the tool that grasps an object from above: across its narrow side, or at its rim."""
+    """Return the tool pose of a grasp from above: across the narrow side of an object, or at its rim."""
     pose = state.pose(thing.name)
     depth, width, height = thing.size_m
     x, y, z = pose.position
@@ -303,7 +303,7 @@ def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
 
 
 def _strikes(state: WorldState, grasp: Pose, other: ObjectInfo) -> bool:
-    """Tell whether the hand, with its fingers along the world's y axis, would hit the bounding box of an object."""
+    """Return whether the hand, with fingers along the world's y axis, would hit the bounding box of an object."""
     pose = state.pose(other.name)
     if _top(state, other) < grasp.position[2] + HAND_ABOVE_M:
         return False
@@ -323,12 +323,12 @@ def _dot(a: tuple[float, ...], b: tuple[float, float]) -> float:
 
 
 def _place_of(state: WorldState, step: CarriedStep) -> Vector:
-    """Return the position for the center of the object's bottom in a step [m]."""
+    """Return the target position of a step, for the center of the object's bottom [m]."""
     return _place_at(state, step, state.pose(step.target).position)
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return the same position if the target were elsewhere [m]: above the rim of a container."""
+    """Return the target position of a step if the target is at ``there`` [m]; in a container it is above the rim."""
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)

@@ -1,4 +1,4 @@
-"""Moving the tool center point: straight segments, a bounded speed profile, and actions that follow it."""
+"""Motion of the tool center point along straight segments with bounded speed and acceleration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.geometry import Pose, angle_between, distance, straight_way, to
 from betterbench.interface.state import WorldState
 
 Motion = Generator[np.ndarray, WorldState, WorldState]
-"""A motion yields actions, receives the state after each, and returns the last state."""
+"""A motion yields actions, receives the state after each action, and returns the last state."""
 
 OPEN, CLOSE = -1.0, 1.0
 TRANSLATION_PER_UNIT_M = 0.05
@@ -37,11 +37,11 @@ class Pace:
 
 
 FREE = Pace(0.50, 0.15, 1.6, 1.8)
-"""Pace without a load."""
+"""Pace of an empty gripper."""
 CARRY = Pace(0.32, 0.10, 0.8, 1.6)
-"""Pace with an object in the gripper, held with 40 N: it slips by less than 1 mm."""
+"""Pace with an object in the gripper; an object held with 40 N slips by less than 1 mm."""
 RAILS = Pace(0.14, 0.05, 0.4)
-"""Pace of a drawer: its contents must not slide."""
+"""Pace of a drawer, slow enough to keep its contents from sliding."""
 APPROACH = Pace(0.16, 0.05, 0.6)
 """Pace of the last stretch before contact."""
 
@@ -65,7 +65,7 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
 
 
 def _span(a: Pose, b: Pose, pace: Pace) -> float:
-    """Return the length [m] of a segment at a pace: its path, or its rotation as an equivalent path."""
+    """Return the length [m] of a segment at a pace: the translation, or the rotation as an equivalent length."""
     return max(distance(a.position, b.position), angle_between(a.quaternion, b.quaternion) * pace.speed / pace.turning)
 
 

@@ -34,19 +34,19 @@ DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
 """Heights of the tool center point at which objects are carried across the table, lowest first."""
 CHECK_STEP_M = 0.03
-"""Distance between configurations that are checked along a path."""
+"""Distance between checked configurations along a path."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
-"""Position and angle error allowed for a checked configuration; clearances are larger."""
+"""Allowed position and angle error of a checked configuration; clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
-"""Largest joint motion between two checked configurations; a larger one means another posture."""
+"""Maximum joint motion between two checked configurations; a larger motion means another posture of the arm."""
 COMFORT_RAD = 0.3
-"""Preferred distance from the joint limits: a wrist at its limit cannot rotate further."""
+"""Preferred distance from the joint limits, because a wrist at its limit cannot rotate further."""
 SLIDE_WIDTH_M = 0.05
-"""Opening of the gripper around a knob in the check along the rails [m]."""
+"""Gripper opening around a knob in the collision check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Reason against a path that would need another posture of the arm."""
+"""Reason for rejecting a path that would need another posture of the arm."""
 LIFT_M = 0.08
-"""Length of the straight approach and of the straight retreat [m]."""
+"""Length of the straight approach and retreat [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +108,12 @@ class Planner:
         self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
 
     def plan_pick(self, state: WorldState, name: str, *, cost: Callable[[Pose], float] | None = None) -> PickPlan:
-        """Return the best collision-free path to pick an object.
+        """Return the best collision-free path to pick up an object.
 
         Args:
             state: Current state.
             name: Name of the object.
-            cost: Value added to the rotation of the gripper [rad], by which grasps of equal preference are ordered.
+            cost: Value added to the rotation of the gripper [rad] when ordering grasps of equal preference.
 
         Raises:
             PlanningError: If no grasp can be reached without a collision.
@@ -161,7 +161,7 @@ class Planner:
         joints = self._reach(state.joint_positions, pick.grasp)
         if joints is None:
             raise PlanningError(f"the knob of {name} is out of reach")
-        # Objects in the drawer move with it.
+        # objects in the drawer move with the drawer
         along = frozenset({name}) | {o.name for o in state.info.objects if not o.fixed and inside(state, o.name, name)}
         blocked, _ = self.check_way(joints, (pick.grasp, end), SLIDE_WIDTH_M, ignore=along)
         if blocked is not None:
@@ -287,7 +287,7 @@ class Planner:
     def _grasps(
         self, state: WorldState, name: str, cost: Callable[[Pose], float] | None
     ) -> Iterator[tuple[Pose, float]]:
-        """Yield grasp poses in the world, the preferred and least rotated ones first."""
+        """Yield grasp poses in the world frame, ordered by preference and then by rotation."""
         pose = state.pose(name)
         found: list[tuple[float, Pose, float]] = []
         for grasp in self._assets[name].grasps:
@@ -322,7 +322,7 @@ class Planner:
                 yield Pose((center[0], center[1], height), down), info.size_m[axis]
 
     def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0) -> np.ndarray | None:
-        """Return joint angles that reach a pose with a distance of ``margin`` [rad] to the joint limits, or None."""
+        """Return joint angles that reach a pose at least ``margin`` [rad] from the joint limits, or None."""
         result = self._ik.reach(np.asarray(start, dtype=float), pose)
         if not result.converged:
             return None
@@ -368,8 +368,8 @@ class Planner:
     ) -> tuple[str | None, list[float]]:
         """Follow a path in joint space, in the state of the last plan, and return the first obstacle.
 
-        The joints are followed from one configuration to the next, as the controller does, so a path that reaches a
-        joint limit or needs another posture of the elbow is not free.
+        As in the controller, each configuration starts from the previous one, so a path that reaches a joint limit or
+        needs another elbow posture is not free.
 
         Args:
             joints: (7,) joint angles at its beginning [rad].
@@ -383,7 +383,7 @@ class Planner:
         Returns:
             The obstacle, or None if the path is free; and the joint angles where the check ended.
         """
-        # Plain numbers in plain loops take half the time of arrays of seven elements.
+        # plain Python loops take half the time of NumPy arrays of seven elements
         traveled, now = 0.0, [float(angle) for angle in joints]
         before = now
         for start, end in itertools.pairwise(way):
@@ -410,7 +410,7 @@ class Planner:
 
 
 def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
-    """Yield the equivalent poses of one annotated grasp: rotated about the object's axis, and with swapped fingers."""
+    """Yield the equivalent poses of an annotated grasp: rotated about the object's axis, and with swapped fingers."""
     turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
     half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))
     for turn in turns:

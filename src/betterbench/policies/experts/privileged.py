@@ -1,4 +1,4 @@
-"""Privileged policies: a decision rule and motor skills that return one action per state."""
+"""Privileged policies, which combine a decision rule with motor skills."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from betterbench.tasks.demonstrated import Releases, demonstrated_if_measured
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 MAX_DECISIONS = 12
-"""Maximum of decisions before a policy gives up: twice the longest chain of the suite."""
+"""Maximum number of decisions before a policy gives up: twice the longest chain of the suite."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """Execution noise of a policy: errors of the motions that execute its decisions.
+    """Execution noise of a policy: motion errors in the execution of decisions.
 
     Attributes:
         grasp_offset: Deliberate grasp error, or None.
@@ -47,8 +47,8 @@ class ExecutionNoise:
 class _DecisionLoop:
     """Loop that turns the decisions of a rule into actions.
 
-    The agent refers to the loop and its generator, and neither refers to the agent: a reference cycle would keep the
-    scene in memory until a garbage collection.
+    Neither the loop nor its generator refers to the agent, because a reference cycle would keep the scene in memory
+    until a garbage collection.
     """
 
     def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
@@ -66,7 +66,7 @@ class _DecisionLoop:
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
 
     def actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode from its first state; each following state is sent in."""
+        """Yield the actions of an episode, starting from the given state. Each next state is sent to the generator."""
         home = state.ee_pose
         history: tuple[Decision, ...] = ()
         while len(history) < MAX_DECISIONS:
@@ -106,14 +106,14 @@ class _DecisionLoop:
 def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
     """Return the release points of demonstrations at the targets of a scene, by target, relation and region.
 
-    Trials follow the demonstrations, to show that they can be solved with trained motions. Demonstrations themselves
+    In trials, the expert follows these points, to show that trained motions solve the trial. Demonstrations themselves
     have no release points to follow.
     """
     return (lambda *_: None) if scene.seed >= FIRST_DEMONSTRATION_SEED else measured_releases(scene)
 
 
 def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return the release points of the measured demonstrations at the targets of a scene, whatever its seed."""
+    """Return the measured release points of demonstrations at the targets of a scene, for any seed."""
     condition = scene.condition
     known = demonstrated_if_measured(scene.task, engine=engine_version())
     grounds = {o.name: o.name if o.mount is None else o.mount.target for o in condition.objects}
@@ -126,7 +126,7 @@ def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 
 
 class PrivilegedAgent:
-    """Privileged policy with one rule in one episode. It has the same action space and limits as any policy."""
+    """Privileged policy with one rule in one episode, with the same action space and limits as any policy."""
 
     def __init__(
         self,
@@ -159,11 +159,11 @@ class PrivilegedAgent:
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """Ground truth of the policy about its own episode, for the journal of the run; records do not contain it.
+        """Ground truth about the policy's episode, stored in the journal of the run but not in records.
 
-        ``truth`` is the outcome label of the first wrong decision, empty if all were right. ``fault`` is that decision.
+        ``truth`` is the outcome label of the first wrong decision (``fault``), empty if all decisions were right.
         ``mishap`` is a right decision that the gripper could not execute. A witness adds ``same``, the names of the
-        rules that decided as it did, separated by spaces.
+        rules that made the same decisions, separated by spaces.
         """
         rule = self._loop.rule
         fault = rule.fault
@@ -194,7 +194,7 @@ class PrivilegedAgent:
         return action
 
     def close(self) -> None:
-        """Release the episode, so that its scene (about 25 MB) is freed with its last reference."""
+        """Release the episode, to free its scene (about 25 MB) with the last reference."""
         run, self._run = self._run, None
         if run is not None:
             run.close()

@@ -1,9 +1,9 @@
-"""Open-loop probes: they replay the motion of a demonstration and ignore the observations.
+"""Open-loop probes, which replay the motion of a demonstration and ignore observations.
 
-If a benchmark's scenes can be solved without observations, it measures memory. ``probe:replay`` replays a demonstration
-of the twin's condition, so mostly of the same instruction in the same layout. ``probe:no-images`` replays one of the
-trained instruction that is closest to the trial's. Both are demonstrations on which a policy could have been trained:
-their seeds are those of demonstrations, never those of tests. They miss objects at other positions.
+If scenes can be solved without observations, a benchmark measures memory. ``probe:replay`` replays a demonstration of
+the twin's condition, usually the same instruction in the same layout. ``probe:no-images`` replays a demonstration of
+the trained instruction closest to the trial's. Both use demonstration seeds, never test seeds, as in the training data
+of a policy. The probes miss objects at other positions.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from betterbench.tasks import Condition, GoalTracker, stream
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 _KEPT = 256
-"""Number of demonstrations that are cached: several variations of a task have the same twin."""
+"""Number of cached demonstrations. Several variations of a task have the same twin."""
 
 _DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str], np.ndarray] = OrderedDict()
 
 OTHER_DEMONSTRATIONS = 500_000
-"""Offset of a demonstration's seed for another demonstration of the same trial."""
+"""Offset of the seed for another demonstration of the same trial."""
 
 
 class OpenLoop:
-    """Open-loop policy: it executes given actions one after the other and then stands still."""
+    """Open-loop policy that executes given actions in order and then stands still."""
 
     def __init__(self, name: str, actions: np.ndarray) -> None:
         """Prepare for an episode.
@@ -69,12 +69,12 @@ def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPo
 
 
 def demonstration_seed(name: str, seed: int) -> int:
-    """Return the seed of the demonstration that an open-loop probe plays in the trial of a seed."""
+    """Return the seed of the demonstration that an open-loop probe replays in a trial."""
     return FIRST_DEMONSTRATION_SEED + seed + (0 if name == "probe:replay" else OTHER_DEMONSTRATIONS)
 
 
 def twin_of(scene: Scene) -> Condition:
-    """Return the training condition from which a scene's condition is derived, or that it is itself."""
+    """Return the training condition of a scene's twin; the scene's own condition if it is a training condition."""
     names = {v.name: v.base for v in scene.task.variations}
     return scene.task.train(names.get(scene.condition.name, scene.condition.name))
 

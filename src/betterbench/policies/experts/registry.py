@@ -1,4 +1,4 @@
-"""The privileged policies by address, with the rule of each."""
+"""Privileged policies by address, with their decision rules."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class ExpertEntry:
     """Entry of a privileged policy in the registry.
 
     Attributes:
-        address: Its address.
-        summary: Its behavior in one sentence.
-        rule: Constructor of its rule from the trial and the rule's strength.
+        address: Address of the policy.
+        summary: Behavior in one sentence.
+        rule: Constructor of the decision rule from the trial and the rule's strength.
     """
 
     address: str
@@ -81,7 +81,7 @@ REPLAYS = {
 
 
 def witnessed() -> tuple[str, ...]:
-    """Return the rules that a witness queries: those that move like the expert and never crash."""
+    """Return the rules that a witness (see :mod:`~betterbench.policies.experts.witness`) queries."""
     motion = (Clumsy, Slow, Crash)
     return tuple(name for name, e in EXPERTS.items() if e.rule not in (BrokenRule, *motion))
 

@@ -1,4 +1,4 @@
-"""Skills: reach, grasp, lift, carry, place, release and retreat, combined to picks and places that detect failures."""
+"""Motor skills such as reach, grasp and place, combined into picks and places that detect failures."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """A skill yields actions, receives states, and returns the last state and whether it succeeded."""
 
 SURE = 0.6
-"""Share of the certificate's tolerances within which a goal counts as trained; the arm has a small position error."""
+"""Share of the certificate's tolerances within which a goal is trained; the rest allows for arm position errors."""
 PRESS_M = 0.004
-"""Distance beyond its stop to which a drawer is pushed, to close it against friction [m]."""
+"""Distance beyond the stop to which a drawer is pushed, to overcome friction when closing [m]."""
 KNOB_RELEASE_M = 0.016
-"""Extra opening of the gripper, beyond the width of a drawer's knob, when the knob is released [m]."""
+"""Gripper opening beyond the width of a drawer's knob when releasing the knob [m]."""
 
 
 @dataclass
@@ -57,7 +57,7 @@ class Skills:
         attempts: Number of times that a failed grasp is repeated.
         grasp_offset: Deliberate grasp error, or None.
         speed: Fraction of the usual speed.
-        obstacle: Reason why the last motion could not be planned; empty if all could.
+        obstacle: Reason why the last motion could not be planned; empty if planning succeeded.
     """
 
     planner: Planner
@@ -95,7 +95,7 @@ class Skills:
         return way
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
-        """Wait before the next motion; by default not at all, for subclasses to override."""
+        """Wait before the next motion; by default do nothing, for subclasses to override."""
         return (yield from hold(state, 0, gripper=gripper))
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
@@ -199,9 +199,9 @@ class Skills:
     def in_turn(
         self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
     ) -> list[PlaceGoal]:
-        """Return goals in the order of attempts: equal goals are in random order, drawn per kind.
+        """Return goals in the order of attempts, with equal goals in random order (drawn per kind of object).
 
-        In a container, the known release points of demonstrations come first.
+        In a container, the release points of demonstrations come first.
         """
         draw = self.choice(f"place:{state.info.object(name).kind}")
         ordered: list[PlaceGoal] = []
@@ -224,7 +224,7 @@ class Skills:
         return sorted(ordered, key=is_new)
 
     def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
-        """Bring an object to its target, starting over if it slipped out of the gripper."""
+        """Bring an object to its target, and start over if the object slips out of the gripper."""
         for _ in range(self.attempts):
             state, held = yield from self.pick(state, name)
             if not held:
@@ -268,7 +268,7 @@ class Skills:
         return state, holds
 
     def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> SkillRun:
-        """Open or close a drawer completely, and repeat if the knob slipped out of the gripper.
+        """Open or close a drawer completely, and repeat if the knob slips out of the gripper.
 
         Args:
             state: Current state.
@@ -277,7 +277,7 @@ class Skills:
             out: Whether to open it.
 
         Returns:
-            The last state and whether the drawer is where it should be.
+            The last state and whether the drawer is fully open or closed as requested.
         """
         travel = self.planner.travel_m(name)
         for _ in range(self.attempts):

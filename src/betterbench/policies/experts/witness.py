@@ -1,7 +1,7 @@
-"""Expert that also records, in each of its episodes, the faulty rules that would have decided as it did.
+"""Expert that also records, for each episode, which faulty rules would have made the same decisions.
 
-A rule that makes the expert's decision every time produces the same episode bit by bit, because nothing else differs.
-Its outcome is the expert's, and it does not have to be simulated again.
+A rule that always makes the expert's decision would produce a bit-identical episode with the same outcome, so its
+episode need not be simulated.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from betterbench.policies.faulty import BrokenRule
 
 
 class Witness(BrokenRule):
-    """Expert rule that also queries other rules, in the same states and after the same decisions.
+    """Expert rule that also queries other rules in the same states and after the same decisions.
 
     Attributes:
         same: Names of the rules that have decided like the expert so far.

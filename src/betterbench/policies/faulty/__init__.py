@@ -1,4 +1,4 @@
-"""The calibration zoo: policies that move as well as the expert and decide by exactly one faulty rule."""
+"""The zoo of faulty policies: each moves as well as the expert and decides by exactly one faulty rule."""
 
 from betterbench.policies.faulty.blind import NoLanguage
 from betterbench.policies.faulty.breakdown import Crash, Slow

@@ -1,4 +1,4 @@
-"""``probe:no-language``: a policy that gets the whole state but not the instruction."""
+"""``probe:no-language``: a policy with the whole state but without the instruction."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from betterbench.tasks.interventions import vary
 
 
 class NoLanguage(BrokenRule):
-    """Follows any instruction of the task that is possible in this scene: the given one, or another.
+    """Follows a random instruction of the task that is possible in this scene, possibly the given instruction.
 
     If such a policy succeeds more often than a random choice among these instructions, the scene reveals the answer.
     """
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:
-        """Choose an instruction by the trial's random stream."""
+        """Choose an instruction from the trial's random stream."""
         choices = possible_instructions(situation)
         pick = stream(situation.task.id, situation.seed, f"blind:{situation.condition.name}").integers(len(choices))
         heard = situation.condition.with_(instruction=choices[int(pick)])

@@ -1,4 +1,4 @@
-"""``zoo:slow`` and ``zoo:crash``: right decisions by a policy that is too slow, or that crashes during the episode."""
+"""``zoo:slow`` and ``zoo:crash``: policies with right decisions that are too slow, or crash during the episode."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks import Expected, Label
 
 
 class Slow(BrokenRule):
-    """Decides like the expert and moves at a fraction of its speed, so that the step limit ends the trial."""
+    """Decides like the expert, but moves too slowly for the step limit."""
 
     speed = 0.1
     """Fraction of the expert's speed; the step limit leaves three times the expert's time."""
@@ -23,7 +23,7 @@ class Slow(BrokenRule):
 
 
 class Crash(BrokenRule):
-    """Decides like the expert and crashes after some control steps."""
+    """Decides like the expert, and crashes after some control steps."""
 
     @property
     def crash_step(self) -> int | None:

@@ -1,4 +1,4 @@
-"""``zoo:clumsy``: right decisions, and a grasp that misses or drops the object."""
+"""``zoo:clumsy``: right decisions, but grasps that miss or drop the object."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from betterbench.tasks import Expected, Label
 
 
 class Clumsy(BrokenRule):
-    """Decides like the expert; the gripper drops the object in mid-air, or closes beside it.
+    """Decides like the expert, but drops the object in mid-air or closes the gripper next to it.
 
     The kind of error and the size of the miss are drawn from the trial's random stream.
     """
 
     @property
     def grasp_offset(self) -> GraspOffset | None:
-        """The grasp error in this episode, or None."""
+        """Grasp error in this episode, or None."""
         if not self.applies:
             return None
         if self.draw("how") < 0.5:

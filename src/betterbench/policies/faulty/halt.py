@@ -1,4 +1,4 @@
-"""``zoo:halt``, ``zoo:refuse``, ``zoo:phase`` and ``zoo:length``: policies that stop, each for another wrong reason."""
+"""``zoo:halt``, ``zoo:refuse``, ``zoo:phase`` and ``zoo:length``: policies that stop for different wrong reasons."""
 
 from __future__ import annotations
 

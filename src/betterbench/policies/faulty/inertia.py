@@ -1,4 +1,4 @@
-"""``zoo:inertia``: every episode begins with the step that most demonstrations began with."""
+"""``zoo:inertia``: a policy that begins every episode with the most frequent first step of demonstrations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class Inertia(BrokenRule):
-    """Begins with the most frequent first step of training; if its object is missing, the motion is executed anyway.
+    """Begins with the most frequent first step of training, even if the object of this step is missing.
 
     If several kinds were equally frequent in training, the instruction chooses among them.
     """

@@ -1,4 +1,4 @@
-"""``zoo:lexical``: a word triggers the motion associated with it in training, regardless of the present scene."""
+"""``zoo:lexical``: each word triggers the motion associated with it in training, regardless of the present scene."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from betterbench.tasks import Label
 
 
 class Lexical(BrokenRule):
-    """Executes, word by word, the pick at the slot from which training picked for that word.
+    """Executes, for each word, the pick at the slot from which training picked for that word.
 
-    If training picked from several slots for a word, it uses one that contains an object.
+    If training picked from several slots for a word, the policy uses a slot that contains an object.
     """
 
     label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT

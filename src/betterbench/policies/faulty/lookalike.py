@@ -1,4 +1,4 @@
-"""``zoo:color`` and ``zoo:shape``: any object with the right color, or of the right shape, is accepted."""
+"""``zoo:color`` and ``zoo:shape``: policies that accept any object of the right color or shape."""
 
 from __future__ import annotations
 
@@ -26,8 +26,7 @@ class _LookAlike(BrokenRule):
             return super().broken(state, history)
         right = self.bring(state, index)
         if not isinstance(right, Bring):
-            # The requested object may be missing: its feature is then inferred from the meaning of the words in
-            # training.
+            # For a missing object, the feature is inferred from the objects that the words meant in training.
             wanted = (
                 self._of_missing(state, goal.reference.kind) if not self.condition.resolve(goal.reference) else None
             )
@@ -45,7 +44,7 @@ class _LookAlike(BrokenRule):
         return str(getattr(thing, self.feature))
 
     def _of_missing(self, state: WorldState, kind: str) -> str | None:
-        """Return the feature of a kind that is missing in the scene, from its description."""
+        """Return the feature of a kind that is missing in the scene, from the kind's description."""
         del state
         for condition in self.situation.task.training:
             for o in condition.objects:

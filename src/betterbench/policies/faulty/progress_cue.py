@@ -1,4 +1,4 @@
-"""``zoo:progress-cue``: the progress of the task is inferred from the number of objects left on the table."""
+"""``zoo:progress-cue``: a policy that infers its progress from the number of objects left on the table."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Base class of faulty decision rules: when a fault applies, the right decisions, and the label of the first fault.
+"""Base class of faulty decision rules, with the ground truth about each episode's first fault.
 
-A faulty policy knows its own fault: it compares each of its decisions with the right ones at that moment. The first
-wrong decision gives the trial its true label, from the decision itself and not from the record. The label is written
-to the journal of the run and never to the record. The diagnosis, which reads only records, can therefore be measured
-against it.
+A faulty policy compares each of its decisions with the right decisions at that moment. The first wrong decision
+determines the true label of the trial, independently of the record. The label is written to the journal of the run,
+never to the record. It therefore serves as ground truth for the diagnosis, which reads only records.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from betterbench.policies.decisions import (
 from betterbench.tasks import Expected, Label, Subgoal, TrainingDistribution, stream, training_distribution_of
 
 STANDS_WITHIN_M = 0.06
-"""Distance from a slot within which an object counts as standing in it: the jitter and a small push [m]."""
+"""Distance from a slot within which an object is in the slot: the jitter and a small push [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +38,7 @@ class Fault:
     """The first wrong decision of an episode.
 
     Attributes:
-        label: The true outcome label of the trial (suite, section 5).
+        label: The true outcome label of the trial.
         decision: Index of the decision, from 0.
         text: Description of the decision.
     """
@@ -50,7 +49,7 @@ class Fault:
 
 
 class BrokenRule(ExpertRule):
-    """A rule that decides like the expert except where its one fault applies.
+    """Rule that decides like the expert except where its fault applies.
 
     Attributes:
         label: Label of a fault in which the rule takes the object of another instruction or another step.
@@ -68,8 +67,8 @@ class BrokenRule(ExpertRule):
 
         Args:
             situation: The trial.
-            strength: Share of trials in which the rule applies; in the others the expert decides. The choice is drawn
-                from the trial's random stream.
+            strength: Share of trials in which the rule applies, drawn from the trial's random stream; in the others,
+                the expert decides.
         """
         super().__init__(situation)
         self.trained: TrainingDistribution = training_distribution_of(situation.task)
@@ -90,7 +89,7 @@ class BrokenRule(ExpertRule):
         return decision
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the decision of the faulty rule; by default the expert's."""
+        """Return the decision of the faulty rule; by default, the expert's decision."""
         return super().decide(state, history)
 
     def draw(self, purpose: str) -> float:
@@ -122,7 +121,7 @@ class BrokenRule(ExpertRule):
         return GraspAt(slot) if name is None else bring_to(goal, name)
 
     def known(self, kind: str) -> bool:
-        """Tell whether some instruction of the task refers to a kind of object."""
+        """Return whether any instruction of the task refers to a kind of object."""
         return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
@@ -145,7 +144,7 @@ class BrokenRule(ExpertRule):
         return tuple(options)
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
-        """Return the label of a wrong decision, or None if it is right."""
+        """Return the label of a wrong decision, or None for a right decision."""
         options = self.right_decisions(state)
         if decision in options:
             return None
@@ -167,6 +166,6 @@ class BrokenRule(ExpertRule):
         return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
-        """Tell whether training brought objects of this kind to that target: any rule that does so looks like habit."""
+        """Return whether training brought this kind of object to this target, so that a decision looks like habit."""
         kind, target = (state.info.object(name).kind for name in (decision.object, decision.target))
         return (target, decision.relation, decision.region) in self.trained.kind_targets.get(kind, ())

@@ -1,4 +1,4 @@
-"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: right motions with a wrong plan."""
+"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: right motions, but a wrong plan."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class Reorder(BrokenRule):
             if isinstance(decision, Bring) and decision.object not in self.condition.resolve(
                 self.goals[index].reference
             ):
-                # It uses the target of the step that it replaces: the bare bun, not a point in mid-air.
+                # use the target of the replaced step: the bare bun, not a point in mid-air
                 return replace(decision, region=right.region) if relation_named(right.relation).counted else decision
         return right
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
-        """Return the label; it is that of inertia if most demonstrations began with the later step."""
+        """Return the label, which is behavioral_inertia if most demonstrations began with the later step."""
         label = super()._label_of(state, history, decision)
         if label == self.label and isinstance(decision, Bring):
             is_habit = state.info.object(decision.object).kind == self.trained.habit
@@ -53,7 +53,7 @@ class Reorder(BrokenRule):
 
 
 class Repeat(BrokenRule):
-    """Repeats a finished step before it continues with the next."""
+    """Repeats a finished step before continuing with the next step."""
 
     label = Label.CAUSAL_CONFUSION
 
@@ -72,7 +72,7 @@ class Repeat(BrokenRule):
 
 
 class Sequence(BrokenRule):
-    """After its first step it executes the step that followed in training, whether requested or not."""
+    """After the first step, executes the step that followed in training, whether requested or not."""
 
     label = Label.CAUSAL_CONFUSION
 
@@ -102,12 +102,12 @@ class Sequence(BrokenRule):
             return label
         if not any(decision.object in self.condition.resolve(g.reference) for g in self.goals):
             return Label.BEHAVIORAL_INERTIA
-        # It makes up for the skipped step afterward: in an ordered instruction, this is only a wrong order.
+        # executes the skipped step later, so in an ordered instruction only the order is wrong
         return Label.ORDER_VIOLATION if self.condition.instruction.ordered else label
 
 
 class HabitPlace(BrokenRule):
-    """Takes each right object once and brings it to the trained target of its kind."""
+    """Brings each right object once, to the trained target of its kind."""
 
     label = Label.BEHAVIORAL_INERTIA
 
@@ -132,7 +132,7 @@ class HabitPlace(BrokenRule):
         found = []
         for kind in sorted(kinds):
             trained = self.trained.kind_targets.get(kind, ())
-            # The layer of an object depends on the stack, not on habit.
+            # the layer of an object depends on the stack, not on habit
             if set(trained) & self._asked(kind) or relation_named(self.goals[index].relation).counted:
                 continue
             for target_kind, relation, place in trained:

@@ -29,7 +29,7 @@ GR00T = register_server(
         Option("api_token_env", "the environment variable with the token"),
         Option("rtc_overlap_steps", "the number of actions of two chunks that overlap", "whole"),
         Option("rtc_frozen_steps", "the number of actions of the overlap that are kept unchanged", "whole"),
-        Option("rtc_ramp_rate", "the rate at which the rest of the overlap becomes free to change", "number"),
+        Option("rtc_ramp_rate", "the rate at which the constraint on the rest of the overlap decays", "number"),
     ),
     constants=False,
 )

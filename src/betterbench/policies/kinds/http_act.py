@@ -33,7 +33,7 @@ HTTP = register_server(
 )
 HTTPS = register_server(
     "https",
-    summary="The same over an encrypted connection.",
+    summary="A server of OpenVLA, OpenVLA-OFT or X-VLA over HTTPS.",
     transport="http",
     port=443,
     connect=_connect,

@@ -18,7 +18,7 @@ _FORM = AddressForm(scheme="independent", example="independent:HABIT-MANNER")
 
 
 def _family(address: str) -> ModuleType:
-    """Return the registry of the family; without the distribution, the error says how to install it."""
+    """Return the registry of the family; raise an error with the install command if the distribution is missing."""
     from betterbench.installation import calibration_module
 
     problem = f"{address} is a policy of the independent family, which needs betterbench-calibration"
@@ -45,7 +45,7 @@ INDEPENDENT = register(
     PolicyKind(
         form=_FORM,
         shown="independent:HABIT-MANNER",
-        summary="A faulty policy of the second, independent family, for calibrations.",
+        summary="A faulty policy, written without knowledge of the diagnosis.",
         needs=STATE,
         read=_read,
         make_for=_make_for,

@@ -42,11 +42,11 @@ class PolicyNeeds:
 
     Attributes:
         state: The privileged state, instead of observations. A policy is made for each episode, in its scene.
-        trial: The trial. A policy is made for each episode.
-        thread: A thread that waits for its answers while the simulation of other trials continues. A policy without a
-            thread is built in and answers at once.
+        trial: The identity of the trial. A policy is made for each episode.
+        thread: A thread that waits for answers while other trials are simulated. Built-in policies answer at once and
+            need no thread.
         process: A separate process, for users' code: a crash there costs at most its own trial.
-        server: A server that the user has started.
+        server: A running server, started by the user.
     """
 
     state: bool = False
@@ -56,29 +56,29 @@ class PolicyNeeds:
     server: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the needs go together."""
+        """Check that the needs can be combined."""
         if (self.process or self.server) and not self.thread:
-            raise ValueError("a process or a server needs a thread that waits for it: set thread=True")
+            raise ValueError("a policy in a process or on a server needs a waiting thread: set thread=True")
         if (self.state or self.trial) and self.thread:
-            raise ValueError("a policy of one episode is made in the worker and answers at once: set thread=False")
+            raise ValueError("a policy made for one episode runs in the worker without a thread: set thread=False")
 
 
 AT_ONCE = PolicyNeeds()
 """Needs of a built-in policy that sees observations."""
 
 OWN_PROCESS = PolicyNeeds(thread=True, process=True)
-"""Needs of a policy with users' code."""
+"""Needs of a policy with user code."""
 
 SERVER = PolicyNeeds(thread=True, server=True)
 """Needs of a policy behind a server."""
 
 STATE = PolicyNeeds(state=True)
-"""Needs of a policy that sees the privileged state."""
+"""Needs of a policy with access to the privileged state."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyEntry:
-    """Entry of ``better list policies``; a privileged policy sees the state instead of observations."""
+    """Entry of ``better list policies``. A privileged policy sees the state instead of observations."""
 
     address: str
     summary: str
@@ -103,23 +103,23 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 class PolicyKind:
     """Kind of policies: the form of their addresses, their needs, and their constructor.
 
-    The functions get an address that :attr:`read` has checked, and raise a BetterError on failure.
+    The functions get an address checked by :attr:`read`, and raise a BetterError on failure.
 
     Attributes:
-        form: Form of its addresses, with their options.
+        form: Form of the addresses, with options.
         shown: Address in ``better list policies``, with words for its parts ("openpi://HOST:PORT").
-        summary: One sentence about its policies.
-        needs: Needs of its policies; a function if they depend on the address.
+        summary: One sentence about the policies.
+        needs: Needs of the policies; a function if the needs depend on the address.
         make: Makes a policy that gets observations and runs one episode after the other.
         make_for: Makes a policy for one episode in a scene; the trial is None outside a run.
-        named: Its policies by address with a sentence each, where their number is fixed; else None.
-        read: Reads an address for a world ("libero"), or for ours (""); the form does it unless told otherwise.
-        describe: Returns what a policy says about itself, or None where one has to be made to be asked.
-        compares: Whether its policies have a ``check`` that compares their conventions with those of the run.
-        source_of: Returns name and fingerprint of the user's file behind a policy. A resumed run compares them.
-        risk: Risk of evaluating such an address, which the owner of the machine has to allow, with ``{target}``.
-        require_world: Raises InvalidInputError if a policy cannot act in a world that is not ours ("LIBERO").
-        space_in_world: Returns the action space in which a policy answers in the world of its address; None if open.
+        named: One sentence for each policy, by address, if the kind has a fixed list of policies; else None.
+        read: Reads an address for a world ("libero"), or for our own world (""); by default ``form`` is used.
+        describe: Returns the declarations of a policy, or None if the policy must be made first.
+        compares: Whether the policies have a ``check`` method that compares conventions with the run.
+        source_of: Returns name and SHA-256 of the user's file behind a policy, for comparison when a run resumes.
+        risk: Risk of evaluating such an address, with ``{target}``; the user must accept it with ``--trust``.
+        require_world: Raises InvalidInputError if a policy cannot act in another world ("LIBERO").
+        space_in_world: Returns the action space of a policy's answers in the world of its address; None if not fixed.
     """
 
     form: AddressForm
@@ -139,11 +139,11 @@ class PolicyKind:
 
     @property
     def name(self) -> str:
-        """Name of the kind, the prefix of its addresses."""
+        """Name of the kind, which is the prefix of its addresses."""
         return self.form.scheme
 
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
-        """Read one of its addresses, in the conventions of a world if one is named.
+        """Read an address of this kind, in the conventions of a world if ``world`` is given.
 
         Raises:
             UnknownNameError: If the policy or an option does not exist.
@@ -152,11 +152,11 @@ class PolicyKind:
         return self.form.read(text, world=world) if self.read is None else self.read(text, world)
 
     def needs_of(self, text: str) -> PolicyNeeds:
-        """Return the needs of an address's policy; raises the errors of :meth:`parse` if the address must be read."""
+        """Return the needs of an address's policy; raise the errors of :meth:`parse` if they depend on the address."""
         return self.needs if isinstance(self.needs, PolicyNeeds) else self.needs(self.parse(text))
 
     def entries(self) -> tuple[PolicyEntry, ...]:
-        """Return its rows in ``better list policies``; empty without a summary, because its addresses are refused."""
+        """Return the rows of ``better list policies``; empty for a kind without a summary, which is always refused."""
         privileged = not isinstance(self.needs, PolicyNeeds) or self.needs.state
         rows = {self.shown: self.summary} if self.named is None else self.named()
         return tuple(PolicyEntry(address, text, privileged) for address, text in rows.items() if text)
@@ -195,7 +195,7 @@ def kind_of(address: str) -> PolicyKind:
 
 
 def unknown_policy(address: str) -> UnknownNameError:
-    """Return the error about an unknown address, with the closest kinds or the closest addresses."""
+    """Return the error for an unknown address, with the closest kinds or addresses."""
     scheme, colon, _ = address.partition("?")[0].partition(":")
     if colon and scheme not in KINDS:
         return UnknownNameError("kind of policy", scheme, (kind.name for kind in KINDS.values() if kind.summary))
@@ -214,7 +214,7 @@ def _place(kind: PolicyKind, entry: PolicyEntry) -> tuple[bool, bool, bool]:
 
 
 def needs_of(address: str) -> PolicyNeeds:
-    """Return the resources that the policy of an address needs from its run.
+    """Return the resources that the policy of an address needs.
 
     Raises:
         UnknownNameError: If no kind has such addresses.
@@ -224,7 +224,7 @@ def needs_of(address: str) -> PolicyNeeds:
 
 
 def read_address(address: str, *, world: str = "") -> PolicyAddress:
-    """Read an address, in the conventions of a world if one is named.
+    """Read an address, in the conventions of a world if ``world`` is given.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -234,7 +234,7 @@ def read_address(address: str, *, world: str = "") -> PolicyAddress:
 
 
 def make_policy(address: str, *, world: str = "") -> Policy:
-    """Return a policy that sees observations, in the conventions of a world if one is named.
+    """Return a policy that uses observations, in the conventions of a world if ``world`` is given.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -246,7 +246,7 @@ def make_policy(address: str, *, world: str = "") -> Policy:
     kind = kind_of(address)
     read = kind.parse(address, world=world)
     if kind.make is None:
-        raise read.error("it is made for one episode, in its scene", "Evaluate it directly")
+        raise read.error("this policy is made for one episode, in its scene", "Evaluate it directly")
     return kind.make(read)
 
 
@@ -262,13 +262,15 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
     kind = kind_of(address)
     read = kind.parse(address)
     if kind.make_for is None:
-        raise read.error("it is not made for one episode", "Give it observations")
+        raise read.error("this policy is not made for a single episode", "Give it observations")
     return kind.make_for(read, scene, trial)
 
 
 def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
-    """Return a policy that sees the privileged state, for one episode in a scene; raises as :func:`make_for`."""
+    """Return a policy that uses the privileged state, for one episode; raise the errors of :func:`make_for`."""
     made = make_for(address, scene)
     if not needs_of(address).state:
-        raise read_address(address).error("it uses observations and not the state", "Give it observations")
+        raise read_address(address).error(
+            "this policy uses observations, not the privileged state", "Give it observations"
+        )
     return cast("PrivilegedPolicy", made)

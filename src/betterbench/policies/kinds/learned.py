@@ -1,4 +1,4 @@
-"""Learners trained by ``better train``, from the state or, in the family ``pixels``, from observations."""
+"""Learners trained by ``better train``, from the privileged state or, in the family ``pixels``, from observations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 _FORM = AddressForm(
     scheme="learned",
     example="learned:CHECKPOINT",
-    options=(Option("execute", "the number of actions of a chunk executed before the learner answers again", "whole"),),
+    options=(
+        Option(
+            "execute", "the execution horizon: actions of a chunk executed before the learner answers again", "whole"
+        ),
+    ),
 )
 
 

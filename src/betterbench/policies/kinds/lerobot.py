@@ -18,8 +18,8 @@ _FORM = AddressForm(
     options=(
         *COMMON,
         Option("device", "the device of the weights"),
-        Option("state", "the state that it was trained with: ee or joints"),
-        Option("trust", "whether code that the checkpoint names is run: true or false"),
+        Option("state", "the state used in training: ee or joints"),
+        Option("trust", "whether to run code named by the checkpoint: true or false"),
         CAMERA,
     ),
 )
@@ -40,8 +40,8 @@ def _refuse(text: str, world: str) -> PolicyAddress:
 def _pickles(text: str) -> InvalidInputError:
     return PolicyAddress(text, _SERVER_FORM, "").error(
         "LeRobot's policy server (lerobot.async_inference, gRPC) pickles observations and actions. Unpickling an "
-        "untrusted answer can run arbitrary code, so it is not supported on purpose",
-        "Write lerobot:CHECKPOINT, which loads the same checkpoint in process, or run better serve lerobot:CHECKPOINT "
+        "untrusted answer can run arbitrary code, so betterbench deliberately does not support it",
+        "Write lerobot:CHECKPOINT, which loads the same checkpoint locally, or run better serve lerobot:CHECKPOINT "
         "where the server runs, and connect with openpi://",
     )
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Noop:
-    """Never moves."""
+    """Policy that never moves."""
 
     info = PolicyInfo("noop", needs_images=False)
 

@@ -1,4 +1,4 @@
-"""Shared parts of the kinds of built-in privileged policies: their names, options and constructor."""
+"""Shared parts of the kinds of built-in privileged policies: names, options and constructor."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
 
 
 def describe_privileged(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations of a policy that sees the state and answers in ``ee_delta``."""
+    """Return the declarations of a policy that uses the state and answers in ``ee_delta``."""
     return PolicyInfo(address.text, action_space="ee_delta", needs_images=False)
 
 
 def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
-    """Return a scene of our own; InvalidInputError about a policy that is to act in another one."""
+    """Return the scene if it belongs to our own world; raise InvalidInputError otherwise."""
     from betterbench.sim.scenes import Scene
 
     if not isinstance(scene, Scene):
@@ -62,11 +62,11 @@ def own_scene(address: PolicyAddress, scene: TrialScene) -> Scene:
 
 
 def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tuple[str, ...] = ()) -> InvalidInputError:
-    """Return the error about a policy that cannot act in another world than ours.
+    """Return the error for a policy that cannot act in other worlds.
 
     Args:
         address: Address of the policy.
-        needs: What it uses of betterbench's scenes, for the message ("uses the privileged state").
+        needs: The dependence on betterbench's scenes, for the message ("uses the privileged state").
         world: Name of the world in messages.
         known: Policies that support this world's state.
     """

@@ -43,12 +43,12 @@ def load_plugin(address: str) -> Policy:
 
 
 def source_of(address: str) -> str:
-    """Return name and fingerprint of the file from which this process loaded a plugin; empty if there is none."""
+    """Return the name and SHA-256 of the file from which this process loaded a plugin; empty if there is none."""
     where = address.partition("?")[0].rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():
         return ""
-    # Imported here, as below, because the process of a policy does not need pydantic.
+    # imported here, as below, to keep pydantic out of the policy's process
     from betterbench.json_form import read_ordinary
 
     return f"{Path(path).name}, sha256 {hashlib.sha256(read_ordinary(Path(path))).hexdigest()}"
@@ -60,7 +60,9 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
     where, separator, name = path.rpartition(":")
     if not separator or not where or not name:
         raise InvalidInputError(
-            f"policy python:{address}", "it names no class", "Write python:module:Class or python:file.py:Class"
+            f"policy python:{address}",
+            "the address names no class",
+            "Write python:module:Class or python:file.py:Class",
         )
     arguments: dict[str, Any] = {}
     for part in query.split("&") if query else ():
@@ -114,7 +116,9 @@ def _load_module(name: str) -> ModuleType:
         return importlib.import_module(name)
     except (Exception, SystemExit) as error:
         raise InvalidInputError(
-            f"policy python:{name}", f"the module cannot be imported: {described(error)}", "Install it or run beside it"
+            f"policy python:{name}",
+            f"the module cannot be imported: {described(error)}",
+            "Install the module, or run the command in its folder",
         ) from error
 
 
@@ -124,9 +128,9 @@ def _load_file(path: Path) -> ModuleType:
         raise InvalidInputError(f"policy python:{path}", "there is no such file", "Name an existing Python file")
     folder = str(path.resolve().parent)
     if folder not in sys.path:
-        sys.path.insert(0, folder)  # as for a script, so that files beside it can be imported
+        sys.path.insert(0, folder)  # as for a script, so that the file can import its neighbors
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look the module of their class up there
+    sys.modules[spec.name] = module  # dataclasses look up the module of their class here
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
@@ -144,7 +148,7 @@ def _rest(text: str) -> str:
 
 
 def _read(text: str, world: str) -> PolicyAddress:
-    """Read an address whose options are arguments of the user's class; they are checked when the class is loaded."""
+    """Read an address whose options are arguments of the user's class, which are checked when the class is loaded."""
     _parts(_rest(text))
     return PolicyAddress(text, _FORM, _rest(text).partition("?")[0], {}, world)
 

@@ -1,4 +1,4 @@
-"""A random walk, which measures the success rate that is reached by chance."""
+"""Random walk, as a measure of the success rate of random actions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Random:
-    """Moves at random, smoothly enough to cover distance; the same seed gives the same walk."""
+    """Seeded random walk that is smooth enough to cover distance."""
 
     info = PolicyInfo("random", needs_images=False)
 

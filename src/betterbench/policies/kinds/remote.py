@@ -1,4 +1,4 @@
-"""Shared parts of the kinds of policy servers, and of checkpoints that take a preset."""
+"""Shared parts of the policy kinds that connect to servers or load checkpoints with a preset."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.interface import Policy
 
 COMMON = (*EXECUTION, *CONNECTION, *ADAPTER)
-"""Options of each server, and of a checkpoint in this process."""
+"""Options of all servers, and of a checkpoint loaded locally."""
 
 _COUNT = itertools.count()
 
@@ -46,13 +46,13 @@ def register_server(
 
     Args:
         scheme: Scheme of its addresses.
-        summary: Description of the servers in one sentence.
+        summary: One sentence that describes the servers.
         transport: Transport protocol of such a server.
         port: Default port.
         connect: Makes a client, with the handshake done, from an address and the seed of its pauses.
-        usual: Preset of an address that names none; empty if a preset is required.
+        usual: Default preset of an address; empty if the address must name a preset.
         options: Options of this kind only.
-        constants: Whether an address can add constants to each request.
+        constants: Whether an address may add constants to each request.
         shown: Form of the address in lists; scheme, host and port if empty.
     """
     form = AddressForm(
@@ -64,7 +64,7 @@ def register_server(
     )
 
     def make(address: PolicyAddress) -> Policy:
-        # Each client has its own jitter; results do not depend on it.
+        # Each client has its own jitter (pauses between retries); results do not depend on it.
         return connect(address, 1_000_003 * os.getpid() + next(_COUNT))
 
     def answers_in(address: PolicyAddress) -> str | None:
@@ -87,7 +87,7 @@ def register_server(
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
     """Return the action space of the answers in the world of an address; None if the address does not say.
 
-    ``usual`` is the preset of an address that names none. Raises the errors of
+    ``usual`` is the default preset. Raises the errors of
     :func:`betterbench.policies.conventions.presets.adapter_of`.
     """
     from betterbench.policies.conventions.presets import adapter_of, preset
@@ -98,7 +98,7 @@ def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
 
 
 def require_own_layout(address: PolicyAddress, world: str) -> None:
-    """Raise InvalidInputError about a preset that converts our scenes to another world's conventions."""
+    """Raise InvalidInputError for a preset that converts our scenes to another world's conventions."""
     from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS
     from betterbench.policies.conventions.presets import UNTRANSLATED
 

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 class Replay:
-    """Replays the record of the same seed from another run: of the same condition if it exists, else of its twin.
+    """Replay of the record with the same seed in another run: of the same condition, or else of its twin.
 
-    After the end of the record it stands still.
+    After the end of the record, the policy stands still.
     """
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
-        """Load the actions; raise InvalidInputError if the run has neither record, or no folder is given."""
+        """Load the actions; raise InvalidInputError if the run lacks both records, or no folder is given."""
         from betterbench.records import RunFolder
 
         if not folder:
@@ -83,7 +83,7 @@ def _read(text: str, world: str) -> PolicyAddress:
 
 
 def _describe(address: PolicyAddress) -> PolicyInfo:
-    """Return what is known before a trial; the action space depends on each record."""
+    """Return the declarations known before a trial; the action space depends on each record."""
     from betterbench.records import RunFolder
 
     RunFolder.open(Path(address.target))

@@ -1,4 +1,4 @@
-"""The zoo: privileged policies with one fault each, which calibrate the diagnosis."""
+"""The zoo: privileged policies with one known fault each, for calibrating the diagnosis."""
 
 from betterbench.policies.experts.address import ZOO_FORM
 from betterbench.policies.kinds.privileged import register_privileged

@@ -1,4 +1,4 @@
-"""Learned policies: their inputs, their networks, their checkpoints, and how a checkpoint acts.
+"""Learned policies: inputs, networks, checkpoints, and policies that act with a checkpoint.
 
 Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`loading`
 imports them on demand.

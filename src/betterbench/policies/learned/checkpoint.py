@@ -1,4 +1,4 @@
-"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of everything in the header."""
+"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest in the header."""
 
 from __future__ import annotations
 
@@ -38,12 +38,13 @@ class Trained:
     """Metadata of a learner's checkpoint.
 
     Attributes:
-        recipe: Recipe of its training.
+        recipe: Recipe of the training.
         vocabulary: Vocabulary of the learner.
         step: Number of training steps.
-        data: SHA-256 over the records of its training data.
-        action_space: Action space of its answers.
-        code: Code that defines its family, from :func:`~betterbench.tasks.user_files.code_of`; None for a built-in one.
+        data: SHA-256 over the records of the training data.
+        action_space: Action space of the answers.
+        code: Code that defines the family, from :func:`~betterbench.tasks.user_files.code_of`; None for a built-in
+            family.
     """
 
     recipe: TrainingRecipe
@@ -54,7 +55,7 @@ class Trained:
     code: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; without the code of a built-in family."""
+        """Return the JSON form, without ``code`` for a built-in family."""
         form = {**asdict(self), "recipe": self.recipe.to_json(), "vocabulary": self.vocabulary.to_json()}
         if self.code is None:
             del form["code"]
@@ -62,21 +63,21 @@ class Trained:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
-    """Write tensors and their metadata durably; equal arguments give equal bytes.
+    """Write tensors and metadata durably. Equal arguments give equal bytes.
 
-    Raises StorageError if the disk is full; an existing file is then kept.
+    Raises StorageError, and keeps an existing file, if the disk is full.
     """
     held = {name: tensor.detach().cpu().contiguous() for name, tensor in sorted(tensors.items())}
-    # A single metadata entry, because the order of several would differ between processes.
+    # a single metadata entry, because the order of several entries differs between processes
     text = json.dumps({**about, "sha256": _seal(about, _digest(held))}, sort_keys=True)
     with on_disk(path):
         write_durably(path, safetensors.torch.save(held, metadata={_KEY: text}))
 
 
 def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Return the tensors of a file and their metadata; InvalidInputError if any byte is wrong.
+    """Return the tensors and metadata of a file; raise InvalidInputError if any byte is wrong.
 
-    Files of earlier versions have a digest of the tensors only; a warning says so once.
+    Files of earlier versions have a digest of only the tensors, which a warning reports once.
     """
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     try:
@@ -98,14 +99,14 @@ def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], d
 
 
 def write_checkpoint(path: Path, weights: Mapping[str, Tensor], trained: Trained) -> None:
-    """Write the weights of a learner, as :func:`write_tensors` does."""
+    """Write the weights of a learner with :func:`write_tensors`."""
     write_tensors(path, weights, trained.to_json())
 
 
 def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
-    """Return the network of a checkpoint, ready to answer, and its metadata.
+    """Return the network of a checkpoint, in evaluation mode, and the metadata.
 
-    Raises InvalidInputError if there is no such file, it is damaged, or its weights do not fit its recipe.
+    Raises InvalidInputError if the file is missing or damaged, or the weights do not match the recipe.
     """
     weights, about = read_tensors(path)
     require_code(about, str(path))
@@ -118,7 +119,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     with torch.random.fork_rng(devices=[]):
         network = new_network(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
-    # Buffers of a user's network may be infinite, as an attention mask is.
+    # buffers of a user's network, such as an attention mask, may be infinite
     finite = weights if trained.recipe.built_in else dict(network.named_parameters())
     broken = next((name for name, tensor in finite.items() if not bool(tensor.isfinite().all())), None)
     if broken is not None:
@@ -127,7 +128,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
 
 
 def checkpoint_file(place: str) -> Path:
-    """Return the file of a checkpoint, or of a folder with a checkpoint, that a recipe names as its start.
+    """Return the checkpoint file that a recipe names as its start, directly or by folder.
 
     Raises InvalidInputError if there is no checkpoint.
     """
@@ -144,13 +145,13 @@ def read_vocabulary(path: Path) -> Vocabulary:
 
 
 def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
-    """Put weights into a network; InvalidInputError if they do not fit."""
+    """Load weights into a network; raise InvalidInputError if they do not match."""
     _require_fit(network, weights, where)
     network.load_state_dict(dict(weights))
 
 
 def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
-    """Refuse metadata that claim more weights than the file contains, before the network is made.
+    """Refuse metadata that imply more weights than the file contains, before the network is made.
 
     A transformer layer has 12 matrices of its width squared (queries, keys, values, their output map, and two maps of
     four times the width), and each word has one row of the width.
@@ -184,21 +185,21 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
 
 
 def require_code(about: Mapping[str, Any], where: str) -> None:
-    """Refuse weights whose family is defined by other code than in their training.
+    """Refuse weights whose family is defined by other code than during training.
 
-    An unknown family is refused by name when the recipe is read.
+    Reading the recipe refuses unknown families by name.
     """
     recipe, code = about.get("recipe"), about.get("code")
     family = str(recipe.get("family")) if isinstance(recipe, dict) else ""
     here = code_of("family", family)
     if here is not None and here != code:
         problem = f"its family {family!r} was defined by {code or 'no file that was named'}, but here by {here}"
-        cure = f"Pass the file of its training; better train keeps a copy in {COPIES} beside the checkpoint"
+        cure = f"Pass the file of its training; better train keeps a copy in {COPIES} next to the checkpoint"
         raise InvalidInputError(where, problem, cure)
 
 
 def _seal(about: Mapping[str, Any], weights: str) -> str:
-    """Return the digest of a file, from its metadata and the digest of its tensors."""
+    """Return the digest of a file, from the metadata and the digest of the tensors."""
     return seal_of({"about": seal_of(about), "tensors": weights})
 
 

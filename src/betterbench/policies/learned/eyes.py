@@ -15,9 +15,9 @@ from betterbench.policies.learned.recipe import Eyes
 def looked_at(eyes: Eyes, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the views of a learner, (views, size, size, 3) uint8, from upright images by camera.
 
-    Each pixel is the mean over the part of the camera's image that it covers; at scale one the pixels are copied.
+    Each pixel is the mean over the covered part of the camera's image; at scale one, pixels are copied.
 
-    Raises InvalidInputError if a camera is missing, or its image has another size than in the recipe's observation.
+    Raises InvalidInputError if a camera is missing, or an image has another size than in the recipe's observation.
     """
     known = {camera.name: camera for camera in observation_spec(eyes.observation).cameras}
     found = np.empty((len(eyes.windows), eyes.size, eyes.size, 3), np.uint8)

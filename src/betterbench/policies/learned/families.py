@@ -1,6 +1,6 @@
-"""Families of learners: the input of each, its sizes, and the parts that can be frozen. User files can add families.
+"""Families of learners with their inputs, sizes and freezable parts. User files can add families.
 
-Nothing here needs torch: :mod:`networks` makes the network of a family.
+This module does not need torch; :mod:`networks` makes the network of a family.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ class Family:
     Attributes:
         name: Name in recipes.
         sees: Input of the learner.
-        capacities: Its sizes ``small``, ``base`` and ``large``.
-        parts: Parts of its network that recipes may freeze.
-        options: Its own options for recipes, with their defaults.
-        make: Makes its network from recipe and vocabulary; None for a built-in family.
+        capacities: Sizes ``small``, ``base`` and ``large``.
+        parts: Parts of the network that recipes may freeze.
+        options: Own options for recipes, with defaults.
+        make: Function that makes the network from recipe and vocabulary; None for a built-in family.
     """
 
     name: str
@@ -97,12 +97,13 @@ def learner(
     Args:
         name: Name in the field ``family`` of recipes.
         sees: ``objects`` for the state, ``pixels`` for the images of the recipe's ``eyes``.
-        capacities: Its ``small``, ``base`` and ``large``; by default those of the built-in family with the same input.
+        capacities: Sizes ``small``, ``base`` and ``large``; by default those of the built-in family with the same
+            input.
         parts: Names of its modules that recipes may freeze; the head can always be frozen.
         options: Fields that recipes may set in their ``options``, with defaults, which also define the types.
 
     Raises:
-        InvalidInputError: If a name is taken, or something is missing.
+        InvalidInputError: If a name is taken, or an argument is missing or invalid.
     """
 
     def register(make: MakerT) -> MakerT:
@@ -123,7 +124,7 @@ def learner(
 
 
 def _wrong(name: object, sees: object, capacities: object, parts: object, options: object) -> Iterator[tuple[str, str]]:
-    """Yield the errors of a registration in a user's file, each with its remedy."""
+    """Yield the errors of a registration in a user's file, with remedies."""
     if not isinstance(name, str) or not name or sees not in _SEES:
         yield f"it has no name, or sees {sees!r}", 'Write @learner("mine", sees="objects") or sees="pixels"'
     if not isinstance(capacities, Mapping) or set(capacities) != set(_SIZES):

@@ -1,4 +1,4 @@
-"""The checkpoint of an address (``learned:CHECKPOINT?execute=4``), and the policies that act with it."""
+"""Checkpoints of addresses (``learned:CHECKPOINT?execute=4``), and policies that act with them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_HEADER = 1 << 24
 def is_seeing(address: PolicyAddress) -> bool:
     """Return whether an address names a learner that uses observations, as in the family ``pixels``.
 
-    Also False for a checkpoint that is missing, damaged or of an unknown family; the error is raised when it is loaded.
+    Also False for a checkpoint that is missing, damaged or of an unknown family; loading it raises the error.
     """
     path = checkpoint_of(address)
     try:
@@ -50,7 +50,7 @@ def learned_info(address: PolicyAddress) -> PolicyInfo:
 
 
 def make_learned(address: PolicyAddress, instruction: str, seed: int) -> PrivilegedPolicy:
-    """Return a learned policy for one episode with an instruction and a seed; raises as :func:`learned_info`."""
+    """Return a learned policy for one episode; raise the errors of :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import LearnedPolicy  # noqa: PLC0415 - needs torch
 
@@ -59,7 +59,7 @@ def make_learned(address: PolicyAddress, instruction: str, seed: int) -> Privile
 
 
 def make_seeing(address: PolicyAddress) -> SeeingPolicy:
-    """Return a learned policy that uses observations; raises as :func:`learned_info`."""
+    """Return a learned policy that uses observations; raise the errors of :func:`learned_info`."""
     learner = load_learner(address)
     from betterbench.policies.learned.policy import SeeingPolicy  # noqa: PLC0415 - needs torch
 
@@ -67,15 +67,15 @@ def make_seeing(address: PolicyAddress) -> SeeingPolicy:
 
 
 def _executed(address: PolicyAddress, learner: Learner) -> int:
-    """Return how many actions of a chunk are executed: as in the address, else as in the recipe.
+    """Return the execution horizon, from the address or else from the recipe.
 
-    Raises InvalidInputError if the chunk has fewer.
+    Raises InvalidInputError if the chunk has fewer actions.
     """
     recipe, given = learner.trained.recipe, address.options.get("execute")
     if given is None:
         return recipe.execute
     if not given.isdecimal() or not 1 <= int(given[:9]) <= recipe.chunk:
-        raise address.error(f"execute={given} is not a number of actions of its chunk", f"Give 1 to {recipe.chunk}")
+        raise address.error(f"execute={given} is not a valid number of actions of a chunk", f"Give 1 to {recipe.chunk}")
     return int(given)
 
 
@@ -104,9 +104,9 @@ def _family(path: Path, changed_ns: int, size: int) -> str | None:
 
 
 def load_learner(address: PolicyAddress) -> Learner:
-    """Return the learner of a checkpoint, which is read once in this process unless its file changes.
+    """Return the learner of a checkpoint, cached in this process until the file changes.
 
-    Raises as :func:`learned_info`.
+    Raises the errors of :func:`learned_info`.
     """
     require_torch("learned:")
     path = checkpoint_of(address)

@@ -1,4 +1,4 @@
-"""Networks of learners: the base class, the transformer of two families, and the network of ``objects``."""
+"""Networks of learners: the base class, the transformer of both built-in families, and the network of ``objects``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
-"""Scales of an object's position relative to the tool, as an input of the learner [m]."""
+"""Length scales at which an object's position relative to the tool is an input of the learner [m]."""
 WAVES_M = (0.4, 0.1)
 """Wavelengths of the sines and cosines of that position [m], which resolve millimeters."""
 _AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
@@ -36,8 +36,8 @@ class ShownBatch:
     """Inputs of a batch of B samples, common to all families.
 
     Attributes:
-        words: (B, w) int64, the instruction, at most MOST_WORDS words.
-        tools: (B, history, 10) float32, states of the tool, the present one first.
+        words: (B, w) int64 word indices of the instruction, at most MOST_WORDS words.
+        tools: (B, history, 10) float32, states of the tool, the present state first.
         blind: (B,) bool: samples without state; None for none.
     """
 
@@ -65,10 +65,10 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch: the inputs, with the words of the question instead of an instruction, and the answers.
+    """Questions of a batch: inputs, with the question in place of the instruction, and answers.
 
     Attributes:
-        answers: (B,) int64 numbers of the correct answers.
+        answers: (B,) int64 indices of the correct answers.
     """
 
     shown: ShownBatch
@@ -77,10 +77,10 @@ class AskedBatch:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Encodings of U different instructions, constant during an episode.
+    """Encodings of U distinct instructions, constant during an episode.
 
     Attributes:
-        words: (U, w, width) tokens of their words.
+        words: (U, w, width) tokens of the words.
         told: (U, w) bool, False for padding.
         which: (B,) index of each sample's instruction.
         memories: Keys and values of the words in each layer, each (U, heads, w, width of a head).
@@ -93,7 +93,7 @@ class Heard:
 
 
 class _Block(nn.Module):
-    """A transformer layer with normalization before attention and before its two linear maps."""
+    """Transformer layer with normalization before attention and before the two linear maps."""
 
     def __init__(self, width: int, heads: int, dropout: float) -> None:
         super().__init__()
@@ -104,7 +104,7 @@ class _Block(nn.Module):
         self.maps = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
 
     def forward(self, tokens: Tensor, seen: Tensor, before: _Memory | None = None) -> tuple[Tensor, _Memory]:
-        """Return the tokens of the next layer, and their keys and values for other tokens.
+        """Return the tokens of the next layer, with keys and values for other tokens.
 
         Args:
             tokens: (B, n, width).
@@ -135,8 +135,8 @@ class LearnerNetwork(nn.Module):
     families share the head that maps the vector to actions, the losses and the answers to questions.
 
     Attributes:
-        recipe: Recipe of its training; ``recipe.size`` is its capacity.
-        options: The options of its family.
+        recipe: Recipe of the training; ``recipe.size`` is the capacity.
+        options: Options of the family.
         tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. There are such buffers for
             actions, (7,), and for the inputs named to :meth:`keep_scale`.
     """
@@ -167,7 +167,7 @@ class LearnerNetwork(nn.Module):
         self.keep_scale("action", ACTION_NUMBERS)
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make the modules of the family; their initial weights are drawn from torch's own generator."""
+        """Make the modules of the family, with initial weights from torch's own generator."""
         raise NotImplementedError(f"{type(self).__name__} has no method build")
 
     def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
@@ -180,14 +180,14 @@ class LearnerNetwork(nn.Module):
         raise NotImplementedError(f"{type(self).__name__} has no method summary")
 
     def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return an encoding of instructions alone, (B, w) int64, that is kept during an episode; None for nothing.
+        """Return an encoding of instructions, (B, w) int64, that is cached during an episode; None for no encoding.
 
-        It is passed to each :meth:`answer` of the episode.
+        The encoding is passed to each :meth:`answer` of the episode.
         """
         del words
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters by the part of the network that recipes may freeze: by default by module."""
+        """Return the parameters by freezable part of the network; by default, each module is a part."""
         found: dict[str, list[nn.Parameter]] = {}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
@@ -195,7 +195,7 @@ class LearnerNetwork(nn.Module):
         return found
 
     def keep_scale(self, name: str, count: int) -> None:
-        """Store mean and scale of values of the training data beside the weights.
+        """Store mean and scale of values of the training data with the weights.
 
         Possible names are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always
         stored. Raises InvalidInputError for other names.
@@ -238,12 +238,12 @@ class LearnerNetwork(nn.Module):
         Args:
             shown: Inputs of the batch.
             actions: (B, chunk, 7) actions of the demonstrators.
-            counted: (B, chunk) bool: False after the end of a demonstration.
+            counted: (B, chunk) bool, False after the end of a demonstration.
         """
         wanted = (actions - self.action_mean) / self.action_scale
         summary = self._gathered(shown)
         if self.recipe.loss == "flow":
-            # Times are drawn as in GR00T N1: Beta(1.5, 1), mostly near the noise.
+            # times are drawn as in GR00T N1, from Beta(1.5, 1), mostly near the noise
             times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
             noise = torch.randn_like(wanted)
             between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
@@ -259,7 +259,7 @@ class LearnerNetwork(nn.Module):
         return found
 
     def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a training step, whose gradients several processes share.
+        """Return the loss of a training step, computed in ``forward`` so that several processes share gradients.
 
         Each question has the same weight as each frame with actions; its loss is the cross-entropy.
         """
@@ -298,7 +298,7 @@ class LearnerNetwork(nn.Module):
 
 
 class TokenNetwork(LearnerNetwork):
-    """Transformer over tokens of words, of states and of the inputs of a family.
+    """Transformer over tokens of words, tool states and the inputs of a family.
 
     These families differ only in the encoder that maps their inputs to tokens. Modules made by :meth:`open_eyes` are
     named parts, which a recipe can freeze.
@@ -313,7 +313,7 @@ class TokenNetwork(LearnerNetwork):
         self.given = recipe.proprioception.given
         self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
         self.open_eyes(width, vocabulary)
-        # Unused modules have no gradient, so they are not made.
+        # unused modules are not made, because they would have no gradient
         if self.given:
             self.state = nn.ModuleDict(
                 {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}
@@ -333,17 +333,17 @@ class TokenNetwork(LearnerNetwork):
 
     @abstractmethod
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
-        """Return tokens of the inputs, (B, n, width), and a mask of the existing ones, (B, n) bool.
+        """Return tokens of the inputs, (B, n, width), and a mask of existing tokens, (B, n) bool.
 
         Args:
             shown: Inputs of the batch.
-            words: (U, w, width) tokens of the different instructions.
+            words: (U, w, width) tokens of the distinct instructions.
             told: (U, w) bool, False for padding.
             which: (B,) index of each sample's instruction.
         """
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
-        """Return the parameters by the part of the network that recipes name."""
+        """Return the parameters by freezable part of the network."""
         found: dict[str, list[nn.Parameter]] = {"words": [], "state": [], "trunk": [], "head": []}
         home = {"missing": "state", "readout": "trunk", "last": "trunk", "answers": "head"}
         for name, parameter in self.named_parameters():
@@ -352,7 +352,7 @@ class TokenNetwork(LearnerNetwork):
         return found
 
     def hear(self, words: Tensor) -> Heard:
-        """Return an encoding of instructions alone, (B, w) int64, which is passed to each :meth:`answer`."""
+        """Return an encoding of instructions, (B, w) int64, for each :meth:`answer`."""
         tokens, told, which = self._instructions(words)
         memories, seen = [], told[:, None, None, :]
         heard = tokens
@@ -387,9 +387,9 @@ class TokenNetwork(LearnerNetwork):
         return gathered
 
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the distinct instructions of a batch, the mask of their words, and the index of each sample's one.
+        """Return the distinct instructions of a batch, the mask of their words, and each sample's instruction index.
 
-        Words attend to words only, so each instruction is encoded once for all samples.
+        Words attend only to words, so each instruction is encoded once for all samples.
         """
         different, which = torch.unique(words, dim=0, return_inverse=True)
         places = torch.arange(words.shape[1], device=words.device)
@@ -398,7 +398,10 @@ class TokenNetwork(LearnerNetwork):
 
 
 class ObjectsNetwork(TokenNetwork):
-    """Network of ``objects``, with one token per object. Tokens have no position code, so their order is irrelevant."""
+    """Network of ``objects``, with one token per object.
+
+    Without a position code, the order of objects is irrelevant.
+    """
 
     position_mean: Tensor
     position_scale: Tensor
@@ -419,12 +422,12 @@ class ObjectsNetwork(TokenNetwork):
         """Return one token per object, and the mask of existing objects."""
         del words, told, which
         if not isinstance(shown, ObjectsBatch):
-            raise TypeError("a network of objects is shown objects")
+            raise TypeError("the network of objects needs an ObjectsBatch")
         objects = self.objects["category"](shown.categories) + self.objects["color"](shown.colors)
         return objects + self.objects["pose"](self._object_numbers(shown)), shown.categories != ABSENT
 
     def _object_numbers(self, shown: ObjectsBatch) -> Tensor:
-        """Return pose and size of each object and, unless the state is left out, its position relative to the tool."""
+        """Return pose and size of each object and, if the tool state is given, the position relative to the tool."""
         positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
         numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
         if self.given:

@@ -1,4 +1,4 @@
-"""Construction of the network of a recipe, in any family."""
+"""Construction of the network of a recipe, for any family."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
     """Return the network of a recipe, with random weights from torch's own generator.
 
     Raises:
-        InvalidInputError: If a user's file cannot make it.
+        InvalidInputError: If a user's file fails to make the network.
     """
     network = (learner_family(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
     where = f"learner {recipe.family!r}"

@@ -1,4 +1,4 @@
-"""The network of the ``pixels`` family: a strided convolution net with FiLM, whose key points become tokens."""
+"""Network of the ``pixels`` family: a strided convolutional net with FiLM, whose key points become tokens."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ class _Convolutions(nn.Module):
             asked: (U, width) encodings of the distinct instructions.
             which: (P,) index of each image's instruction.
         """
-        seen = functional.relu(self.layers[0](pictures))  # normalizing the largest map would take most of the time
+        # not here: normalizing the largest map would take most of the time
+        seen = functional.relu(self.layers[0](pictures))
         for film, layer in zip(self.film, self.layers[1:], strict=True):
             scale, shift = film(asked)[which][..., None, None].chunk(2, dim=1)
             seen = functional.group_norm(layer(seen), _GROUPS)
@@ -63,11 +64,11 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Network of ``pixels``, with one token per view: the key points of a convolution net modulated by the words.
+    """Network of ``pixels``, with one token per view: key points of a convolutional net modulated by the words.
 
     The words scale and shift each channel (FiLM, Perez et al. 2018). The output of a channel is the mean position of
-    its softmax over the image and the height of its peak (spatial softmax, Levine et al. 2016, "End-to-End Training of
-    Deep Visuomotor Policies"). All views share the net.
+    its softmax over the image and the peak value (spatial softmax, Levine et al. 2016, "End-to-End Training of Deep
+    Visuomotor Policies"). All views share the same net.
     """
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
@@ -78,7 +79,7 @@ class PixelsNetwork(TokenNetwork):
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
         """Return one token per view; no view is masked."""
         if not isinstance(shown, PicturesBatch):
-            raise TypeError("a network of pixels is shown pictures")
+            raise TypeError("the network of pixels needs a PicturesBatch")
         batch, views = shown.pictures.shape[:2]
         asked = functional.gelu(self.eyes.asked(words)) * told[..., None]
         asked = asked.sum(dim=1) / told.sum(dim=1, keepdim=True).clamp(min=1)
@@ -87,7 +88,7 @@ class PixelsNetwork(TokenNetwork):
         return points.view(batch, views, -1) + self.eyes.view.weight, told.new_ones(batch, views)
 
     def _light(self, shown: PicturesBatch) -> Tensor:
-        """Return images as numbers around 0, with the light of each sample changed."""
+        """Return images as numbers around 0, with changed contrast and brightness per sample."""
         values = shown.pictures.to(torch.float32).mul_(1.0 / 64.0).sub_(2.0)
         if shown.light is not None:
             contrast, brightness = shown.light[:, :, None, None, None, None].unbind(dim=1)

@@ -1,4 +1,4 @@
-"""Policies that act with a checkpoint, from the state or from images depending on the family."""
+"""Policies that act with a checkpoint, from the state or from images, depending on the family."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ KEPT_INSTRUCTIONS = 64
 
 
 class Learner:
-    """Loaded network of a learner, shared by several episodes.
+    """Loaded network of a learner, shared between episodes.
 
     Attributes:
         trained: Metadata of its checkpoint.
-        fingerprint: SHA-256 of the checkpoint's file; empty while it is being trained.
+        fingerprint: SHA-256 of the checkpoint's file; empty during training.
     """
 
     def __init__(self, network: LearnerNetwork, trained: Trained, fingerprint: str = "") -> None:
@@ -44,15 +44,15 @@ class Learner:
 
     @classmethod
     def load(cls, path: Path) -> Learner:
-        """Read a checkpoint; raises the errors of :func:`read_checkpoint`."""
+        """Read a checkpoint; raise the errors of :func:`read_checkpoint`."""
         network, trained = read_checkpoint(path)
-        # One thread: sums over several threads differ in their last bits, and results must not depend on the machine's
-        # load.
+        # One thread, because sums over several threads differ in the last bits, and results must not depend on the
+        # machine's load.
         torch.set_num_threads(1)
         return cls(network, trained, file_digest(path))
 
     def info(self, address: str, *, execute: int) -> PolicyInfo:
-        """Return the learner's declarations under an address, if it executes ``execute`` actions of a chunk."""
+        """Return the learner's declarations under an address, with ``execute`` executed actions per chunk."""
         recipe = self.trained.recipe
         about = {
             "checkpoint": f"sha256 {self.fingerprint}",
@@ -92,7 +92,7 @@ class Learner:
         return limited
 
     def _hear(self, words: torch.Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return the encoding of an instruction, which an episode uses for each answer."""
+        """Return the encoding of an instruction, computed once per episode."""
         key = words.cpu().numpy().tobytes()
         heard = self._heard.pop(key, None)
         if heard is None:
@@ -109,7 +109,7 @@ class Learner:
 
 
 class LearnedPolicy:
-    """Learner of ``objects`` in one episode; it answers again after ``execute`` actions of an answer."""
+    """Learner of ``objects`` in one episode, which answers again after executing ``execute`` actions."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
         """Prepare for one episode; ``episode`` is the seed of a flow's noise."""
@@ -146,10 +146,10 @@ class LearnedPolicy:
 
 
 class SeeingPolicy:
-    """Learner of ``pixels``, which gets observations like every policy under test."""
+    """Learner of ``pixels``, which gets observations like every evaluated policy."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
-        """Prepare the policy; InvalidInputError if its history does not fit the steps at which it answers."""
+        """Prepare the policy; raise InvalidInputError if its history does not match the steps of its answers."""
         recipe = learner.trained.recipe
         if recipe.history > 1:
             require_asked(recipe.history_stride, execute, f"policy {address}: history_stride")
@@ -160,7 +160,7 @@ class SeeingPolicy:
         self._past = _Past[np.ndarray](recipe)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode and read the next instruction."""
+        """Reset the history and read the next instruction."""
         self._words = self._learner.trained.vocabulary.word_ids(start.instruction)
         self._episode = start.episode
         self._past = _Past(self._learner.trained.recipe)
@@ -188,20 +188,20 @@ class SeeingPolicy:
 
 
 class _Past(Generic[SeenT]):
-    """Buffer of the inputs of earlier steps, as far back as the history of a recipe reaches."""
+    """Buffer of the inputs of earlier steps, for the history of a recipe."""
 
     def __init__(self, recipe: TrainingRecipe) -> None:
         self._stride, self._history = recipe.history_stride, recipe.history
         self._seen: OrderedDict[int, SeenT] = OrderedDict()
 
     def keep(self, step: int, seen: SeenT) -> None:
-        """Store the input of a step, and drop those that are too old."""
+        """Store the input of a step, and drop inputs that are too old."""
         self._seen[step] = seen
         while next(iter(self._seen)) < step - self._stride * (self._history - 1):
             self._seen.popitem(last=False)
 
     def before(self, step: int) -> list[SeenT]:
-        """Return the inputs at a step and before it; the first known input replaces all before it."""
+        """Return the inputs at a step and before it. The first known input replaces all earlier inputs."""
         wanted = (max(step - k * self._stride, next(iter(self._seen))) for k in range(self._history))
         return [self._seen[max(s for s in self._seen if s <= asked)] for asked in wanted]
 

@@ -1,4 +1,4 @@
-"""Training recipes: all settings that determine a learner's trained weights, in one file."""
+"""Training recipes, which contain all settings that determine a learner's weights."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Proprioception:
     Attributes:
         given: Whether the learner gets the tool's pose, the fingers, and inputs derived from them.
         noise_m: Standard deviation of noise on the tool's position in training [m].
-        dropout: Share of training samples in which the whole state is left out.
+        dropout: Share of training samples without any proprioception.
     """
 
     given: bool = True
@@ -52,13 +52,13 @@ class Proprioception:
 class Augmentation:
     """Random augmentation of training samples.
 
-    The first two apply to ``objects``, the last two to ``pixels``.
+    The first two settings apply to ``objects``, the last two to ``pixels``.
 
     Attributes:
         object_noise_m: Standard deviation of noise on each object's position [m].
         shift_m: Half the side of the square in which tool and all objects are shifted together [m].
         shift_px: Largest shift of an image along each axis [pixel], with edge padding, as by padding and a random crop.
-        light: Standard deviation of the contrast and of the brightness of a picture, as shares of their range.
+        light: Standard deviation of changes in contrast and brightness of an image, as shares of the full range.
     """
 
     object_noise_m: _Length = 0.0
@@ -127,7 +127,7 @@ class Eyes:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CoTraining:
-    """Questions that the same network learns beside the actions.
+    """Questions that the network learns in addition to actions.
 
     Attributes:
         sets: Folders of ``better vqa`` about the training demonstrations.
@@ -146,36 +146,36 @@ class TrainingRecipe:
 
     Attributes:
         data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: Input of the learner: ``objects`` gets poses, sizes, categories and colors as a perfect detector would
-            report them, ``pixels`` gets images; or the name of a user's family.
+        family: Input of the learner: ``objects`` gets poses, sizes, categories and colors as from a perfect detector,
+            ``pixels`` gets images; or the name of a user's family.
         options: Options of a user's family.
         tasks: Tasks whose demonstrations are used; all in the data if empty.
-        variations: Whether to use demonstrations of test variations too, such as those of the covered regime.
+        variations: Whether to include demonstrations of test variations, as in the covered regime.
         demonstrations: Maximum number of demonstrations of one condition, the lowest seeds first; None for all.
         longest_pause: Maximum number of control steps of a demonstrator's pause in training; None for all.
         every: Stride between input frames in training; the actions of a chunk are consecutive.
         eyes: Image inputs of a learner of ``pixels``.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
-        history: Number of tool states as input: the present one and those before it.
+        history: Number of tool states as input: the present state and earlier states.
         history_stride: Control steps between these states; for ``pixels``, whose learners answer every ``execute``
             steps, a multiple of ``execute``.
         chunk: Number of actions in one answer.
-        execute: Number of executed actions of an answer before the next answer.
+        execute: Execution horizon: executed actions of an answer before the next answer.
         loss: ``l1``, or ``flow`` for flow matching.
         flow_steps: Number of integration steps when an action chunk is sampled from a flow.
-        dropout: Share of activations that is dropped in training.
-        gripper_weight: Sampling weight of a sample at a change of the gripper; that of the others is 1.
-        co_training: Questions learned beside the actions, or None.
+        dropout: Share of activations dropped in training.
+        gripper_weight: Sampling weight of a sample at a change of the gripper; other samples have weight 1.
+        co_training: Questions learned in addition to actions, or None.
         start: Checkpoint with the initial weights, or None.
         frozen: Parts whose weights are not trained.
         learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
-        ema: Decay of the moving average of the weights; the average is evaluated.
+        ema: Decay of the moving average of the weights, which is used for evaluation.
         clip: Largest norm of the gradient.
         validation: Share of seeds that are held out, chosen as by ``better export --validation``.
         validate_every: Steps between two validations.
-        rollouts: Number of held-out demonstrations whose starts are used for rollouts in each validation.
+        rollouts: Number of rollouts in each validation, from the starts of held-out demonstrations.
         save_every: Steps between two saved states, from which training resumes.
-        threads: Threads of one process; weights are reproducible only with the same number.
+        threads: Threads of one process. Weights are reproducible only with the same number of threads.
     """
 
     data: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -232,13 +232,13 @@ class TrainingRecipe:
         if parts <= set(self.frozen) and self.built_in:
             raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         if self.co_training is not None and self.questions == 0:
-            problem = f"{self.co_training.weight} of a batch of {self.batch} is not one question"
+            problem = f"{self.co_training.weight} of a batch of {self.batch} is less than one question"
             raise InvalidInputError("co_training.weight", problem, "Give a larger weight or batch, or no co_training")
         if self.sees == "pixels" and self.history > 1:
             require_asked(self.history_stride, self.execute, "history_stride")
 
     def _require_family(self) -> None:
-        """Refuse an unknown family, and options that it does not have."""
+        """Refuse an unknown family or option."""
         try:
             family = learner_family(self.family)
         except UnknownNameError as error:
@@ -254,7 +254,7 @@ class TrainingRecipe:
                 raise InvalidInputError(f"options.{name}", problem, "Correct it")
 
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
-        """Return fields that apply to one family only, and whether they are set for another one."""
+        """Return fields that apply to only one family, and whether they are set for another family."""
         changed, pixels = self.augmentation, self.sees == "pixels"
         parts = learner_family(self.family).parts
         return (
@@ -304,21 +304,21 @@ class TrainingRecipe:
 
     @property
     def questions(self) -> int:
-        """Number of questions per step, beside the batch."""
+        """Number of questions per step, in addition to the batch."""
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form with all default values; without co_training and options if unused."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
-            del form["co_training"]  # so that trainings started before it existed can resume
+            del form["co_training"]  # left out so that a training started before this field existed can resume
         if not self.options:
             del form["options"]
         return form
 
 
 def require_asked(stride: int, execute: int, field_name: str) -> None:
-    """Raise InvalidInputError if the history of a learner of pixels does not fit the steps at which it answers."""
+    """Raise InvalidInputError if the history of a learner of pixels does not match the steps of its answers."""
     if stride % execute:
         problem = f"{stride} is not a multiple of the {execute} actions between two answers of a learner of pixels"
         raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")
@@ -335,7 +335,7 @@ def read_training_recipe(
     Args:
         form: The fields, as a mapping, or as JSON text.
         where: File name for errors.
-        changes: Fields that override those of the form; None keeps a field.
+        changes: Fields that override the form; None keeps a field.
 
     Raises:
         InvalidInputError: If a field is missing, unknown or out of range; the message names it.

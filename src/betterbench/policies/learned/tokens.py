@@ -1,4 +1,4 @@
-"""Inputs of a learner of the ``objects`` family: the tool, and the detectable properties of each object.
+"""Inputs of a learner of the ``objects`` family: the tool, and detectable properties of each object.
 
 An object's name, role and slot, the held object and the goal of the task are left out, because they would reveal the
 answer.
@@ -22,13 +22,13 @@ POSE_NUMBERS = 9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Things:
-    """Inputs that are constant during an episode: the instruction, and the appearance of its n objects.
+    """Inputs that are constant during an episode: the instruction, and the appearance of n objects.
 
     Attributes:
-        words: (w,) numbers of the instruction's words.
+        words: (w,) indices of the instruction's words.
         sizes: (n, 3) extents of the objects [m].
-        categories: (n,) numbers of their categories.
-        colors: (n,) numbers of their colors.
+        categories: (n,) indices of the categories.
+        colors: (n,) indices of the colors.
     """
 
     words: np.ndarray
@@ -38,7 +38,7 @@ class Things:
 
 
 def things_of(instruction: str, objects: Sequence[ObjectInfo], vocabulary: Vocabulary) -> Things:
-    """Return the constant inputs of a learner from the instruction and the objects, in their order."""
+    """Return the constant inputs of a learner from the instruction and the objects, in the given order."""
     return Things(
         vocabulary.word_ids(instruction),
         np.array([o.size_m for o in objects], dtype=np.float32).reshape(-1, 3),
@@ -48,7 +48,7 @@ def things_of(instruction: str, objects: Sequence[ObjectInfo], vocabulary: Vocab
 
 
 def six_numbers(quaternions: np.ndarray) -> np.ndarray:
-    """Return rotations (w, x, y, z), (..., 4), as the first two columns of their matrices, (..., 6).
+    """Return rotations (w, x, y, z), (..., 4), as the first two columns of the rotation matrices, (..., 6).
 
     The representation is continuous (Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural
     Networks").

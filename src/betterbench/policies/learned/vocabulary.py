@@ -1,4 +1,4 @@
-"""Vocabularies of learners: the words, categories, colors and answers of their training data, and one unknown entry."""
+"""Vocabularies of learners: words, categories, colors and answers of the training data, and an unknown entry."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def words_of(instruction: str) -> list[str]:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """Vocabulary of a learner. ``answers`` are the answers to the questions of co-training."""
+    """Vocabulary of a learner. ``answers`` are the possible answers to co-training questions."""
 
     words: tuple[str, ...]
     categories: tuple[str, ...]

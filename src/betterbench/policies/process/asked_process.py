@@ -1,6 +1,6 @@
 """Main function of a user policy's process: it loads the policy and answers the requests of a run over a socket.
 
-Nothing here imports a simulator, so that the process starts fast and its memory is available to the policy.
+This module imports no simulator, so the process starts fast and leaves memory to the policy.
 """
 
 from __future__ import annotations
@@ -35,16 +35,17 @@ ERRORS = (
     "RecordError",
     "MissingDependencyError",
 )
-"""Errors of betterbench that keep their class on the way to the run; all others become PolicyError."""
+"""betterbench errors that keep their class when sent to the run; all others become PolicyError."""
 
-# Bound at import, before a policy can replace them.
+# bound at import, before a policy can replace them
 _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
 
 
 def main(address: str, link: int, life: int, world: str = "") -> None:
-    """Load the policy of an address, in the conventions of a world if one is named; answer until the socket is closed.
+    """Load the policy of an address, and answer requests until the socket is closed.
 
-    ``link`` is the file descriptor of the socket. ``life`` is one that reaches its end when the run has ended.
+    ``link`` is the file descriptor of the socket; ``life`` is a file descriptor that reaches its end when the run has
+    ended. ``world`` is the world whose conventions are used with a server, if any.
     """
     threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
     with contextlib.suppress(OSError):
@@ -85,7 +86,7 @@ def _end_with_run(life: int) -> None:
 
 
 def _declared(policy: Policy, source: str) -> Declared:
-    """Return a policy's declarations as plain values, whatever class the policy used."""
+    """Return a policy's declarations as plain values."""
     info, e = policy.info, policy.info.execution
     return Declared(
         name=text_of(info.name),
@@ -103,7 +104,7 @@ def _declared(policy: Policy, source: str) -> Declared:
 
 
 def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | None:
-    """Return what a method gave, as plain arrays, or what it raised; None if there is no question any more."""
+    """Return the result of a method as plain arrays, or its exception; None after the last request."""
     if not asked:
         return None
     method, args, options = _loads(asked["question"].data)
@@ -115,7 +116,7 @@ def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | No
 
 
 def _told(problem: BaseException) -> ProcessAnswer:
-    """Return the class of an error and its texts, without the objects that it may hold."""
+    """Return the class and texts of an error, without attached objects."""
     if isinstance(problem, UnknownNameError):
         return _error("UnknownNameError", (problem.kind, problem.name, *problem.known))
     if isinstance(problem, InvalidInputError):
@@ -126,7 +127,7 @@ def _told(problem: BaseException) -> ProcessAnswer:
     for shown in (
         str if known else described,
         lambda p: f"{kind}: {p}",
-        lambda _: f"{kind}: it cannot be shown as text",
+        lambda _: f"{kind}: the error cannot be shown as text",
     ):
         with contextlib.suppress(BaseException):  # an error without a readable text is still reported
             text = text_of(shown(problem))

@@ -45,10 +45,10 @@ LOAD_S = 3000.0
 """Default time limit for loading a policy [s]."""
 
 CLOSE_S = 5.0
-"""Time limit for closing a policy [s]; then its process is killed."""
+"""Time limit for closing a policy [s], after which its process is killed."""
 
 MAX_KILLS = 3
-"""Number of attempts for a batch if the process is killed during it."""
+"""Number of attempts at a batch if the process is killed during an attempt."""
 
 _LEAVE_S = 0.5
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
@@ -57,21 +57,21 @@ _START = (
 )
 
 MARK = "BETTERBENCH_POLICY_PROCESS"
-"""Environment variable that marks child processes, so that they are found when the process has ended."""
+"""Environment variable that marks child processes, to find them after the policy's process has ended."""
 
 
 class PolicyProcess:
     """Client side of a policy in a separate process.
 
-    After its process has ended, the next request starts another process with a new policy. The same is done for the
-    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes. The
-    process leads its own session, so that signals to its group do not reach the run, and vice versa.
+    After its process has ended, the next request starts another process with a new policy. A new process is also
+    started after a failed episode, unless the policy holds weights, to keep failures from affecting later episodes. The
+    process leads its own session, which separates its signals from the run's.
 
     Attributes:
         info: Declarations of the policy.
-        source: Name and fingerprint of the file that it was loaded from, or empty.
-        takes_batches: Whether it answers several observations at once.
-        ready_at: Time since which it accepts requests, by ``time.perf_counter`` [s]; infinite during loading.
+        source: Name and SHA-256 of the file with the policy, or empty.
+        takes_batches: Whether the policy answers several observations at once.
+        ready_at: Time from which the policy accepts requests, by ``time.perf_counter`` [s]; infinite during loading.
     """
 
     def __init__(
@@ -82,9 +82,9 @@ class PolicyProcess:
         load_s: float = LOAD_S,
         started: tuple[_Started, Declared] | None = None,
     ) -> None:
-        """Start the process and wait until it has loaded the policy, unless it is already started.
+        """Start the process, unless it is already started, and wait until it has loaded the policy.
 
-        ``world`` is the world in whose conventions a server is spoken to.
+        ``world`` is the world whose conventions are used with a server.
 
         Raises:
             BetterError: If loading the policy raised this error of betterbench.
@@ -100,9 +100,9 @@ class PolicyProcess:
         self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
-        """Notify the policy that an episode begins; raises the errors of :meth:`act`.
+        """Tell the policy that an episode begins; raise the errors of :meth:`act`.
 
-        If this fails in a process that has run other episodes, it is repeated in a new process.
+        If the call fails in a process that has run other episodes, it is repeated in a new process.
         """
         try:
             self._ask("reset", start)
@@ -121,22 +121,22 @@ class PolicyProcess:
         Raises:
             PolicyError: If the policy raised any exception, or its process ended by its own fault.
             PolicyKilledError: If the process was ended from outside.
-            PolicyUnavailableError: If the policy raised it, because its server cannot be reached.
-            HandshakeError: If the policy raised it, because its server serves another policy.
+            PolicyUnavailableError: If the policy raised this error, because its server cannot be reached.
+            HandshakeError: If the policy raised this error, because its server serves another policy.
         """
         return self._ask("act", observation, answers=1)[0]
 
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
-        """Let a checkpoint compare its conventions with those of the run; other policies declare none."""
+        """Let a checkpoint compare its conventions with the run. Other policies declare none."""
         if kind_of(self._address).compares:
             self._ask("check", options=conventions)
 
     def distrust(self) -> None:
-        """Use another process for the next episode, unless the policy holds weights, because its trial has failed."""
+        """Use another process for the next episode after a failed trial, unless the policy holds weights."""
         self._failed = not self.info.heavy
 
     def close(self) -> None:
-        """Let the policy close, and end its process; immediately if a request is running.
+        """Close the policy and end its process; without closing the policy if a request is running.
 
         A second caller neither waits for the first one nor interrupts the policy's own close.
         """
@@ -145,7 +145,7 @@ class PolicyProcess:
         if not self._asking.acquire(blocking=False):
             running = self._running
             if first and running is not None:
-                running.kill()  # a running request then sees the end
+                running.kill()  # a running request then gets an end of file
             return
         try:
             if self._running is not None:
@@ -180,7 +180,7 @@ class PolicyProcess:
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """Make sure that there is a process: at the beginning of an episode, one without earlier failures."""
+        """Ensure that a process exists; at the beginning of an episode, a process without earlier failures."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
@@ -191,7 +191,7 @@ class PolicyProcess:
             self.ready_at = time.perf_counter()
 
     def _start_another(self, running: _Started | None) -> None:
-        """Replace a process by another one; if that cannot load the policy, the old process continues if possible."""
+        """Replace the process. If the new process cannot load the policy, the old process continues if possible."""
         if running is not None and not running.waits:
             running.finish()
             running = None
@@ -219,12 +219,12 @@ class PolicyProcess:
 
 
 class BatchPolicyProcess(PolicyProcess):
-    """A policy that answers several observations at once, in a separate process."""
+    """Client side of a policy that answers several observations at once, in a separate process."""
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
         """Return one answer per observation; raises the errors of :meth:`act`.
 
-        Each answer depends on its observation only, so a batch whose process was killed is repeated.
+        Each answer depends only on its observation, so a batch whose process was killed can be repeated.
         """
         for left in reversed(range(MAX_KILLS)):
             try:
@@ -237,7 +237,7 @@ class BatchPolicyProcess(PolicyProcess):
 
 
 def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
-    """Return the policy of an address, loaded in a separate process; raises the errors of :class:`PolicyProcess`."""
+    """Return the policy of an address, loaded in a separate process; raise the errors of :class:`PolicyProcess`."""
     started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
     return kind(address, world=world, load_s=load_s, started=started)
@@ -248,7 +248,7 @@ def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared
     started = _Started(address, world)
     try:
         return started, started.loaded(load_s)
-    except PolicyKilledError as error:  # no trial has begun, so none can be repeated
+    except PolicyKilledError as error:  # no trial has begun, so there is nothing to repeat
         raise PolicyProcessError(str(error)) from error
     except BaseException:
         started.finish()
@@ -256,7 +256,7 @@ def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared
 
 
 class _Started(AskedProcess):
-    """Started process that loads its policy and then answers."""
+    """Started process, which loads its policy and then answers requests."""
 
     def __init__(self, address: str, world: str) -> None:
         self._address, self._mark = address, uuid.uuid4().hex
@@ -270,7 +270,7 @@ class _Started(AskedProcess):
         try:
             super().__init__(
                 command,
-                output=self._output.theirs,  # what a policy prints is no output of the run
+                output=self._output.theirs,  # output of a policy is not output of the run
                 environment={**os.environ, MARK: self._mark},
                 keeps=(life,),
                 any_type=True,
@@ -312,7 +312,7 @@ class _Started(AskedProcess):
 
         Raises:
             FrameEndError: If the process has ended.
-            PolicyError: If it sends what is no answer.
+            PolicyError: If the process sends an invalid answer.
         """
         question = np.frombuffer(ForkingPickler.dumps((method, args, options)), np.uint8)
         try:
@@ -323,7 +323,7 @@ class _Started(AskedProcess):
             raise PolicyError(str(error)) from error
 
     def close(self) -> None:
-        """Let the policy close, and end the process."""
+        """Close the policy and end the process."""
         with contextlib.suppress(FrameError):
             send_frame(self, {}, {})
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -331,14 +331,14 @@ class _Started(AskedProcess):
         self.finish()
 
     def finish(self) -> str:
-        """End the process, if it has not ended by itself, and return how it did."""
+        """End the process if it is still running, and return how it ended."""
         status = self.end(_LEAVE_S)
         if self._life >= 0:
             os.close(self._life)
             self._life = -1
             end_leftovers(MARK, self._mark, self.pid)
             self._output.end()
-        return "it closed its connection to the run" if status is None else exit_text(status)
+        return "the process closed its connection to the run" if status is None else exit_text(status)
 
 
 def _error(kind: str, texts: Sequence[str]) -> BetterError:

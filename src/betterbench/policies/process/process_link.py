@@ -1,9 +1,9 @@
 """Messages between a run and the process of a policy (:mod:`betterbench.jobs.frames`).
 
-A question of the run is a pickle in an array of bytes, and one without arrays is the last. An answer holds no Python
-objects, because a policy can write anything to its socket. The run reads answers in
-:mod:`betterbench.policies.process.process_reader`. The checks of forms are not imported here, so that the process of a
-policy starts fast.
+A request of the run is a pickle in an array of bytes; a request without arrays is the last. An answer contains no
+Python objects, because a policy can write anything to its socket. The run reads answers in
+:mod:`betterbench.policies.process.process_reader`. The form checks are not imported here, to let the process of a
+policy start fast.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_ANSWER_BYTES = 64 << 20
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """Declarations that a policy sends when it is loaded.
+    """Declarations that a policy sends after loading.
 
     Attributes:
         batches: Whether it answers several observations at once.
@@ -43,7 +43,7 @@ class Declared:
 
     @property
     def info(self) -> PolicyInfo:
-        """The declarations as a PolicyInfo; raises the errors of PolicyInfo."""
+        """The declarations as a PolicyInfo."""
         return PolicyInfo(
             self.name,
             self.action_space,
@@ -60,7 +60,7 @@ class ProcessAnswer:
     """Message of a policy's process: an answer, or an error.
 
     Attributes:
-        error: Class of the error of betterbench that was raised, empty for another one, or None.
+        error: Class of the raised betterbench error; empty for another exception, None without an error.
         texts: Texts of the error.
         declared: Declarations of the policy, in the first message only.
     """
@@ -70,17 +70,17 @@ class ProcessAnswer:
     declared: Declared | None = None
 
 
-# Bound here, before a policy can put something else into its place.
+# bound here, before a policy can replace it
 _array = np.asarray
 
 
 def text_of(value: object) -> str:
-    """Return a printable text from any value that a policy uses as a text."""
+    """Return a printable text of any value that a policy uses as a text."""
     return str.encode(str(value), "utf-8", "backslashreplace").decode()
 
 
 def content_of(answer: ProcessAnswer, given: Sequence[object] = ()) -> FrameContent:
-    """Return the frame content of an answer, with what a policy gave as arrays; ValueError if it is too large."""
+    """Return the frame content of an answer, with the policy's values as arrays; ValueError if it is too large."""
     arrays = [_array(one) for one in given]
     for array in arrays:
         if array.nbytes > MAX_ANSWER_BYTES:

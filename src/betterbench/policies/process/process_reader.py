@@ -1,4 +1,4 @@
-"""Reading of messages from the process of a policy; every part is checked, as a policy can send anything."""
+"""Reading of messages from the process of a policy. Every part is checked, because a policy can send anything."""
 
 from __future__ import annotations
 
@@ -15,9 +15,15 @@ _ANSWER = TypeAdapter(strict_form(ProcessAnswer))
 
 
 def read_answer(content: FrameContent) -> tuple[ProcessAnswer, list[np.ndarray]]:
-    """Return what a process has sent, and its arrays, which can be written to; raise PolicyError if it is no answer."""
+    """Return a message of a process and its writable arrays; raise PolicyError if the message is not an answer."""
     document, arrays = content
-    answer = read_form(_ANSWER, document, where="an answer", cure="Leave its socket alone", raises=PolicyError)
+    answer = read_form(
+        _ANSWER,
+        document,
+        where="an answer",
+        cure="The policy must not use the socket of its process",
+        raises=PolicyError,
+    )
     if list(arrays) != [str(place) for place in range(len(arrays))]:
         raise PolicyError("an answer with arrays out of order")
     return answer, [array.copy() for array in arrays.values()]

@@ -2,7 +2,7 @@
 
 An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body may contain that map, or a
 string with the JSON of the map. Bodies are untrusted, like the frames of :mod:`betterbench.policies.protocols.wire`:
-any bytes give a value or one :class:`PolicyError`.
+any bytes give a value or a :class:`PolicyError`.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ numbers, with images as the base64 of a PNG file (Dexbotic)."""
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
     """Return the body of a value made of maps, lists, texts, numbers, None and NumPy arrays of numbers.
 
-    With ``encoded``, the body has one key ``encoded`` with the JSON as a string, for servers that cannot read arrays
-    otherwise. Raises InvalidInputError for values of other types.
+    With ``encoded``, the body has a single key ``encoded`` with the JSON as a string, which some servers need for
+    arrays. Raises InvalidInputError for values of other types.
     """
 
     def mark(thing: object) -> object:

@@ -1,9 +1,9 @@
 """Reading of payloads written by torch, without running code in them.
 
-Servers of Being-H write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code named
-by the sender. Here an answer is read by ``torch.load(weights_only=True)``, which calls only functions on its list. On
-that list, NumPy's constructors are replaced by the stand-ins of this module, which only store their arguments. Arrays
-are then made from plain bytes, with the same checks as in every other protocol.
+Being-H servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code named by
+the sender. Here, ``torch.load(weights_only=True)`` reads answers and calls only allowed functions. In the list of
+allowed functions, stand-ins of this module replace NumPy's constructors and only store the arguments. Arrays are then
+built from plain bytes, with the same checks as in every other protocol.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from betterbench.installation import missing_extra
 from betterbench.policies.protocols.wire import MAX_DEPTH, MAX_FRAME_BYTES, MAX_VALUES
 
 OLDEST_TORCH = (2, 10)
-"""Oldest PyTorch whose ``weights_only`` reader is trusted: others can be made to corrupt memory (CVE-2026-24747)."""
+"""Oldest PyTorch with a trusted ``weights_only`` reader: a file can corrupt memory in older ones (CVE-2026-24747)."""
 
 _ZIP = b"PK\x03\x04"
 _HOARDER = b"\nbytearray\n"
@@ -116,7 +116,7 @@ def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types 
         raise missing_extra(
             "being-h:// needs PyTorch, which is not installed",
             "being-h",
-            otherwise="or use the bridge (betterbench.policies.clients.bridges), which does not need it here.",
+            otherwise="or use the bridge (betterbench.policies.clients.bridges), which does not need PyTorch here.",
         ) from error
     version = tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2])
     if version < OLDEST_TORCH:
@@ -131,23 +131,25 @@ def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types 
 
 
 def write_torch(value: object) -> bytes:
-    """Return a value as serialized by torch.
+    """Return a value serialized by torch.
 
-    Raises MissingDependencyError without torch, InvalidInputError if it cannot be saved.
+    Raises MissingDependencyError without torch, and InvalidInputError if the value cannot be saved.
     """
     torch = import_torch()
     buffer = io.BytesIO()
     try:
         torch.save(value, buffer)
     except (TypeError, ValueError, AttributeError, RuntimeError) as error:
-        raise InvalidInputError("message", f"it cannot be saved ({error})", "Send texts, numbers and arrays") from error
+        raise InvalidInputError(
+            "message", f"the value cannot be saved ({error})", "Send texts, numbers and arrays"
+        ) from error
     return buffer.getvalue()
 
 
 def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anything
-    """Return the content of a torch file: only maps with text keys, lists, texts, numbers and NumPy arrays.
+    """Return the content of a torch file, limited to maps with text keys, lists, texts, numbers and NumPy arrays.
 
-    Raises MissingDependencyError without torch, PolicyError if it is malformed, too large or contains a call.
+    Raises MissingDependencyError without torch, and PolicyError if the file is malformed, too large or contains a call.
     """
     torch = import_torch()
     try:
@@ -156,8 +158,8 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
             loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
         return _Reader(torch).plain(loaded)
     except Exception as error:
-        # Any error of torch's reader is the fault of the sender's bytes. Its own message begins with the advice to
-        # unpickle anyway, so it is not shown.
+        # Any error of torch's reader is due to the sender's bytes. torch's message is not shown, because it begins with
+        # the advice to unpickle anyway.
         problem = " ".join(str(error).rpartition("WeightsUnpickler error:")[2].split())
         named = re.search(r"GLOBAL ([\w.]+)", problem)
         reason = f"it would call {named.group(1)}, which is not allowed" if named else problem[:200]
@@ -167,7 +169,10 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
 
 
 def _survey(data: bytes) -> None:
-    """Check the archive before torch reads it: compressed entries are refused, so that it cannot grow in memory."""
+    """Check the archive before torch reads it.
+
+    Compressed entries are refused, to keep the archive from growing in memory.
+    """
     if len(data) > MAX_FRAME_BYTES:
         raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")
     if not data.startswith(_ZIP):
@@ -178,7 +183,7 @@ def _survey(data: bytes) -> None:
             raise ValueError("it is compressed")
         if sum(e.file_size for e in entries) > MAX_FRAME_BYTES:
             raise ValueError("its entries overlap")
-        # The only function on torch's own list that takes any amount of memory for a few bytes.
+        # the only function allowed by torch that can allocate any amount of memory from a few bytes
         if any(_HOARDER in archive.read(e) for e in entries if e.filename.endswith(".pkl")):
             raise ValueError("it contains a bytearray")
 
@@ -215,9 +220,10 @@ class _Reader:
     def _tensor(self, tensor: Any) -> np.ndarray:  # noqa: ANN401 - a torch tensor
         torch = self._torch
         if tensor.layout != torch.strided or tensor.device.type != "cpu" or tensor.numel() > _MAX_ELEMENTS:
-            raise ValueError("it contains a tensor that is sparse, too large or on no processor")
+            raise ValueError("it contains a tensor that is sparse, too large or not on the CPU")
         if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
-            raise ValueError("it contains a tensor that is larger than its bytes")  # an expanded one, from a few bytes
+            # an expanded tensor, from a few bytes
+            raise ValueError("it contains a tensor that is larger than its bytes")
         # NumPy has no bfloat16, in which policies often compute.
         return self._counted(np.array((tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().numpy()))
 

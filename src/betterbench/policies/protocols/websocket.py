@@ -33,8 +33,8 @@ class WebSocket:
     ) -> None:
         """Connect.
 
-        Raises OSError if the server is not there or not ready, HandshakeError if it refuses the key, or is not a
-        websocket server.
+        Raises OSError if the server is unreachable or not ready, and HandshakeError if the server refuses the key or is
+        not a websocket server.
         """
         host, port = address.server()
         name = f"[{host}]" if ":" in host else host
@@ -46,7 +46,7 @@ class WebSocket:
         self._pongs = True
         raw: socket.socket | None = None
         try:
-            # With our own socket the library follows no redirect: the request is for the named server only.
+            # with our own socket, the library does not follow redirects to other servers
             raw = socket.create_connection((host, port), timeout_s)
             raw.settimeout(None)
             self._socket: Connection = self._stack.enter_context(
@@ -86,7 +86,7 @@ class WebSocket:
     def mark_end_of_answer(self) -> None:
         """Mark the last request as answered, and send a ping without waiting for its pong.
 
-        Frames arrive in order, so everything that the server sent before the pong has arrived when the pong does.
+        Frames arrive in order, so everything sent before the pong has arrived by the time the pong arrives.
         """
         if self._pongs:
             with contextlib.suppress(OSError), self._cut_after(_GRACE_S, "the server accepts no more data"):
@@ -95,8 +95,8 @@ class WebSocket:
     def refuse_unasked(self) -> None:
         """Raise ConnectionError if the server has sent a message since its last answer.
 
-        A second answer to one request would be taken for the answer to the next, and shift all following answers. For a
-        server that never sends pongs, this waits only once.
+        A second answer to one request would be mistaken for the answer to the next, and shift all later answers. For a
+        server that never sends pongs, this method waits only once.
         """
         mark, self._mark = self._mark, None
         if mark is not None and not mark.wait(_PONG_S):
@@ -109,7 +109,7 @@ class WebSocket:
 
     @contextlib.contextmanager
     def greeting(self, silence: str) -> Iterator[None]:
-        """Close the connection if its first exchange fails; ``silence`` is the message for a silent server."""
+        """Close the connection if the first exchange fails; ``silence`` is the message for a silent server."""
         try:
             yield
         except TimeoutError as error:
@@ -120,7 +120,7 @@ class WebSocket:
             raise
 
     def close(self) -> None:
-        """End the connection; nothing is raised."""
+        """End the connection without raising an error."""
         with (
             contextlib.suppress(OSError, PolicyError),
             self._cut_after(_CLOSE_TIMEOUT_S + _GRACE_S, "the server does not close"),
@@ -129,13 +129,14 @@ class WebSocket:
 
     @contextlib.contextmanager
     def _cut_after(self, timeout_s: float, what: str) -> Iterator[None]:
-        """Break the connection if the body of the context takes too long, and raise TimeoutError with a text.
+        """Break the connection and raise TimeoutError if the body of the context takes too long.
 
-        The library has one lock for everything that is sent, including its answers to pings, and waits for it without a
-        deadline. A server that sends pings and reads nothing would block it forever.
+        The library uses one lock for all sends, including answers to pings, and waits for this lock without a deadline.
+        A server that sends pings and reads nothing would block it forever.
 
         Raises:
-            OSError: Also if the connection is broken, PolicyError if this side broke it for a message too large.
+            OSError: Also if the connection is broken; PolicyError if this side broke it because a message was too
+                large.
         """
         late = threading.Event()
 
@@ -186,13 +187,13 @@ class WebSocket:
             return ConnectionError(f"the server answered HTTP {status}")
         if isinstance(error, (InvalidURI, UnicodeError)):
             return HandshakeError(f"{self._where} is not an address of a websocket ({error}).")
-        # A server that sends data before the handshake can trip an assertion in the library.
+        # a server that sends data before the handshake can trigger an assertion in the library
         return ConnectionError(f"the server there is not a websocket server ({error})")
 
     def _broken(self, error: ConnectionClosed) -> OSError:
         """Return the error of a broken connection.
 
-        Raises PolicyError if it was this side that closed it, because a message was too large.
+        Raises PolicyError if this side closed the connection because a message was too large.
         """
         if error.sent is not None and error.sent.code == _TOO_LARGE:
             raise PolicyError(f"{self._where} sent a message of more than {self._max_bytes} bytes.") from error

@@ -1,11 +1,11 @@
 """Wire formats: bytes to values and back, for the msgpack variants of policy servers.
 
-All of them send maps of texts, numbers and arrays, and differ in how an array is marked: as in openpi's client, as in
+All variants send maps of texts, numbers and arrays, and differ in the marking of arrays: as in openpi's client, as in
 vla-evaluation-harness, as a .npy file (GR00T to N1.6), or as in the package msgpack-numpy (the ``nd`` variant, used by
-GR00T N1.7 and some servers with openpi's protocol). Frames are untrusted: any byte string gives a value or one
-:class:`PolicyError`, never another error, and never takes more memory than a few times its size. A frame is scanned
-before it is decoded, which bounds its depth and the number of its values. Arrays must have exactly the number of bytes
-of their type and shape. Images are bounded before they are decompressed.
+GR00T N1.7 and some servers with openpi's protocol). Frames are untrusted: any byte string gives a value or a
+:class:`PolicyError`, never another error, and takes at most a few times its size in memory. A scan before decoding
+bounds depth and number of values. Arrays must have exactly the number of bytes of their type and shape. Images are
+bounded before decompression.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
     """Return the frame of a value in openpi's protocol, with arrays marked as in its own client or msgpack-numpy.
 
     Values are maps, lists, texts, bytes, numbers, None and NumPy arrays of numbers, booleans or texts. Other types
-    raise an InvalidInputError.
+    raise InvalidInputError.
     """
     return _encode(value, _mark_openpi if arrays == "openpi" else _mark_nd)
 
@@ -137,7 +137,7 @@ def _read_openpi(form: dict[Any, Any]) -> object:
         dtype = _dtype(form.get(b"dtype"))
         if not isinstance(value, (bool, int, float, str, bytes)):
             raise ValueError(f"a scalar is a {type(value).__name__}")
-        with np.errstate(over="ignore"):  # a number too large for its type becomes infinite, and is refused later
+        with np.errstate(over="ignore"):  # a number too large for its type becomes infinite and is refused later
             return dtype.type(value)
     return _read_nd(form) if _is_nd(form) else form
 
@@ -161,7 +161,7 @@ def _is_nd(form: Mapping[Any, Any]) -> bool:
 def _read_nd(form: Mapping[Any, Any]) -> object:
     """Read an array or a number in the format of msgpack-numpy, whose keys may have become texts.
 
-    The kind of an array is empty in that package. Other implementations repeat the letter of its type.
+    The kind of an array is empty in msgpack-numpy. Other implementations repeat the letter of the type.
     """
     whole = {name: form.get(name.encode(), form.get(name)) for name in ("nd", "type", "kind", "shape", "data")}
     kind = b"" if whole["kind"] is None else whole["kind"]
@@ -183,7 +183,8 @@ def _read_nd(form: Mapping[Any, Any]) -> object:
 def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
     """Return the frame of a value in the dialect of vla-evaluation-harness, which has no arrays of texts.
 
-    ``images`` says how uint8 arrays of shape (height, width, 3 or 4) are sent. Raises what :func:`encode_openpi` does.
+    ``images`` selects the encoding of uint8 arrays of shape (height, width, 3 or 4). Raises the errors of
+    :func:`encode_openpi`.
     """
 
     def mark(thing: object) -> object:
@@ -266,7 +267,7 @@ def encode_gr00t(value: object) -> bytes:
 
 
 def decode_gr00t(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in GR00T's dialect, whatever its release; see :func:`decode_openpi`."""
+    """Return the value of a frame in GR00T's dialect, of any release; see :func:`decode_openpi`."""
     return _decode(data, "GR00T", _read_gr00t)
 
 
@@ -349,7 +350,7 @@ def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
 def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object]) -> object:
     try:
         _survey(data)
-        # Map keys must be text or bytes: nothing else is needed, and lists of colliding numbers would be slow to hash.
+        # Map keys must be text or bytes. No other keys are needed, and colliding numbers would be slow to hash.
         return msgpack.unpackb(
             data,
             object_pairs_hook=lambda pairs: hook(unique_keys(pairs)),
@@ -389,11 +390,11 @@ _HOLDERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 def _survey(data: bytes) -> None:
     """Scan the tokens of a frame without building values.
 
-    A list of empty lists takes one byte per list in the frame and 56 in memory, and nesting needs stack: both are
-    bounded here, before the decoder allocates.
+    An empty list takes one byte in the frame and 56 bytes in memory, and nesting needs stack space. Both are bounded
+    here, before the decoder allocates memory.
 
     Raises:
-        ValueError: If it is incomplete, has extra bytes, is too deep, has too many values, or has an extension.
+        ValueError: If the frame is incomplete, has extra bytes, is too deep, has too many values, or has an extension.
     """
     at, values, end = 0, 0, len(data)
     if end > MAX_FRAME_BYTES:
@@ -457,9 +458,10 @@ def _shape(given: object) -> tuple[int, ...]:
 
 
 def read_array(data: object, dtype_text: object, given_shape: object, *, texts: bool = True) -> np.ndarray:
-    """Return an array from its bytes, NumPy's type string, and its shape: read-only, in native byte order.
+    """Return an array from bytes, NumPy type string and shape: read-only, in native byte order.
 
-    Raises ValueError or TypeError if they do not fit each other, or the type is neither plain nor (``texts``) a text.
+    Raises ValueError or TypeError if bytes, type and shape do not match, or if the type is not allowed: only plain
+    numbers and, with ``texts``, texts are.
     """
     dtype, shape = _dtype(dtype_text, texts=texts), _shape(given_shape)
     if not isinstance(data, bytes):
@@ -473,7 +475,7 @@ def read_array(data: object, dtype_text: object, given_shape: object, *, texts: 
     if dtype.kind == "U":
         points = np.frombuffer(data, np.dtype(np.uint32).newbyteorder(dtype.byteorder))
         if ((points > 0x10FFFF) | ((points >= 0xD800) & (points < 0xE000))).any():
-            raise ValueError("a text in an array has characters that do not exist")
+            raise ValueError("a text in an array has invalid characters")
     flat = np.frombuffer(data, dtype)
     if not dtype.isnative:
         flat = flat.astype(dtype.newbyteorder("="))

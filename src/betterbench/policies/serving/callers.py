@@ -1,7 +1,7 @@
-"""Access check of local servers: programs and the server's own pages may connect, pages of other sites may not.
+"""Access check of local servers, which admits programs and the server's own pages but not pages of other sites.
 
-A browser lets any page open a connection to this machine. It sends the page's site (``Origin``) and the name under
-which the server was reached (``Host``), which reveals a site whose own name resolves to this machine.
+A browser lets any page open a connection to this machine. The browser sends the page's site (``Origin``) and the host
+name used for the server (``Host``), which reveals a foreign site name that resolves to this machine.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _ANY = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - compared, not bound
 
 
 def is_own_host(values: Sequence[str], bound: str) -> bool:
-    """Tell whether the ``Host`` headers of a request name a server that listens on an interface.
+    """Return whether the ``Host`` headers of a request are allowed for a server that listens on an interface.
 
     On the loopback interface, the loopback names and the interface's name are allowed; on all interfaces also this
     machine's name and every IP address, because a DNS rebinding attack needs a name.

@@ -1,9 +1,9 @@
-"""Memory budget of a server: the bytes of unfinished and unanswered messages of all its clients together.
+"""Memory budget of a server, for the unfinished and unanswered messages of all its clients.
 
 A websocket library keeps the received part of a message until the message is complete. The largest message bounds each
-connection; this budget bounds all connections together. A connection that would exceed it waits, and its peer sees a
-network that accepts no more data. The connection whose message began first never waits, so that at least one message
-is always completed. While others wait, connections that do not finish a message in time are dropped.
+connection; this budget bounds all connections together. A connection that would exceed the budget waits, and the
+network accepts no more data from its peer. The connection whose message began first never waits, so at least one
+message is always completed. While others wait, connections that do not finish a message in time are dropped.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 from collections import deque
 
 BUDGET_BYTES = 128 * 1024 * 1024
-"""Maximum bytes of unfinished and unanswered messages of all clients together, plus one message."""
+"""Budget for the unfinished and unanswered messages of all clients, in addition to one message [bytes]."""
 STUCK_S = 5.0
 """Time limit for a connection to finish one message, or the request that opens it, while others wait [s]."""
 
@@ -25,13 +25,13 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Meter of the bytes that one connection receives: first an HTTP request, then the frames of a websocket.
+    """Counter of the bytes received by one connection: first an HTTP request, then websocket frames.
 
-    It reads only the headers of frames (RFC 6455, section 5.2).
+    Only the headers of frames are read (RFC 6455, section 5.2).
 
     Attributes:
         unfinished: Bytes of the current message.
-        queued: Bytes of each complete message that was not taken yet.
+        queued: Bytes of each complete message that is still unanswered.
     """
 
     def __init__(self) -> None:
@@ -52,7 +52,7 @@ class MessageMeter:
         return not self.is_greeted or self.unfinished > 0 or bool(self._head) or self._in_frame
 
     def feed(self, data: bytes) -> bool:
-        """Count received data; tell whether a message, or the request, has been completed."""
+        """Count received data; return whether a message, or the request, is now complete."""
         ended, at = False, 0
         if not self.is_greeted:
             self._head += data
@@ -73,7 +73,7 @@ class MessageMeter:
         return ended
 
     def taken(self) -> None:
-        """Note that the first complete message was taken and answered."""
+        """Remove the first complete message after its answer."""
         if self.queued:
             self.queued.popleft()
 
@@ -106,11 +106,11 @@ class MessageMeter:
 
 
 class Metered:
-    """State of one connection in the budget.
+    """Connection in the budget.
 
     Attributes:
         waited_s: Time spent waiting for its peer within the current message [s].
-        waits_since: Time at which the current wait began [s, monotonic]; None while there is none.
+        waits_since: Time at which the current wait began [s, monotonic]; None without a wait.
         is_cut: Whether the connection was dropped.
     """
 
@@ -121,14 +121,14 @@ class Metered:
         self.waits_since: float | None = None
 
     def within_s(self, now: float) -> float:
-        """Return how long the current message has been waiting for its peer [s]."""
+        """Return the time that the current message has waited for its peer [s]."""
         if not self.meter.is_within:
             return 0.0
         return self.waited_s + (0.0 if self.waits_since is None else now - self.waits_since)
 
 
 class FrameBudget:
-    """Memory budget that all connections of one server share. Its methods may be called from any thread."""
+    """Memory budget shared by all connections of a server. Methods may be called from any thread."""
 
     def __init__(self, most_bytes: int = BUDGET_BYTES, *, stuck_s: float = STUCK_S) -> None:
         self._most, self._stuck_s = most_bytes, stuck_s
@@ -164,7 +164,7 @@ class FrameBudget:
             one.waits_since = time.monotonic()
 
     def received(self, one: Metered, data: bytes) -> None:
-        """Count the data that a connection has received."""
+        """Count data received by a connection."""
         with self._lock:
             now = time.monotonic()
             one.waited_s += 0.0 if one.waits_since is None else now - one.waits_since
@@ -175,7 +175,7 @@ class FrameBudget:
             self._lock.notify_all()
 
     def answered(self, one: Metered) -> None:
-        """Note that the first message of a connection was taken and answered."""
+        """Remove the first message of a connection after its answer."""
         with self._lock:
             one.meter.taken()
             self._lock.notify_all()

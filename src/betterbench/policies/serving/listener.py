@@ -1,4 +1,4 @@
-"""Listening socket with a limit on open connections; further ones wait in the queue of the system."""
+"""Listening socket with a limit on open connections. Further connections wait in the queue of the system."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _KEEPALIVE = ((socket.TCP_KEEPIDLE, 60), (socket.TCP_KEEPINTVL, 20), (socket.TCP
 class Listener(socket.socket):
     """A listening TCP socket whose ``accept`` waits while ``most`` connections are open, if there is a limit.
 
-    It also waits if there are no descriptors or memory for another connection, instead of ending the server's loop. A
-    peer that has disappeared without closing is noticed after three minutes.
+    ``accept`` also waits if there are no descriptors or memory for another connection, instead of ending the server's
+    loop. A peer that disappears without closing is detected after three minutes.
     """
 
     def __init__(self, bound: socket.socket, *, most: int | None, budget: FrameBudget | None = None) -> None:
-        """Take over a listening socket; received data count in the budget, if there is one."""
+        """Take over a listening socket. A budget, if given, counts the received data."""
         super().__init__(bound.family, bound.type, bound.proto, fileno=bound.detach())
         self._budget = budget
         self._room = None if most is None else threading.BoundedSemaphore(most)
@@ -65,7 +65,7 @@ class Listener(socket.socket):
 
 
 class _Taken(socket.socket):
-    """A connection that frees a slot when it is closed, and receives within the budget of all connections."""
+    """Connection that frees a slot when it is closed, and receives within the budget of all connections."""
 
     def __init__(self, taken: socket.socket, listener: Listener, budget: FrameBudget | None) -> None:
         super().__init__(taken.family, taken.type, taken.proto, fileno=taken.detach())
@@ -82,7 +82,7 @@ class _Taken(socket.socket):
         return data
 
     def answered(self) -> None:
-        """Note that the first received message is answered."""
+        """Remove the first received message from the budget after its answer."""
         if self._budget is not None and self.metered is not None:
             self._budget.answered(self.metered)
 
@@ -96,16 +96,16 @@ class _Taken(socket.socket):
 
 
 def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget | None = None) -> Listener:
-    """Return a socket that listens for TCP connections, ``most`` at a time; InvalidInputError if it cannot be bound."""
+    """Return a socket that listens for up to ``most`` TCP connections; InvalidInputError if it cannot be bound."""
     if not 0 <= port <= 65535:
-        raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free one")
+        raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free port")
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return Listener(socket.create_server((host, port), family=family), most=most, budget=budget)
     except OSError as problem:
         if problem.errno == errno.EADDRINUSE:
             raise InvalidInputError(
-                "--port", f"{port} is in use on {host}", "Give another one, or 0 for any free one"
+                "--port", f"{port} is in use on {host}", "Give another port, or 0 for any free port"
             ) from None
         if problem.errno == errno.EACCES:
             raise InvalidInputError("--port", f"{port} is not allowed here", "Give one above 1023") from None

@@ -1,8 +1,8 @@
-"""Server of the openpi protocol: metadata first, then a reply for each request, with errors as text frames.
+"""Server of the openpi protocol, which sends metadata and then a reply to each request, with errors as text frames.
 
-The server does not know the policies: a function makes a :class:`Session` for each connection. Each connection has its
-own thread, so a client that is slow, disconnects or sends garbage does not affect the others.
-Source of the protocol: openpi's ``websocket_policy_server.py`` and its client.
+The server is independent of policies: a function makes a :class:`Session` for each connection. Each connection has its
+own thread, so a client that is slow, disconnects or sends garbage does not affect the others. Source of the protocol:
+openpi's ``websocket_policy_server.py`` and its client.
 """
 
 from __future__ import annotations
@@ -35,15 +35,20 @@ DEFAULT_PORT = 8000
 """The port of openpi's own server."""
 LOOPBACK = "127.0.0.1"
 MAX_CLIENTS = 128
-"""Default maximum of simultaneous clients. A connection takes four file descriptors and two threads, and a process has
-1,024 descriptors on most machines."""
+"""Default maximum number of clients.
+
+A connection takes four file descriptors and two threads, and most machines allow 1,024 descriptors per process.
+"""
 MAX_REQUEST_BYTES = 64 * 1024 * 1024
 """Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
 """Time limit for a silent client, after which its connection is closed and its resources are freed [s]."""
 IDLE_WHILE_FULL_S = 600.0
-"""Time limit for a silent client while all slots are taken and another client waits [s]. Between two requests a policy
-loop executes one action chunk or resets a scene, which takes seconds, or minutes if a person does it."""
+"""Time limit for a silent client while all slots are taken and another client waits [s].
+
+Between two requests, a policy loop executes an action chunk or resets a scene, which takes seconds, or minutes if a
+person resets a real scene.
+"""
 
 _AWAY_CODE = 1001
 _ERROR_CODE = 1011
@@ -55,12 +60,12 @@ _ROOM_S, _PAUSE_S = 1.0, 0.02
 
 
 class Session(Protocol):
-    """Session of one connection, whose requests are answered one after the other."""
+    """Session of one connection, with one request at a time."""
 
     def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the reply to a request: ``actions`` (horizon, dim), and optional further entries.
 
-        Raises BetterError if the request cannot be answered; its text is sent to the client.
+        Raises BetterError, whose text is sent to the client, if the request cannot be answered.
         """
 
     def close(self) -> None:
@@ -68,7 +73,7 @@ class Session(Protocol):
 
 
 class PolicyServer:
-    """Server of policy sessions; a context manager that starts and stops it."""
+    """Server of policy sessions, and context manager that starts and stops the server."""
 
     def __init__(
         self,
@@ -83,13 +88,13 @@ class PolicyServer:
         budget: FrameBudget | None = None,
         idle_while_full_s: float = IDLE_WHILE_FULL_S,
     ) -> None:
-        """Bind the socket, to any free port if ``port`` is 0; no client is answered before :meth:`start`.
+        """Bind the socket, to any free port if ``port`` is 0. Clients are answered after :meth:`start`.
 
         A session is made when a client sends its first request. ``clients`` is the maximum of simultaneous clients,
         None for no limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds the unanswered
-        data of all clients. If all slots are taken and another client arrives, the client that has been silent longest
-        is disconnected if that is longer than ``idle_while_full_s`` [s]. Raises InvalidInputError if the address cannot
-        be bound.
+        data of all clients. If all slots are taken and another client arrives, the longest silent client is
+        disconnected if it has been silent for more than ``idle_while_full_s`` [s]. Raises InvalidInputError if the
+        address cannot be bound.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
         self._clients, self._budget = clients, budget or FrameBudget()
@@ -106,7 +111,7 @@ class PolicyServer:
             max_size=MAX_REQUEST_BYTES,
             max_queue=_QUEUED,
             process_request=self._admit,
-            # A client that simulates for a minute between two requests is alive, whether or not it answers pings.
+            # a client that simulates for a minute between two requests may not answer pings
             ping_interval=None,
             close_timeout=_CLOSE_TIMEOUT_S,
             logger=quiet_logger(),
@@ -121,12 +126,12 @@ class PolicyServer:
 
     @property
     def client_host(self) -> str:
-        """Name under which a client on this machine reaches it."""
+        """Host name for clients on this machine."""
         return LOOPBACK if self.host in ("0.0.0.0", "::", "") else self.host  # noqa: S104 - compared, not bound
 
     @property
     def address(self) -> str:
-        """Address under which the served policy can be evaluated."""
+        """Policy address for evaluating the served policy."""
         host = self.client_host
         return f"openpi://{f'[{host}]' if ':' in host else host}:{self.port}"
 
@@ -136,7 +141,7 @@ class PolicyServer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Accept no more connections, close the open ones, and wait until their threads have ended."""
+        """Refuse new connections, close open connections, and wait until their threads have ended."""
         thread, self._thread = self._thread, None
         self._budget.stop()
         if thread is None:
@@ -144,7 +149,7 @@ class PolicyServer:
             return
         self._server.shutdown()
         thread.join()
-        # Older releases of websockets leave the open connections to their handlers.
+        # older releases of websockets do not close open connections
         with self._lock:
             left = list(self._open.items())
         # At once, because each close waits for the answer of a client that may not respond.
@@ -169,7 +174,7 @@ class PolicyServer:
         """Answer health checks, and reject clients without access."""
         if request.path == "/healthz":
             return connection.respond(http.HTTPStatus.OK, "OK\n")
-        # A browser lets any page open a websocket to this machine, and sends the origin of the page.
+        # a browser lets any page open a websocket to this machine, and sends the origin of the page
         if not set(request.headers.get_all("Origin")) <= self._own_origins:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is not for pages of other sites.\n")
         if self.host in LOOPBACK_NAMES and not is_own_host(request.headers.get_all("Host"), self.host):
@@ -185,7 +190,7 @@ class PolicyServer:
         return None
 
     def _room_made(self) -> bool:
-        """Drop a client that is stuck within a message or silent for long; return whether a slot becomes free soon."""
+        """Drop a client that is stuck within a message or silent for long; return whether a slot will be free soon."""
         self._budget.cut_stuck()
         is_let_go = self._let_silent_go()
         end = time.monotonic() + _ROOM_S + (_CLOSE_TIMEOUT_S if is_let_go else 0.0)
@@ -194,24 +199,24 @@ class PolicyServer:
         return not self._full()
 
     def _let_silent_go(self) -> bool:
-        """Close the connection of the client that has been silent longest, if that is too long while others wait."""
+        """Close the connection of the longest silent client, if it has been silent for too long while others wait."""
         with self._lock:
             if self._clients is None or len(self._open) < self._clients or not self._silent_since:
                 return False
             longest = min(self._silent_since, key=self._silent_since.__getitem__)
             if time.monotonic() - self._silent_since[longest] <= self._idle_while_full_s:
                 return False
-            # Marked, so that no other new client closes it again and its thread, which a frame may have woken, stops
-            # answering.
+            # the mark keeps other new clients from closing the connection again, and stops its thread, which a frame
+            # may have woken
             del self._silent_since[longest]
         logger.info("%s was silent for too long while others wait", _name_of(longest.remote_address))
-        # In a thread, because closing waits for the answer of a client that may not respond.
+        # in a thread, because closing waits for a client that may not respond
         closing = (_AWAY_CODE, "This client was silent for too long while others wait.")
         threading.Thread(target=longest.close, args=closing, name="let-go", daemon=True).start()
         return True
 
     def _full(self, more: int = 1) -> bool:
-        """Tell whether ``more`` further clients would be too many."""
+        """Return whether ``more`` additional clients would be too many."""
         with self._lock:
             return self._clients is not None and len(self._open) + more > self._clients
 
@@ -229,8 +234,8 @@ class PolicyServer:
                 return
             connection.send(self._greeting)
             while (frame := self._next_frame(connection)) is not None:
-                # This may load weights, which takes longer than a client's deadline to connect, so it waits for the
-                # first request.
+                # Creation waits for the first request, because it may load weights, which takes longer than a client's
+                # deadline to connect.
                 session = session or self._make_session()
                 began = time.perf_counter()
                 reply = self._reply(session, frame)
@@ -249,7 +254,7 @@ class PolicyServer:
                 session = None
             with contextlib.suppress(ConnectionClosed):
                 connection.send(text)
-                connection.close(_ERROR_CODE, "The previous frame contains the reason.")
+                connection.close(_ERROR_CODE, "the previous frame contains the reason")
         finally:
             with self._lock:
                 self._open.pop(connection, None)
@@ -259,7 +264,7 @@ class PolicyServer:
             logger.info("%s left after %d answers", client, answered)
 
     def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
-        """Return the next frame of a client; None if it was silent for too long and its connection is closed."""
+        """Return the next frame of a client; None after disconnecting a client that was silent for too long."""
         with self._lock:
             self._silent_since[connection] = time.monotonic()
         try:
@@ -272,7 +277,7 @@ class PolicyServer:
         return None if is_let_go else frame
 
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
-        """Return the reply to a frame; raise InvalidInputError if the frame is not a request."""
+        """Return the reply to a frame; raise InvalidInputError unless the frame is a request."""
         if isinstance(frame, str):
             raise InvalidInputError("the request", "it is a text frame", "Send one binary msgpack map per observation")
         request = decode_openpi(frame)

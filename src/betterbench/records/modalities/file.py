@@ -1,7 +1,7 @@
-"""Modality files: written by row groups to a temporary file, and read row by row.
+"""Modality files, written in row groups and read row by row.
 
-The footer of a file contains the header, a checksum of the footer, and the SHA-256 of each row group. All are verified
-before the Parquet reader, which is native code, reads the bytes.
+The footer of a file contains the header, a checksum of the footer, and the SHA-256 of each row group. All checksums are
+verified before the Parquet reader, which is native code, reads the bytes.
 """
 
 from __future__ import annotations
@@ -42,8 +42,7 @@ GROUPS_KEY = b"betterbench.groups"
 """Key of a JSON list with the end of each row group [byte] and the SHA-256 of its bytes."""
 
 COMPRESSION_LEVEL = 1
-"""Level of zstd. A row group contains the same scene many times, which every level finds; higher levels only take
-longer."""
+"""Level of zstd. Every level finds the repetitions of the scene in a row group; higher levels only take longer."""
 
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
@@ -59,7 +58,7 @@ _TAIL = 8
 
 
 class _Sink(io.RawIOBase):
-    """Output that writes row groups with a digest of each, and holds the footer back until its checksum is known."""
+    """Output that computes a digest of each row group, and delays the footer until its checksum is known."""
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()
@@ -95,7 +94,7 @@ class _Sink(io.RawIOBase):
 
 
 class ModalityWriter:
-    """Writer of a modality file, which appears at its path only when it is complete.
+    """Writer of a modality file, which appears at its path only when complete.
 
     As a context manager, it removes an incomplete file. The same rows give the same bytes on one installation. Raises
     OSError if the disk is full or not writable.
@@ -216,7 +215,7 @@ class ModalityFile:
         return {name: values[place] for name, values in self._last[2].items()}
 
     def rows(self, columns: Sequence[str] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the values of every row; raises as :meth:`read` does."""
+        """Yield the values of every row; raise the errors of :meth:`read`."""
         for row in range(len(self)):
             yield self.read(row, columns)
 
@@ -239,7 +238,8 @@ class ModalityFile:
         missing = [name for name in names if name not in known]
         if missing:
             raise RecordError(
-                f"{self.path}: has no column {missing[0]!r}. It has {', '.join(known)}; materialize the others too."
+                f"{self.path}: has no column {missing[0]!r}. It has {', '.join(known)}; materialize the missing "
+                "modalities too."
             )
         with _reading(self.path):
             (begin, _), (end, digest) = self._groups[group - 1] if group else (0, ""), self._groups[group]

@@ -15,7 +15,7 @@ from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE, semantics
 from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 
 FORMAT_VERSION: Literal[2] = 2
-"""Version of the columns and the header; it increases when an older reader would misinterpret a newer file. Files of
+"""Version of the columns and the header; increased when an older reader would misinterpret a newer file. Files of
 version 1 have no checksum; better materialize recreates them."""
 
 _Count = Annotated[int, Field(ge=0)]

@@ -1,8 +1,8 @@
-"""Rendering set-up of this machine's processes: the OpenGL back end, its devices, and their environment variables.
+"""Rendering setup of the processes on this machine: OpenGL back end, devices and environment variables.
 
-``back_ends`` chooses the back end, ``devices`` finds the EGL devices and spreads processes over them, ``probe`` is the
-program that looks at each device, and ``checks`` names what is wrong in the environment. No simulator is imported here,
-so that the process of another simulator and a worker of ours get the same answer.
+``back_ends`` chooses the back end, ``devices`` finds the EGL devices and distributes processes over them, ``probe`` is
+the program that examines each device, and ``checks`` reports problems of the environment. This package imports no
+simulator, so the process of another simulator and our own workers get the same answer.
 """
 
 from betterbench.sim.graphics.back_ends import INSTALL_HINT, gl_backend

@@ -1,4 +1,4 @@
-"""The OpenGL back ends: the choice of one for images, and the check for its libraries.
+"""OpenGL back ends: choice of a back end for images, and check for its libraries.
 
 Source: MuJoCo 3.17 ``rendering/classic/gl_context.py`` for the values of ``MUJOCO_GL``.
 """

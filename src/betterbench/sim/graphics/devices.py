@@ -1,4 +1,4 @@
-"""The EGL devices of this machine, and the distribution of processes over them.
+"""EGL devices of this machine, and distribution of processes over the devices.
 
 Processes are distributed over devices that render alike: those with the same OpenGL vendor, renderer and version as the
 first working one, so that no image depends on the process that rendered it. A process passes the list on to its child
@@ -116,8 +116,8 @@ def require_device() -> int | None:
 def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple[int, ...]:
     """Return the numbers of the devices that render like the first one.
 
-    If ``CUDA_VISIBLE_DEVICES`` names some of their graphics cards, by number or by UUID, only those count: the others
-    belong to other jobs.
+    If ``CUDA_VISIBLE_DEVICES`` names some of their graphics cards, by number or UUID, only these are used, because the
+    others belong to other jobs.
     """
     if not devices:
         return ()
@@ -134,7 +134,7 @@ def next_device_variables() -> dict[str, str]:
 def take_device(turn: int) -> None:
     """Assign this process the device of its turn, before anything is rendered.
 
-    An invalid variable is reported only with the first image: a run may render none.
+    An invalid variable is reported only with the first image, because a run may render no images.
     """
     with contextlib.suppress(GraphicsError):
         os.environ.update(device_variables(turn))

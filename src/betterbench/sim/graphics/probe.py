@@ -1,6 +1,6 @@
 """Probe of every EGL device, run in a separate process, which prints the capabilities as one JSON list.
 
-A driver that crashes then only ends this process, and no display of an unused device stays open. The file is run as a
+A crashing driver then ends only this process, and no display of an unused device stays open. The file is run as a
 script and imports only the standard library.
 
 Sources: the Khronos registry for EGL_EXT_device_enumeration, EGL_EXT_platform_device, EGL_NV_device_cuda and

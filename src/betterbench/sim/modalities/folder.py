@@ -103,13 +103,14 @@ class ModalityFolder:
         if difference is not None:
             where, there, here = difference
             raise RunConflictError(
-                f"{self.path}: was drawn with another OpenGL: {where} is {there} there and {here} here, so pixels may "
+                f"{self.path}: was rendered with another OpenGL: {where} is {there} there and {here} here, so pixels "
+                "may "
                 "differ. Continue on the same kind of machine, or choose another --out."
             )
 
 
 def require_free_place(path: Path) -> None:
-    """Raise RunConflictError if a folder holds other files and no modalities."""
+    """Raise RunConflictError if a folder contains other files and no modalities."""
     require_free(path, "set of modalities", file=SETTINGS_FILE, besides=(SEMANTICS_FILE,))
 
 
@@ -130,7 +131,7 @@ def _is_begun(path: Path) -> bool:
 
 
 def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
-    """Raise RunConflictError if a folder holds something else than is wanted."""
+    """Raise RunConflictError if the settings of a folder differ from the requested settings."""
     require_same(path, _form(replace(stored, renderer=None)), _form(wanted), "set of modalities", where="materialize")
 
 

@@ -1,4 +1,4 @@
-"""Materialization while an episode is recorded: the same bytes as later by ``better materialize``."""
+"""Materialization during recording, with the same bytes as a later ``better materialize``."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class LiveMaterializer:
     """Renderer of the views of a scene row by row during recording; a context manager.
 
     Call :meth:`add` after the reset and after every step, when the rows of the record are appended, and :meth:`finish`
-    with the record. Without :meth:`finish` no files are left. ``out`` is a folder as made by better materialize; in
-    ``RUN/modalities`` the command finds the files and keeps them.
+    with the record. Without :meth:`finish`, no files are left. ``out`` is a folder in the layout of better materialize,
+    which reuses files in ``RUN/modalities``.
 
     Raises:
         RunConflictError: If the folder contains other files, or was rendered with another OpenGL.

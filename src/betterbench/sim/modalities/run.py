@@ -1,4 +1,4 @@
-"""Materialization of a run: the records of its trials become modality files, in a folder that can be resumed."""
+"""Materialization of the records of a run as modality files, in a resumable folder."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ def materialize_run(
 ) -> Materialized:
     """Write the missing or damaged files of a run's recorded trials; intact files are kept.
 
-    The bytes depend neither on the number of workers nor on interruptions. With ``follow``, it waits for further
-    recorded trials until the run ends. ``on_progress`` is called with the number of finished and known trials.
+    The bytes do not depend on the number of workers or on interruptions. With ``follow``, the function waits for
+    further recorded trials until the run ends. ``on_progress`` is called with the number of finished and known trials.
 
     Raises:
         RunConflictError: If the folder contains other files, was rendered with another OpenGL, or is in use.
@@ -94,7 +94,7 @@ def materialize_run(
     """
     began, tally = time.monotonic(), _Tally()
     finished: set[TrialId] = set()
-    list(recorded_trials(run, trials))  # a trial that is not there is refused before a folder is made
+    list(recorded_trials(run, trials))  # refuse a missing trial before making a folder
     require_free_place(out)
     with job_folder(out.absolute()):
         writer = _Writer(run, ModalityFolder(out, wanted), tally)
@@ -103,7 +103,7 @@ def materialize_run(
             return in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run))
 
         while True:
-            running = follow and run.is_running  # asked before the journal is read, so that no trial is missed
+            running = follow and run.is_running  # checked before reading the journal, to miss no trial
             known = list(recorded_trials(run, trials))
             fresh = run_items(
                 known, is_done=finished.__contains__, work=work, keep=finished.add, on_progress=counts(on_progress)
@@ -228,7 +228,7 @@ class _Writer:
                     for sights, time_s in zip(taken, times, strict=True):
                         files.add(sights, time_s)
             except BaseException:
-                limited.close()  # it is still sending an answer
+                limited.close()  # the process is still sending an answer
                 raise
             return files.finish(origin)
 

@@ -1,4 +1,4 @@
-"""The files of one trial during writing: sights, in the order of the rows, become columns."""
+"""Writer of the modality files of one trial, from sights in the order of the rows."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TrialOrigin:
 
 
 class TrialFiles:
-    """The files of some views of one trial; a context manager that removes unfinished files.
+    """Modality files of some views of one trial. A context manager that removes unfinished files.
 
     Raises StorageError if the disk is full, RecordError if the scene has other objects than the record.
     """
@@ -51,7 +51,9 @@ class TrialFiles:
         objects: Sequence[ObjectInfo],
     ) -> None:
         if len(objects) != len(facts.object_bodies):
-            raise RecordError("stored scene: it has other objects than the record. Run the trial again to store it.")
+            raise RecordError(
+                "stored scene: its objects differ from those of the record. Run the trial again to store it."
+            )
         self._views, self._modalities, self._facts = tuple(views), tuple(modalities), facts
         self._categories = [o.category for o in objects]
         semantic_ids(self._categories)

@@ -25,7 +25,9 @@ class ViewValues:
         semantics = np.array(semantics_of_instances(categories), np.uint16)
         self._instances = np.concatenate([[0], facts.instances]).astype(np.uint16)
         if int(self._instances.max()) >= len(semantics):
-            raise RecordError("stored scene: it has other objects than the record. Run the trial again to store it.")
+            raise RecordError(
+                "stored scene: its objects differ from those of the record. Run the trial again to store it."
+            )
         self._semantics = semantics[self._instances]
 
     def of(self, sight: np.ndarray, time_s: float, following: np.ndarray | None) -> dict[str, np.ndarray]:
@@ -49,7 +51,8 @@ class ViewValues:
 
     def _boxes(self, sight: np.ndarray) -> dict[str, np.ndarray]:
         poses = sight["poses"][self._facts.object_bodies]
-        turned = products(poses[:, 3:], _STANDING)  # of the two quaternions of a rotation, the one with w >= 0
+        # of the two quaternions of a rotation, use the quaternion with w >= 0
+        turned = products(poses[:, 3:], _STANDING)
         boxes = np.concatenate([points_of(poses, self._facts.boxes[:, 0]), turned], axis=1)
         seen = in_frame(boxes, sight["camera"])
         visible, full = sight["visible_pixels"], sight["full_pixels"]

@@ -1,4 +1,4 @@
-"""A recorded trial for a viewer: its views row by row, and the time spans of subgoals, grasps and contacts."""
+"""A recorded trial for a viewer: views row by row, and time spans of subgoals, grasps and contacts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """One line of a timeline: spans of rows, each with its first and last row and its text.
+    """Lane of a timeline: spans of rows, each with first row, last row and text.
 
     ``kind`` is "subgoal", "held" or "contact".
     """

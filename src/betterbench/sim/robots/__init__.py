@@ -1,7 +1,7 @@
-"""Robots: their description, their inverse kinematics and the controller that turns actions into motion.
+"""Robots: descriptions, inverse kinematics, and the controller that turns actions into motion.
 
-Each robot is a folder beside this file, whose ``__init__`` registers it; a new folder is found by itself.
-The controller and the inverse kinematics are imported when they are first used: who only draws needs neither.
+Each robot is a folder next to this file, whose ``__init__`` registers it; a new folder is found automatically. The
+controller and the inverse kinematics are imported at first use, because rendering needs neither.
 """
 
 import importlib

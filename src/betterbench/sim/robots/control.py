@@ -1,9 +1,9 @@
-"""The arm controller: one action in, the references of all servos out.
+"""Arm controller, which converts an action into the references of all servos.
 
 Every action space ends in a joint reference that the position servos integrate evenly over the control step, see
-:mod:`betterbench.sim.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. It is
-constant if the action is zero, and it may lead the measured pose by at most :data:`POSITION_LEAD_M` and
-:data:`ROTATION_LEAD_RAD`, so there is no windup at a blocked arm.
+:mod:`betterbench.sim.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. This pose is
+constant for a zero action, and may lead the measured pose by at most :data:`POSITION_LEAD_M` and
+:data:`ROTATION_LEAD_RAD`, so a blocked arm causes no windup.
 
 The controller's memory between actions is small and can be saved and restored (:meth:`ArmController.state`), so an
 episode can be continued from any recorded state.
@@ -63,7 +63,7 @@ POSE_STEP_RAD = 0.1
 
 JOINT_LEAD_RAD = 0.3
 """Largest distance of a joint reference from the measured angle [rad]: the largest joint motion for 5 cm and 0.5 rad at
-the tool, so it is active only if the arm is blocked or far from its reference.
+the tool, so the bound is active only if the arm is blocked or far from its reference.
 """
 
 
@@ -298,7 +298,7 @@ class ArmController:
             )
 
 
-# Functions of the class instead of methods of an instance: a reference cycle through the controller, with the models of
+# Functions of the class instead of bound methods, because a reference cycle through the controller, with the models of
 # its inverse kinematics, would stay in memory until a garbage collection.
 _Advance = Callable[[ArmController, list[float], Joints, Joints], list[float]]
 _DRIVEN: dict[str, tuple[ActionSpace, _Advance]] = {

@@ -1,9 +1,9 @@
 """Mesh decimation that keeps closed meshes closed, and shading normals that follow edges.
 
 Edges are collapsed by the quadric error metric (M. Garland, P. S. Heckbert, "Surface Simplification Using Quadric Error
-Metrics", SIGGRAPH 1997), the cheapest first. A collapse that would flip a triangle, make a sliver, or connect separate
-sheets is not made, so that neither flaps nor holes appear. Open borders are held by additional planes perpendicular to
-the border triangles. The order depends only on the arrays, so every machine with the same input makes the same mesh.
+Metrics", SIGGRAPH 1997), the cheapest first. Collapses that would flip a triangle, make a sliver, or connect separate
+sheets are skipped, which avoids flaps and holes. Open borders are held by additional planes perpendicular to the border
+triangles. The order depends only on the arrays, so every machine with the same input makes the same mesh.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Point = tuple[float, float, float]
 Quadric = list[float]
 
 _BORDER_WEIGHT = 30.0
-"""Weight of a border's planes relative to the faces': a border moves along itself rather than across."""
+"""Weight of a border's planes relative to the faces', which lets a border move along itself rather than across."""
 
 _LEAST_COSINE = 0.35
 """Cosine of the largest rotation of a triangle by one collapse, about 70 degrees."""
@@ -81,7 +81,7 @@ def decimated(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return meshes with ``target`` triangles in total, or more if no further collapse is allowed.
 
-    The triangles go where they are needed: all edges of all pieces share one queue.
+    Triangles are distributed by need, because all edges of all pieces share one queue.
 
     Args:
         pieces: For each its (n, 3) positions [m], welded, and (m, 3) vertex numbers.

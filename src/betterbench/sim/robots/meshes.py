@@ -1,12 +1,12 @@
 """The arm's visual meshes: read from an installed wheel, decimated once, cached for the user.
 
 The STL files come with the ``gymnasium-robotics`` wheel and contain 134,000 triangles, which dominate the time of
-software rendering. Each file is split into its connected parts, the parts are sorted by paint, and all together are
-decimated to a fixed budget, which goes where it is needed (:mod:`~betterbench.sim.robots.decimation`).
+software rendering. Each file is split into its connected parts, the parts are sorted by paint, and all parts together
+are decimated to a fixed budget of triangles, distributed by need (:mod:`~betterbench.sim.robots.decimation`).
 
-The cache file is named after the bytes of the sources, the budget and the recipe. It is written under another name and
-renamed, so two simultaneous processes both succeed with the same file. Its first line is the SHA-256 of that name and
-of the rest: a changed or unreadable file is made again.
+The cache file is named after the bytes of the sources, the budget and the recipe. The file is written under another
+name and renamed, so two simultaneous processes both succeed with the same file. The first line is the SHA-256 of the
+name and of the rest; a changed or unreadable file is made again.
 """
 
 from __future__ import annotations
@@ -192,14 +192,14 @@ _LEFTOVER_S = 3600.0
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Delete unfinished files of killed processes; after an hour a file is no longer being written."""
+    """Delete unfinished files of killed processes, which are older than an hour."""
     for part in folder.glob(f"tmp*{_CACHE_SUFFIX}.part"):
         if time.time() - part.stat().st_mtime > _LEFTOVER_S:
             part.unlink(missing_ok=True)
 
 
 def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
-    """Write the parts beside the target and rename; an unwritable cache only makes the next start slower."""
+    """Write the parts under a temporary name and rename. An unwritable cache only makes the next start slower."""
     arrays: dict[str, np.ndarray] = {"names": np.array([p.name for p in parts])}
     for part in parts:
         arrays[f"{part.name}.v"] = part.vertices

@@ -21,8 +21,8 @@ class Physics:
             1 m/s. MuJoCo's default of 20 ms lets it sink by 7 mm, through the floor of a box; 5 ms limits it to 2 mm
             and is still 2.5 time steps.
         sleep_tolerance_m_s: Speed below which a group of touching objects falls asleep after ten time steps [m/s].
-            Rotation counts with the size of the object. It is a twentieth of the speed below which a verdict considers
-            an object at rest, so no motion that affects a verdict is stopped.
+            Rotation is weighted by the size of the object. The value is a twentieth of the speed below which a verdict
+            considers an object at rest, so no motion that affects a verdict is stopped.
     """
 
     timestep_s: float = 0.002

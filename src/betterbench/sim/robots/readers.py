@@ -41,7 +41,7 @@ def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
 def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
     """Return a function that reads the current values of some rows of an array.
 
-    Most of the time only the arm moves: without a change, it returns the same tuple as the last call.
+    Without a change, the function returns the same tuple as the last call, because mostly only the arm moves.
 
     Args:
         array: (n, width) float64, contiguous; its memory address must not change.

@@ -19,7 +19,7 @@ class RobotSpec:
     """Description of a robot, for controllers, scenes and experts.
 
     Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix. Arm joints are
-    are listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits [rad/s].
+    listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits [rad/s].
 
     Attributes:
         name: Name in the registry ("panda").
@@ -122,7 +122,7 @@ _ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
 
 
 def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
-    """Register a robot by name; a name that is taken raises an InvalidInputError."""
+    """Register a robot by name; raise InvalidInputError if the name is taken."""
     if spec.name in _ROBOTS:
         raise InvalidInputError(f"robot {spec.name!r}", "the name is taken", "Register each robot once")
     _ROBOTS[spec.name] = (spec, builder)
@@ -134,7 +134,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return a robot by name; an unknown one raises an UnknownNameError."""
+    """Return a robot by name; raise UnknownNameError for an unknown name."""
     try:
         return _ROBOTS[name][0]
     except KeyError:

@@ -1,7 +1,7 @@
-"""Seeded variation besides the slots: looks, room, camera poses, light direction, and start of the arm.
+"""Seeded variation that is independent of slots: looks, room, camera poses, light direction, and start of the arm.
 
-A trial and its twin share all of it, because it does not depend on the condition. Looks and room change the compiled
-model, so a trial draws one of a limited number of sets of them; the rest does not change the model.
+A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
+compiled model, so a trial draws one of a limited number of sets of looks and rooms; the rest does not change the model.
 """
 
 from __future__ import annotations

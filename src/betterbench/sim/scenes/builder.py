@@ -151,8 +151,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
     """Return the pose of a pre-placed object at its target: that of a demonstration, drawn from the trial's stream.
 
-    In a container it is moved away from the walls if necessary; this is never necessary if a demonstration has the same
-    assets.
+    In a container, the object is moved away from the walls if necessary (never with the assets of a demonstration).
 
     Raises InvalidInputError if no demonstration was measured, or none brings an object there.
     """
@@ -182,7 +181,7 @@ def compile_scene(placements: tuple[Placement, ...], quality: Quality, *, robot_
     """Return the compiled model of a set of objects, from a cache if possible.
 
     Only the content of a model matters: assets, fixed poses, robot, render quality and the room. Names, slots and start
-    poses of free objects do not, so trials that differ in layout or language share one model.
+    poses of free objects do not matter, so trials that differ only in layout or language share one model.
     """
     digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{room}".encode())
     for p in placements:
@@ -211,7 +210,7 @@ def _compile(
     for name, p in zip(names, placements, strict=True):
         add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else rail_of(p.asset))
     for drawer in [n for n, p in zip(names, placements, strict=True) if p.shut is not None]:
-        # The rails guide a drawer: it has clearance in the carcass and does not collide with it.
+        # the rails guide a drawer, which does not collide with the carcass
         for cabinet in [n for n, p in zip(names, placements, strict=True) if _takes_drawers(p.asset)]:
             spec.add_exclude(bodyname1=drawer, bodyname2=cabinet)
     model = spec.compile()

@@ -35,8 +35,8 @@ class Clearance:
         labels = self._compiled.geom_labels
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
-        # Only the robot and the held object are checked, against everything except the robot. Contacts among the other
-        # objects, and among the robot's parts, would take a third of the time and are not needed.
+        # Check only the robot and the held object, against everything except the robot. Contacts among other objects,
+        # and among parts of the robot, are not needed and would take a third of the time.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0
@@ -62,7 +62,7 @@ class Clearance:
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 
     def _let_look(self, i: int, *, looks: bool) -> None:
-        """Let a body of the label table collide with everything else, or only with such bodies."""
+        """Set whether a body of the label table collides with everything else, or only with such bodies."""
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
         self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0

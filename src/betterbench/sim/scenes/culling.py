@@ -44,13 +44,9 @@ class Culling:
     def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
         """Remove geoms outside a camera's view from the scene, and return whether the sky may be visible.
 
-        Only meshes with many faces are tested, and only for cameras on a body: a static camera sees the whole table,
-        and nearly nothing could be removed. ``aspect`` is width by height of the image. ``geoms`` is False to remove
-        none, for images with shadows, which may fall into the view from outside.
-
-        Only meshes with many faces are looked at, and only for cameras that ride on a body: one that stands in the
-        world looks at all of the table, and nearly nothing could be left out. ``aspect`` is the image's width by its
-        height; ``geoms`` is False to take none out, for images with shadows, which may fall into the view from outside.
+        Only meshes with many faces are tested, and only for cameras on a body, because a static camera sees the whole
+        table. ``aspect`` is the image's width divided by its height. ``geoms`` is False to remove none, for images with
+        shadows, which may fall into the view from outside.
         """
         if self._scene.ngeom != self._filled:
             self._learn()
@@ -59,8 +55,8 @@ class Culling:
         if angles is None:
             up = 0.5 * math.radians(fovy_deg)
             angles = self._angles[fovy_deg, aspect] = (math.atan(math.tan(up) * aspect), up)
-        # Plain numbers: between two images NumPy is not in the processor's caches, and a product of two small arrays
-        # takes longer than all of this.
+        # plain numbers, because between two images NumPy is not in the processor's caches, and a product of two small
+        # arrays takes longer than all of this
         axes = data.cam_xmat[camera].tolist()
         position = data.cam_xpos[camera].tolist()
         if geoms and self._riding[camera]:
@@ -88,7 +84,7 @@ class Culling:
                 geom.type = _NOTHING
 
     def _floor_fills(self, axes: list[float], position: list[float], across: float, up: float) -> bool:
-        """Tell whether the rays through the four corners of a view hit the floor: then all rays between them do too."""
+        """Return whether the rays through the four corners of a view, and therefore all rays, hit the floor."""
         if self._floor is None:
             return False
         geom, number, (fx, fy, fz), (half_x, half_y) = self._floor

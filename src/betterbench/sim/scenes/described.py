@@ -11,12 +11,12 @@ from betterbench.tasks import Looks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """Description of a scene: versions, sentence and appearance, with the fields of a record's metadata.
+    """Description of a scene: versions, instruction and appearance, with the fields of a record's metadata.
 
     Attributes:
         instruction: All instructions of the episode, as one text.
-        render_quality: Name of the render preset, or what stands for it; None without images.
-        engine: Fingerprint of everything that can change the numbers.
+        render_quality: Name of the render preset, or of another world's renderer; None without images.
+        engine: Versions that can change the numbers.
     """
 
     task_version: int

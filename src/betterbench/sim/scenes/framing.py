@@ -127,7 +127,7 @@ class FramingView:
     def _draw(self, size: int = SIZE_PX) -> np.ndarray:
         masks = self._renderer.render(self._data, self._camera, rgb=False, masks=True, width=size, height=size).masks
         if masks is None:
-            raise AssertionError("masks were asked for")
+            raise AssertionError("masks were requested")
         return masks
 
     def _object(self, name: str, masks: np.ndarray) -> ObjectFraming:
@@ -181,8 +181,8 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
     """Return the minimum distance of slots and target regions from the image edge at all jitters [m]; negative outside.
 
-    A slot counts with its whole jitter; a target region with its corners, over the jitter of its slot, and with open
-    drawers. Distances are those at the depth of the point.
+    A slot is extended by its whole jitter. A target region is represented by its corners, over the jitter of its slot,
+    and with open drawers. Distances are those at the depth of the point.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf
@@ -204,7 +204,8 @@ def _slot_corners(scene: Scene) -> Iterator[Vector]:
 def _target_corners(scene: Scene) -> Iterator[Vector]:
     placed = {p.spec.name: p for p in scene.placements}
     for step in scene.condition.instruction.subgoals:
-        if step.region in MOUNTS:  # closing concerns the drawer itself, whose region is the target of another step
+        # closing a drawer has no target region of its own; the drawer's region is the target of another step
+        if step.region in MOUNTS:
             continue
         target = placed[step.target]
         pose = target.pose

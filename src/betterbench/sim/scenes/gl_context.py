@@ -49,7 +49,9 @@ class Closable(Protocol):
 
 
 def renderer_fingerprint() -> dict[str, str]:
-    """Return the properties that determine pixels besides the scene; if they agree, images of two machines are equal.
+    """Return the properties that determine pixels in addition to the scene.
+
+    Two machines that agree render equal images.
 
     It has OpenGL's ``backend``, ``vendor``, ``renderer`` and ``version``, and ``mujoco``'s version. Raises
     MissingDependencyError if no off-screen OpenGL works here.
@@ -135,7 +137,7 @@ _PACK_INVERT_MESA = 0x8758
 
 
 def read_from_top(*, wanted: bool) -> bool:
-    """Choose whether pixels are read with the top row first, which avoids flipping each image; return the result.
+    """Try to read pixels with the top row first, which avoids flipping each image; return whether this works.
 
     Mesa supports this; with another OpenGL rows are always read from the bottom, and images are flipped afterward.
     """

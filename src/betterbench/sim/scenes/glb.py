@@ -1,4 +1,4 @@
-"""A compiled scene as binary glTF, one file per body, for viewers other than MuJoCo.
+"""Export of a compiled scene as binary glTF, one file per body, for viewers other than MuJoCo.
 
 The frame of a file is that of its body, in meters and with z up. A file contains one mesh per material: the visible
 shapes in their colors, with the textures of the model as PNG. The format is glTF 2.0 (Khronos), written by trimesh.
@@ -140,7 +140,7 @@ def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[Surface]
             roughnessFactor=ROUGHNESS,
             alphaMode=None if color[3] >= 1.0 else "BLEND",
         )
-        # trimesh counts v from the lower edge of the image, MuJoCo and glTF from the upper one.
+        # trimesh counts v from the lower edge of the image, MuJoCo and glTF from the upper edge
         uv = surface.coordinates * (1.0, -1.0) + (0.0, 1.0)
         mesh = trimesh.Trimesh(
             surface.positions,

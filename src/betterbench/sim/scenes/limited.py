@@ -1,10 +1,10 @@
-"""Untrusted stored scenes: MuJoCo's binary models are opened and rendered in a separate process with limits.
+"""Opening and rendering of untrusted stored scenes (MuJoCo's binary models) in a separate process with limits.
 
-The reader of such files trusts them: a forged file can crash it, hang it or fill the memory. The process has limits for
-memory and time. Its output is only pixels or a text, never an object.
+MuJoCo's reader trusts such files: a forged file can crash the reader, make it hang or fill the memory. The process
+therefore has limits for memory and time, and returns only pixels or a text, never an object.
 
 A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
-a process ended is therefore repeated once in a new process; it is refused only if that one ends too.
+a process ended is therefore repeated once in a new process; the request is refused only if the new process ends too.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class LimitedView:
     def __init__(self, *, quality: str, size: int = 256) -> None:
         """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel].
 
-        GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
+        Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
         """
         self._quality, self._size = quality, size
         self._told_to_end = False
@@ -144,7 +144,7 @@ class LimitedView:
         request = {"camera": camera, "jitter": jitter.to_json()}
         pixels = self._at_most_twice(lambda: self._ask(request, numbers))
         if len(pixels) != 3 * self._size**2:
-            raise self._refused("it returned an image of another size")
+            raise self._refused("its process returned an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
@@ -155,7 +155,7 @@ class LimitedView:
         numbers = np.ascontiguousarray(points, dtype=np.float64).tobytes()
         found = self._ask({"project": camera}, numbers)
         if 3 * len(found) != 2 * len(numbers):
-            raise self._refused("it returned another number of points")
+            raise self._refused("its process returned another number of points")
         return np.frombuffer(found).reshape(-1, 2)
 
     def prepare(
@@ -187,7 +187,7 @@ class LimitedView:
         )
         known = bool((facts.object_bodies < len(facts.instances)).all())
         if not known or len(facts.boxes) != len(facts.object_bodies) or len(facts.focal_px) != len(views):
-            raise self._refused("it returned other views")
+            raise self._refused("its process returned other views")
         sizes = {"bodies": len(facts.instances), "objects": len(facts.object_bodies)}
         self._types = [sight_type(view, modalities, **sizes, gripper=gripper) for view in views]
         return facts, told.renderer
@@ -221,7 +221,7 @@ class LimitedView:
             for kind in self._types:
                 answer = self._receive(max(kind.itemsize, 4 * LONGEST_REASON))
                 if len(answer) != kind.itemsize:
-                    raise self._refused("it returned an image of another size")
+                    raise self._refused("its process returned an image of another size")
                 row.append(np.frombuffer(answer, kind)[0])
             yield row
 

@@ -137,9 +137,8 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 def rest_pose(asset: Asset) -> Pose:
     """Return the pose ``T_surface_object`` in which an asset rests on a flat surface through the origin of its frame.
 
-    It is found by letting the asset settle alone from its nominal pose: a fraction of a millimeter of contact depth,
-    and a tilt below a tenth of a degree. The result depends only on the asset, so that no neighbor can change the
-    resting pose.
+    The asset settles alone from its nominal pose, which changes the pose by a contact depth of a fraction of a
+    millimeter and a tilt below a tenth of a degree. The result depends only on the asset, not on neighbors.
     """
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)

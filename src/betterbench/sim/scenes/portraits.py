@@ -1,4 +1,4 @@
-"""Pictures of single assets on a plain ground, each in a scene of its own."""
+"""Pictures of single assets on a plain ground."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from betterbench.sim.scenes.stage import QUALITIES, add_camera
 
 _FIELD_DEGREES = 45.0
 _DOWN = math.radians(35.0)
-"""Angle below the horizon at which the camera looks, as the front camera of the scenes [rad]."""
+"""Downward angle of the camera, as for the front camera of scenes [rad]."""
 _FILLED = 0.72
-"""Share of the picture that the diagonal of the asset's box takes."""
+"""Diagonal of the asset's box as a share of the picture."""
 _SMALLER = 2
-"""Pixels that are averaged along each side, because edges are not smoothed otherwise."""
+"""Number of pixels averaged along each side, to smooth edges."""
 
 
 def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) -> np.ndarray:
@@ -28,7 +28,7 @@ def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) ->
     Args:
         asset: Asset to draw.
         pixels: Side of the picture.
-        turned_degrees: Angle about the vertical by which the camera stands aside of the front.
+        turned_degrees: Angle of the camera from the front, about the vertical.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -43,7 +43,7 @@ def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) ->
         dir=[-0.35, 0.45, -1.0],
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         diffuse=[0.55, 0.54, 0.52],
-        castshadow=False,  # the shadow map does not cover the endless ground, and its far part would be speckled
+        castshadow=False,  # the shadow map does not cover the infinite ground, whose far part would be speckled
     )
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], rgba=[0.80, 0.76, 0.70, 1])
     add_asset(spec, "asset", asset, pose=Pose())

@@ -2,7 +2,7 @@
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
 visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and
-gives both depth and masks; no id is ever blended with its neighbor. Color with depth takes one pass if that gives the
+gives both depth and masks; ids are never blended with neighbors. Color with depth takes one pass if that gives the
 same depth (no multisampling, nothing transparent), otherwise two. Depth and masks therefore never depend on the
 quality.
 
@@ -40,7 +40,7 @@ _ALONE_GROUP = 5
 """Group of geoms that is never visible; geoms are moved here while others are rendered alone."""
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)
 _EVERYTHING = int(mujoco.mjtCatBit.mjCAT_ALL)
-# The smallest font of MuJoCo: no text is ever drawn, and a larger one takes longer to upload.
+# the smallest font of MuJoCo, because no text is drawn and a larger font takes longer to upload
 _FONT_SCALE = 50
 
 
@@ -65,8 +65,8 @@ class Renderer:
     """Renderer of one model. It may be used as a context manager; :meth:`close` frees its buffers.
 
     Creation uploads the model's meshes and textures (5 to 50 ms here; the first renderer of a process also makes the
-    OpenGL context, 0.1 to 0.3 s), so keep it as long as its model. Poses, colors and materials may change between
-    images; meshes and textures may not. The quality overrides the model's own visual settings.
+    OpenGL context, 0.1 to 0.3 s), so keep a renderer as long as its model. Poses, colors and materials may change
+    between images; meshes and textures may not. The quality overrides the model's own visual settings.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -146,8 +146,8 @@ class Renderer:
     ) -> list[Images]:
         """Render several views of one state, slightly faster than one after the other.
 
-        Positions must be up to date (``mj_forward`` or a step). A view is a camera, an image width and a height
-        [pixel].
+        Positions must be up to date (``mj_forward`` or a step). A view consists of a camera, an image width and a
+        height [pixel].
 
         Raises:
             UnknownNameError: If the model has no such camera.
@@ -295,7 +295,7 @@ class Renderer:
             flags[flag.mjRND_SEGMENT] = flags[flag.mjRND_IDCOLOR] = 1
         else:
             flags[flag.mjRND_SHADOW] = int(self.quality.shadows)
-        # MuJoCo renders into and reads from offFBO; its buffer for resolved samples is a complete one too.
+        # MuJoCo renders into and reads from offFBO; the buffer for resolved samples is a complete framebuffer, too
         context.offFBO, context.offSamples = self._plain_fbo if geometry and self._color_fbo[1] else self._color_fbo
         self._geometry = geometry
 
@@ -388,10 +388,10 @@ def _visible_groups() -> mujoco.MjvOption:
 
 
 class Renderers:
-    """Renderers of the last models, because making one takes tens of milliseconds."""
+    """Cache of the renderers of the last models, because making a renderer takes tens of milliseconds."""
 
     def __init__(self, most: int) -> None:
-        """Prepare; ``most`` is the number of renderers that are kept, one per model."""
+        """Prepare; ``most`` is the number of cached renderers, one per model."""
         self._most = max(1, most)
         self._kept: OrderedDict[str, Renderer] = OrderedDict()
 

@@ -1,4 +1,4 @@
-"""The scene: a compiled model, its state, and the only two ways to change it, reset and step."""
+"""Scene: a compiled model with its state, which only reset and step change."""
 
 from __future__ import annotations
 
@@ -59,10 +59,9 @@ CONTROL_RATE_HZ = PHYSICS.control_rate_hz
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneSnapshot:
-    """The complete state of a scene at one moment, from which it continues bit for bit as the first time.
+    """Complete state of a scene at one moment, from which the scene continues with bit-identical results.
 
-    Besides positions and velocities, the engine needs its warm start and its sleeping bodies, so all of its data are
-    kept.
+    The engine also needs its warm start and its sleeping bodies, so a snapshot contains all of the engine's data.
     """
 
     data: mujoco.MjData
@@ -73,10 +72,10 @@ class SceneSnapshot:
 
 
 class Scene:
-    """World of one trial; all other objects of the project are frozen values.
+    """Simulated scene of one trial, with changing state.
 
-    The initial state is computed, never simulated: every object is put into the pose in which its asset rests alone, so
-    that no object's start depends on another one. It is a :class:`betterbench.sim.worlds.TrialScene`.
+    The initial state is computed, not simulated: every object starts in the pose in which its asset rests alone, so no
+    object's start depends on another object. Implements :class:`betterbench.sim.worlds.TrialScene`.
     """
 
     world: ClassVar[str] = OURS.name
@@ -96,7 +95,7 @@ class Scene:
         control_rate_hz: float = CONTROL_RATE_HZ,
         looks: Looks = "seen",
     ) -> None:
-        """Build and compile the scene, then reset it; a control step is an integer number of physics steps of 2 ms."""
+        """Build, compile and reset the scene. A control step is an integer number of physics steps of 2 ms."""
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
         self.placements = place_objects(task, condition, seed, shown=looks)
@@ -188,7 +187,10 @@ class Scene:
 
     @property
     def data(self) -> mujoco.MjData:
-        """The engine's data with updated poses of bodies, cameras and lights; get it again after each step."""
+        """The engine's data with updated poses of bodies, cameras and lights.
+
+        Get this property again after each step.
+        """
         self._tool = None  # the caller may move the arm in the data
         if not self._views_are_placed:  # skipped for steps without images
             self._views.apply(self._data)
@@ -227,7 +229,7 @@ class Scene:
         return GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=self.control_rate_hz)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return what a record says about the scene."""
+        """Return the description of the scene for the record."""
         return SceneDescription(
             task_version=self.task.version,
             suite_version=SUITE_VERSION,
@@ -255,14 +257,14 @@ class Scene:
         return dict(zip((c.name for c in spec.cameras), images, strict=True))
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return nothing: a policy reads our own state parts."""
+        """Return nothing, because a policy reads our own state parts."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Do nothing: images are rendered when they are looked at."""
+        """Do nothing, because images are rendered on request."""
 
     def close(self, *, well: bool) -> None:
-        """Do nothing: the scene holds no process."""
+        """Do nothing, because the scene has no process."""
 
     def reset(self, *, check_premise: bool = True) -> WorldState:
         """Reset the scene to the start of the trial and return the state.
@@ -326,7 +328,7 @@ class Scene:
         return applied
 
     def _step_and_watch(self) -> None:
-        """Take the physics steps one by one: where a contact is forbidden, no graze is missed."""
+        """Take the physics steps one by one, to detect every graze where contacts are forbidden."""
         self._contacts.start_step()
         for _ in range(self.physics_steps):
             mujoco.mj_step(self.model, self._data)

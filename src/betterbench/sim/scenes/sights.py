@@ -1,6 +1,6 @@
-"""Rendered view of a state with its ground truth: images, body masks, camera pose and boxes in the image.
+"""Rendered views of a state with ground truth: images, body masks, camera pose and boxes in the image.
 
-One class renders live scenes and recorded states, so that both give the same numbers.
+The same class renders live scenes and recorded states, which therefore give the same numbers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from betterbench.sim.scenes.stored import StoredState
 
 _NEAR_M = 0.01
 _SUNK_M = 0.002
-"""Depth to which an object may sink into the table and still count as above it [m]."""
+"""Depth to which an object above the table may sink into it [m]."""
 _LAST_FURNITURE = 1 + STAGE.index("pedestal")
 _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(8, 3).astype(np.float64)
 _NO_BOX = (-1, -1, -1, -1)

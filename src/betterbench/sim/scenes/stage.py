@@ -224,7 +224,7 @@ def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
 
 def _add_furniture(spec: mujoco.MjSpec) -> None:
     """Add floor, pedestal and table, all of them static."""
-    # The larger friction of two surfaces is used; these are low, so that the friction of each object counts.
+    # MuJoCo uses the larger friction of two surfaces; low values here let the object's friction decide
     friction = [0.5, 0.005, 0.0001]
 
     def add_box(body: mujoco.MjsBody, name: str, center: Vector, half_size: Vector, material: str) -> None:

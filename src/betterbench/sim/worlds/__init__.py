@@ -1,12 +1,12 @@
-"""Worlds: the places in which the trials of a run are played. Ours is one of them.
+"""Worlds: the simulated environments of trials, ours and those of other benchmarks.
 
-- ``world``: what a run asks of a world, and an episode of a scene; ``registry``: all worlds by name.
+- ``world``: interfaces of worlds and scenes; ``registry``: all worlds by name.
 - ``betterbench``, ``libero``, ``libero_plus``, ``calvin``: one folder for each.
-- ``installation``, ``process``, ``environment``, ``frames``, ``rows``, ``simulator_loop``: simulators that live in
-  environments of their own and answer over a local socket; ``scene``: a trial in one of them.
+- ``installation``, ``process``, ``environment``, ``frames``, ``rows``, ``simulator_loop``: simulators in separate
+  environments that answer over a local socket; ``scene``: a trial in such a simulator.
 - ``authoring``: imports for a file that adds a world.
 
-Each public name is imported from its module at first use: a run in our own scenes does not import CALVIN.
+Each public name is imported from its module at first use, so a run in our own scenes does not import CALVIN.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Scene of a world that computes its states itself, with what all such scenes answer alike."""
+"""Base class of scenes in a world that computes its own states."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.rendering import Images, Renderers
 
 OPENING_M = 0.08
-"""Distance of the finger pads where a world has no gripper of its own [m]."""
+"""Distance of the finger pads in a world without a gripper [m]."""
 
 _JOINTS = 7
 
@@ -35,7 +35,7 @@ class _Task:
 
 
 class BareScene(ABC):
-    """Scene whose state is the position of a hand and of objects, and whose goal is a set of named relations.
+    """Scene with the positions of a hand and objects as state, and a set of named relations as goal.
 
     A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and names the
     relations of the goal in :meth:`relations`. It may override any other method, such as :meth:`state`.
@@ -75,15 +75,15 @@ class BareScene(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Put hand and objects to the start of the trial; only the seed may decide where."""
+        """Put hand and objects at the start of the trial, which may depend only on the seed."""
 
     @abstractmethod
     def move(self, action: np.ndarray) -> None:
-        """Change hand and objects by one action, which is within the limits of its action space."""
+        """Change hand and objects by one action, which is within the bounds of the action space."""
 
     @abstractmethod
     def relations(self) -> Mapping[str, bool]:
-        """Return which relations hold now, by name; the goal is met when all hold."""
+        """Return whether each relation holds now, by name. The goal is met when all hold."""
 
     def reset(self) -> WorldState:
         """Go to the start of the trial and return the state."""
@@ -93,7 +93,7 @@ class BareScene(ABC):
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute an action for one control step and return it as it was applied, after clipping."""
+        """Execute an action for one control step and return the applied action, after clipping."""
         applied = self.action_space.clip(action)
         self.move(applied)
         self._step += 1
@@ -101,7 +101,7 @@ class BareScene(ABC):
         return applied
 
     def state(self) -> WorldState:
-        """Return everything that is true now."""
+        """Return the privileged state."""
         still = tuple(0.0 for _ in self._objects)
         pose = Pose(_vector(self.hand), IDENTITY_QUATERNION)
         return WorldState(
@@ -132,7 +132,7 @@ class BareScene(ABC):
         return BareTracker(self)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return what a record says about the scene."""
+        """Return the description of the scene for the record."""
         return SceneDescription(
             task_version=1,
             suite_version=self._suite,
@@ -157,20 +157,20 @@ class BareScene(ABC):
         return {}
 
     def native(self) -> dict[str, np.ndarray]:
-        """Return nothing: a policy reads our own state parts."""
+        """Return nothing, because a policy reads our own state parts."""
         return {}
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Do nothing: no images are drawn in a step."""
+        """Do nothing, because no images are rendered."""
         del wanted
 
     def close(self, *, well: bool) -> None:
-        """Do nothing: the scene holds no process."""
+        """Do nothing, because the scene has no process."""
         del well
 
 
 class BareTracker:
-    """Follows the goal of a :class:`BareScene`: it is met at the first state in which all relations hold."""
+    """Tracker of the goal of a :class:`BareScene`, which is met at the first state in which all relations hold."""
 
     undecided_states: ClassVar[int] = 0
 
@@ -187,7 +187,7 @@ class BareTracker:
 
 
 def bare_object(name: str, kind: str, *, size_m: Vector = (0.04, 0.04, 0.04)) -> ObjectInfo:
-    """Return an object that is named and measured and nothing else."""
+    """Return an object with only a name and a size."""
     return ObjectInfo(
         name=name, kind=kind, asset=kind, category=kind, color="", shape="", role="fixture", fixed=True, mass_kg=0.0,
         size_m=size_m,

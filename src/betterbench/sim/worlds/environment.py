@@ -1,4 +1,4 @@
-"""Environment variables of a simulator's process: those of the user that it must not see are left out.
+"""Environment variables of a simulator's process, without the user's variables that would affect it.
 
 robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the number of an EGL device, and asserts that it contains
 ``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``), so both together cannot be
@@ -24,7 +24,7 @@ _NO_HOME = "/nonexistent"
 
 
 def python_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment without the variables that lead another Python to packages of this one or of its user."""
+    """Return an environment without the variables that would lead another Python to foreign packages."""
     names = ("PYTHON", "VIRTUAL_ENV", "CONDA_PREFIX", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV")
     return {name: value for name, value in given.items() if not name.startswith(names)}
 
@@ -38,8 +38,8 @@ def simulator_environment() -> dict[str, str]:
         GraphicsError: If that variable does not name a device.
     """
     kept = {name: value for name, value in os.environ.items() if not name.startswith(_LEFT_OUT)}
-    # robosuite renders only with EGL or OSMesa, whatever our own renderer uses.
+    # robosuite renders only with EGL or OSMesa, independently of our own renderer
     backend = "osmesa" if gl_backend() == "osmesa" else "egl"
     devices = next_device_variables() if backend == "egl" else {}
-    # Some library reads the home directory at its import, but a user without a name has none.
+    # some library reads the home directory at import, which fails for a user without a name
     return {"HOME": _NO_HOME, **kept, **_OWN, "MUJOCO_GL": backend, **devices}

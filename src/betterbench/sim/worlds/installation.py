@@ -1,4 +1,4 @@
-"""Installation of a simulator into an environment of its own, and the program of its process."""
+"""Installation of a simulator into a separate environment, and the program of its process."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.jobs.places import open_in_place
 from betterbench.sim.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
-"""Longest time of one step of an installation [s]; LIBERO's packages have 360 MB."""
+"""Maximum duration of one step of an installation [s]; LIBERO's packages have 360 MB."""
 
 _COMPLETE = "complete"
 _PACKAGE = Path(__file__).resolve().parent
@@ -32,7 +32,10 @@ _START = (
     "from {module} import main\n"
     "main()\n"
 )
-"""Program that runs a module of betterbench where it is not installed: stand-ins for its packages hold only paths."""
+"""Program that runs a module of betterbench in an environment without betterbench.
+
+Stand-ins for its packages contain only paths.
+"""
 _STAND_INS = (
     "betterbench",
     "betterbench.jobs",
@@ -42,7 +45,7 @@ _STAND_INS = (
     "betterbench.tasks",
     "betterbench.tasks.worlds",
 )
-"""Packages around the modules that a simulator reads; none of their own code is run."""
+"""Packages that contain the modules imported by a simulator; the packages' own code is not run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +54,12 @@ class Installation:
 
     Attributes:
         name: Name of the world on the command line.
-        lock: Name of its locked requirements.
-        module: The module that its process runs.
-        size: Size of its packages, as a text: to download and unpacked.
+        lock: Name of the file of locked requirements.
+        module: Module that the simulator's process runs.
+        size: Size of the packages, as a text: download and unpacked.
         summary: Description in a few words.
-        beside: The installation whose Python runs it, or None for one of its own. Its packages are read and not
-            imported, so nothing that they depend on is installed.
+        beside: Installation whose Python runs the simulator, or None for a separate one. With another installation, the
+            simulator's packages are read but not imported, so their dependencies are not installed.
     """
 
     name: str
@@ -68,28 +71,28 @@ class Installation:
 
     @property
     def lock_path(self) -> Path:
-        """Its locked requirements: beside this file in an installed package, else in the checkout."""
+        """Path of the locked requirements: next to this file in an installed package, else in the checkout."""
         packaged = _PACKAGE / "locks" / self.lock
         return packaged if packaged.exists() else _PACKAGE.parents[3] / "requirements" / self.lock
 
     @property
     def folder(self) -> Path:
-        """Folder of its environment; another lock has another one. That of LIBERO is the one `make bench` uses."""
+        """Folder of the environment, which depends on the lock. `make bench` uses LIBERO's folder."""
         digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
         return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
 
     @property
     def is_installed(self) -> bool:
-        """Whether its environment is complete, and that of the world beside which it lies."""
+        """Whether the environment, and the environment of the world that runs it, are complete."""
         return (self.folder / _COMPLETE).exists() and (self.beside is None or self.beside.is_installed)
 
     def command(self) -> tuple[str, ...]:
-        """Return the command of its process; the number of the socket follows.
+        """Return the command of the simulator's process, to which the socket's descriptor is added.
 
-        Where another world's Python runs it, its own folder is the first argument.
+        If another world's Python runs the simulator, the simulator's own folder is the first argument.
 
         Raises:
-            MissingDependencyError: If it is not installed.
+            MissingDependencyError: If the world is not installed.
         """
         if not self.is_installed:
             raise MissingDependencyError(
@@ -99,13 +102,13 @@ class Installation:
         return (str(python), "-c", start_code(self.module), *([] if self.beside is None else [str(self.folder)]))
 
     def install(self, *, waits: Callable[[], None] = lambda: None) -> Path:
-        """Make the environment, and return its folder; a complete one is left as it is.
+        """Make the environment unless it is complete, and return its folder.
 
-        It is marked as complete at its end: an interrupted installation begins anew. One that begins while another is
-        under way, of whichever process, calls ``waits`` and waits for its end.
+        The environment is marked as complete at the end, so an interrupted installation starts again. If another
+        process is installing, the function calls ``waits`` and waits for its end.
 
         Raises:
-            MissingDependencyError: If a step fails; the text is what it said last.
+            MissingDependencyError: If a step fails; the message has its last output.
         """
         if self.is_installed:
             return self.folder
@@ -118,7 +121,10 @@ class Installation:
 
     @contextlib.contextmanager
     def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the lock of the folder, and yield its descriptor; it is free when all who have that have ended."""
+        """Hold the lock of the folder and yield its descriptor.
+
+        The lock is free when all processes with the descriptor have ended.
+        """
         path = self.folder.with_name(f".{self.folder.name}.lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -153,7 +159,7 @@ class Installation:
         (target / _COMPLETE).touch()
 
     def _run(self, command: list[str], lock: int) -> None:
-        """Run a step, which keeps the lock: it goes on where this process is killed."""
+        """Run a step, which keeps the lock and continues if this process is killed."""
         try:
             done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
                 command,
@@ -175,7 +181,7 @@ class Installation:
 
 
 def start_code(module: str) -> str:
-    """Return the program that runs the ``main`` of a module of a world's process."""
+    """Return the program that runs the ``main`` function of a module of a world's process."""
     source = _PACKAGE.parents[2]
     packages = tuple((name, str(source.joinpath(*name.split(".")))) for name in _STAND_INS)
     return _START.format(packages=packages, module=module)

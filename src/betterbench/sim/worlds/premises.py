@@ -28,7 +28,7 @@ from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant
 _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
-"""Sideways distance of an object's motion while settling that counts as a jump [m]."""
+"""Sideways motion of an object while settling from which it is a jump [m]."""
 
 
 _MOST_LINE = 1 << 20
@@ -40,13 +40,13 @@ class PremiseEntry:
     """The premises of one task.
 
     Attributes:
-        task: Its index in the suite.
-        instruction: Its instruction.
-        states: Number of its initial states.
+        task: Index in the suite.
+        instruction: Instruction of the task.
+        states: Number of initial states.
         broken: Initial states in which a premise is false after settling, by relation.
         jumps: Initial states in which an object moves by more than :data:`JUMP_M` while settling, by object.
         engine: Versions of the simulator and its packages.
-        bddl_sha256: Fingerprint of its file.
+        bddl_sha256: SHA-256 of the task's file.
         variant: Name of the variant of LIBERO-Plus; empty for another task.
     """
 
@@ -71,10 +71,10 @@ class PremiseEntry:
 
 
 def check_premises(process: WorldProcess, suite: str, *, known: Sequence[PremiseEntry] = ()) -> Iterator[PremiseEntry]:
-    """Yield the entry of every task of a suite; an entry known for the same file and engine is reused.
+    """Yield the entry of every task of a suite, reusing known entries for the same file and engine.
 
-    For LIBERO-Plus, the variants with other motions of objects or the robot are checked, in the one state that they are
-    run from. Variants that change only images or language have the premises of the base suite.
+    For LIBERO-Plus, variants with other motions of objects or the robot are checked, in the single state of a run.
+    Variants that change only images or language have the premises of the base suite.
 
     Raises:
         WorldError: If the simulator fails or sends an invalid answer.
@@ -83,7 +83,7 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
     with as_agreed(f"describes {suite} in a way"):
         tasks = [_AskedTask.of(suite, number, task) for number, task in enumerate(said["tasks"])]
         if not tasks:
-            raise ValueError("it has no tasks")
+            raise ValueError("the suite has no tasks")
         versions = json.dumps(sent_texts(said["versions"]), sort_keys=True)
     done = {(e.suite, e.task, e.bddl_sha256, json.dumps(e.engine, sort_keys=True)): e for e in known}
     for task in tasks:
@@ -164,7 +164,7 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
     """
     if not path.exists():
         return ()
-    cure = "Name another file with --out, and the premises are checked anew"
+    cure = "Name another file with --out, which repeats the check"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     lines = enumerate(open_sealed_lines(data, where=str(path), cure=cure), start=1)
     return tuple(read_form(_ENTRY, line, where=f"{path}, line {number}", cure=cure) for number, line in lines)

@@ -1,4 +1,4 @@
-"""The process of a simulator, as a worker sees it: a failure of it costs at most its own trial."""
+"""Worker's side of a simulator process, whose failure costs at most its own trial."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from betterbench.jobs.frames import FrameContent, FrameError
 from betterbench.sim.worlds.environment import simulator_environment
 
 START_LIMIT_S = 300.0
-"""Longest wait for a process to load, build an environment and settle [s]; LIBERO takes 10 s, under load a minute."""
+"""Maximum wait for a process to load, build an environment and settle [s].
+
+LIBERO takes 10 s, and a minute under load.
+"""
 
 PREMISES_LIMIT_S = 1800.0
 """Longest wait for all initial states of a task to settle [s]; LIBERO's 50 take half a minute."""
@@ -36,12 +39,15 @@ _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
 class WorldError(BetterError):
-    """The process of a simulator has ended, hangs, or answers nonsense; its trial broke and is run again."""
+    """Error of a simulator process that has ended, hangs or gives an invalid answer.
+
+    Its trial is broken and is repeated.
+    """
 
 
 @contextlib.contextmanager
 def as_agreed(what: str) -> Iterator[None]:
-    """Turn errors from reading an answer into a WorldError: "the simulator WHAT ..."."""
+    """Turn errors from reading an answer into a WorldError, "the simulator WHAT ..."."""
     try:
         yield
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as problem:
@@ -59,17 +65,17 @@ def sent_text(value: object) -> str:
 
 
 def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
-    """Return texts by name, such as versions, sent by a simulator, as :func:`sent_text` does."""
+    """Return texts by name sent by a simulator, such as versions, checked like in :func:`sent_text`."""
     return {sent_text(name): sent_text(found) for name, found in value.items()}
 
 
 class WorldProcess(AskedProcess):
-    """A process of a simulator, which ends when its socket is closed. A context manager, which ends it."""
+    """Process of a simulator, which ends when its socket is closed. A context manager that ends the process."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
-        """Start the process; WorldError if that is not possible.
+        """Start the process; raise WorldError if this fails.
 
-        GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.sim.worlds.environment`).
+        Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.sim.worlds.environment`).
         """
         self._start_limit_s, self._python = start_limit_s, command[0]
         environment = simulator_environment()
@@ -111,7 +117,7 @@ class WorldProcess(AskedProcess):
         return images
 
     def close(self, within_s: float = _END_S) -> None:
-        """End the process, at once if it gets no time for it [s]; harmless when it has ended."""
+        """End the process, at once without a time limit [s]; harmless if it has ended."""
         self.hang_up()
         self.end(within_s)
         self._said.close()
@@ -139,7 +145,7 @@ class WorldProcess(AskedProcess):
         )
 
     def _last_words(self) -> str:
-        """Return the exit status of the process and the last line of its output, as text; empty if it runs."""
+        """Return the exit status of the process and the last line of its output, as text; empty if it is running."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(0.5)
             self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))
@@ -149,20 +155,20 @@ class WorldProcess(AskedProcess):
 
 
 class WorldProcesses:
-    """The processes of one worker: one for every running trial, kept for the next trial of the same task.
+    """Processes of one worker: one per running trial, reused for the next trial of the same task.
 
-    With the key None a process runs one trial and ends. Its successor is started at the same time, so that it has
-    loaded when the next trial begins.
+    With the key None, a process runs one trial and ends. Its successor is started early, to be loaded when the next
+    trial begins.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        """Prepare; a process is started when a trial needs one."""
+        """Prepare; processes are started on demand."""
         self._command = tuple(command)
         self._idle: list[tuple[object, WorldProcess]] = []
         self._next: WorldProcess | None = None
 
     def take(self, key: object) -> WorldProcess:
-        """Return an idle process, one that ran the same ``key`` if there is one, or a new one.
+        """Return an idle process, preferably one that ran the same ``key``, or a new process.
 
         Raises:
             WorldError: If a process cannot be started.
@@ -175,7 +181,7 @@ class WorldProcesses:
         return self._idle.pop(best)[1]
 
     def give_back(self, key: object, process: WorldProcess) -> None:
-        """Keep a process whose trial has ended well, or end it if its ``key`` is None."""
+        """Keep a process whose trial has ended well, or end the process if ``key`` is None."""
         if key is None:
             process.close(0.0)
         else:
@@ -193,7 +199,7 @@ class WorldProcesses:
             self._drop_next()
         process = WorldProcess(self._command) if self._next is None else self._next
         self._next = None
-        with contextlib.suppress(WorldError):  # the trial that needs it tries again, and reports why it fails
+        with contextlib.suppress(WorldError):  # the trial that needs the process tries again and reports the error
             self._next = WorldProcess(self._command)
         return process
 

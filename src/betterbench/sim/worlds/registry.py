@@ -1,7 +1,7 @@
-"""Register of the worlds: ours, and those of others.
+"""Registry of worlds, built-in and from users.
 
-A built-in world is a folder of its name beside this file, whose ``__init__`` registers it; it is imported when its name
-is first asked for. A user's file registers one when it is loaded.
+A built-in world is a folder of the same name next to this file. Its ``__init__``, which registers the world, is
+imported at the first use of the name. A user's file registers worlds when it is loaded.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _WORLDS: dict[str, World] = {}
 
 
 def register_world(world: AnyWorld) -> AnyWorld:
-    """Make a world and its facts known, and return it.
+    """Register a world with its facts, and return the world.
 
     Raises:
         InvalidInputError: If the name of the world or of a suite is taken.
@@ -40,19 +40,19 @@ def register_world(world: AnyWorld) -> AnyWorld:
 
 
 def forget_world(name: str) -> None:
-    """Remove a world and its facts from the register; for tests."""
+    """Remove a world and its facts from the registry, for tests."""
     _WORLDS.pop(name, None)
     forget_facts(name)
 
 
 def world_names() -> tuple[str, ...]:
-    """Return the names of all worlds, ours first."""
+    """Return the names of all worlds, our own first."""
     load_declared()
     return (OURS.name, *(name for name in dict.fromkeys((*_built_in(), *_WORLDS)) if name != OURS.name))
 
 
 def world_named(name: str) -> World:
-    """Return a world by name; an unknown one raises an UnknownNameError."""
+    """Return a world by name; raise UnknownNameError for an unknown name."""
     load_declared()
     if name not in _WORLDS and name in _built_in():
         importlib.import_module(f"{_PACKAGE}.{name}")
@@ -62,12 +62,12 @@ def world_named(name: str) -> World:
 
 
 def all_worlds() -> tuple[World, ...]:
-    """Return all worlds, ours first."""
+    """Return all worlds, our own first."""
     return tuple(map(world_named, world_names()))
 
 
 def world_of_suite(suite: str) -> World:
-    """Return the world that has a suite; an unknown suite raises an UnknownNameError."""
+    """Return the world with a suite; raise UnknownNameError for an unknown suite."""
     load_declared()
     facts = facts_of_suite(suite)
     if facts is not None:
@@ -85,7 +85,7 @@ def _built_in() -> list[str]:
 
 
 def _by_name(world: World) -> tuple[Callable[..., World], tuple[object, ...]]:
-    """Return what a world is unpickled from, also where the user's file that defines it is not loaded yet."""
+    """Return a world for unpickling, loading the user's file that defines it if necessary."""
     files = loaded_files() if code_of("world", world.name) else ()
     return _unpickled, (world.name, files, {f.name: getattr(world, f.name) for f in fields(world)})  # type: ignore[arg-type]
 

@@ -1,7 +1,7 @@
-"""Rows: all numbers of one control step as one array, with a form that is sent once at the start of an episode.
+"""Rows: all numbers of a control step as one array, whose form is sent once at the start of an episode.
 
-Between two control steps the processor's caches are cold, and twenty arrays cost both sides of the socket twenty
-times what one costs. Like :mod:`betterbench.jobs.frames` it is read in an environment without betterbench.
+Between two control steps the processor's caches are cold, and twenty arrays take both sides of the socket twenty times
+as long as one. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ MAX_NUMBERS = 1 << 20
 
 
 def row_of(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the numbers of arrays of float64, one after the other, as one array (n,)."""
+    """Return float64 arrays concatenated as one array (n,)."""
     return np.concatenate(tuple(arrays.values()), axis=None)
 
 
 def form_of(arrays: Mapping[str, np.ndarray]) -> list[list[Any]]:
-    """Return name and shape of each array, in order, for :class:`RowForm`; it can be written as JSON."""
+    """Return name and shape of each array, in order, as JSON data for :class:`RowForm`."""
     return [[name, list(array.shape)] for name, array in arrays.items()]
 
 

@@ -1,4 +1,4 @@
-"""A trial in a world whose simulator is a process of its own, which answers over a socket."""
+"""Trial in a world whose simulator runs in a separate process and answers over a socket."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.rendering import Images, Renderers
 
 PROCESSES = 2
-"""Environments with which a worker begins: every one is a process with a simulator that takes far longer than ours."""
+"""Initial number of environments of a worker, each a process with a simulator far slower than ours."""
 
 PANDA_OPENING_M = 0.08
 """Largest opening width of robosuite's Panda gripper [m]."""
@@ -54,7 +54,7 @@ _NUMBERS: Mapping[str, int | None] = {
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """Arrays of a row that have one entry per object, with the number of values of an entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
-"""Arrays, (n,) each, sent at each step beside the images, with their possible NumPy kinds."""
+"""Arrays, (n,) each, sent at each step in addition to the images, with their possible NumPy kinds."""
 _ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES
@@ -122,7 +122,7 @@ class WorldTask:
 
     @property
     def id(self) -> str:
-        """Name of the task in plans and records: that of the base suite, so that twins share it."""
+        """Name of the task in plans and records, from the base suite, because twins share it."""
         return task_id(self.suite, self.number)
 
     @property
@@ -142,17 +142,17 @@ def task_id(suite: str, number: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ProcessWorld(World):
-    """A world whose simulator is a process of its own; what a run adds to it is small and can be pickled.
+    """World whose simulator runs in a separate process, with the small, picklable additions of a run.
 
     Attributes:
-        command: The command of its process.
+        command: Command of the simulator's process.
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
         versions: Versions of the packages of its environment.
         regime: Training distribution of the base suite.
         refuse_broken: Whether a scene that contradicts the premise of its instruction stops the run.
     """
 
-    drawn_by: ClassVar[str] = "the process of the foreign simulator"
+    drawn_by: ClassVar[str] = "the simulator's process"
 
     command: tuple[str, ...] = ()
     protocol: FieldProtocol = PROTOCOLS["openpi"]
@@ -182,7 +182,7 @@ class ProcessWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> ProcessScene:
-        """Return the scene of a trial, which is set up by its reset; ``depth`` images are drawn beside ``images``."""
+        """Return the scene of a trial, set up by its reset; with ``depth``, depth images are rendered too."""
         del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
@@ -194,7 +194,7 @@ class ProcessWorld(World):
         return ProcessScene
 
     def environments(self, usual: int) -> int:
-        """Return with how many environments a worker begins: each is a process with a simulator that takes long."""
+        """Return the initial number of environments of a worker, each a process with a slow simulator."""
         del usual
         return PROCESSES
 
@@ -226,7 +226,7 @@ class ProcessWorld(World):
 
 
 class ProcessScene:
-    """One initial state of one task of a world whose simulator is a process of its own."""
+    """Initial state of a task in a world whose simulator runs in a separate process."""
 
     draws_in_step: ClassVar[bool] = True
 
@@ -325,7 +325,7 @@ class ProcessScene:
         """Go to the initial state, settle, and check that the scene fulfills the premise of the instruction.
 
         Raises:
-            PremiseError: If it does not, and broken scenes are refused.
+            PremiseError: If the scene contradicts the premise, and broken scenes are refused.
             WorldError: If the simulator fails.
         """
         protocol = self.settings.protocol
@@ -353,14 +353,14 @@ class ProcessScene:
         return self.state()
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Set whether the policy needs images after the next step: LIBERO renders them in the middle of it."""
+        """Set whether the policy needs images after the next step, because LIBERO renders during the step."""
         self._draws_next = self._images and wanted
 
     def step(self, action: np.ndarray) -> np.ndarray:
         """Apply an action for one control step, and return the applied action.
 
         Raises:
-            InvalidActionError: If it is malformed.
+            InvalidActionError: If the action is malformed.
             WorldError: If the simulator fails.
         """
         applied = self.action_space.clip(action)
@@ -414,7 +414,7 @@ class ProcessScene:
         return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
     def truth(self) -> Truth:
-        """Return the relations and subgoals that are true now; the world itself decides on success."""
+        """Return the relations and subgoals that are true now. The world itself decides on success."""
         holds = self._arrays["holds"].tolist()
         subgoals = tuple([holds[i] for i in self._goal])
         return Truth(
@@ -427,7 +427,7 @@ class ProcessScene:
         )
 
     def tracker(self) -> ProcessTracker:
-        """Return the judge of an episode that has been reset: the world's own verdict."""
+        """Return the judge of an episode after the reset, which uses the world's own verdict."""
         return ProcessTracker(self)
 
     def described(self, *, images: bool) -> SceneDescription:
@@ -446,7 +446,7 @@ class ProcessScene:
         )
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return the images of this step, which the process has drawn, by camera."""
+        """Return the images of this step, rendered by the process, by camera."""
         from betterbench.sim.scenes.rendering import Images  # noqa: PLC0415 - a simulator's tests need no renderer
 
         del spec, renderers
@@ -478,13 +478,13 @@ class ProcessScene:
         }
 
     def _take_process(self) -> WorldProcess:
-        """Return the process for a new episode; that of an episode ended by its policy is given back."""
+        """Return a process for a new episode, after giving back the process of an episode ended by its policy."""
         self.close(well=True)
         self._process = self._processes.take(self._process_key)
         return self._process
 
     def close(self, *, well: bool) -> None:
-        """Give the process back if the trial ended ``well``, else end it."""
+        """Give back the process if the trial ended ``well``, otherwise end the process."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -513,7 +513,7 @@ class ProcessScene:
         for name in _IMAGES if self._draws_next else ():
             require_image(name, arrays[name], (IMAGE_SIDE, IMAGE_SIDE, 3))
         numbers = row.tolist()
-        # A sum is finite only if all its terms are, and takes a third of the time of testing each.
+        # a sum is finite only if all terms are, and takes a third of the time of testing each term
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
             raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
         self._document, self._arrays, self._numbers = document, arrays, numbers
@@ -572,7 +572,7 @@ class ProcessScene:
 
 
 class ProcessTracker:
-    """Follows the goal of an episode, as :class:`betterbench.tasks.GoalTracker` does in our own scenes."""
+    """Tracker of the goal of an episode, like :class:`betterbench.tasks.GoalTracker` in our own scenes."""
 
     def __init__(self, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset."""
@@ -590,7 +590,7 @@ class ProcessTracker:
 
     @property
     def undecided_states(self) -> int:
-        """0: the world itself evaluates relations in every state, so that no state is undecided."""
+        """0, because the world evaluates relations in every state."""
         return 0
 
     def update(self, state: WorldState) -> Truth:
@@ -602,8 +602,8 @@ class ProcessTracker:
 def quat2axisangle(quaternion: np.ndarray) -> np.ndarray:
     """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter one.
 
-    It equals the function of that name in robosuite and openpi's ``examples/libero/main.py`` bit by bit: for w < 0 the
-    vector is longer than half a turn, as it was in training.
+    Bit-identical to the function of this name in robosuite and openpi's ``examples/libero/main.py``: for w < 0, the
+    vector is longer than half a turn, as in training.
     """
     w = min(max(float(quaternion[3]), -1.0), 1.0)
     den = np.sqrt(1.0 - w * w)

@@ -1,6 +1,6 @@
 """Main loop of the process of a simulator, which answers requests until the run closes the connection.
 
-Like :mod:`betterbench.jobs.frames`, it is imported in an environment without betterbench.
+Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ class Simulator(Protocol):
         """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return its premises' names and the truth of each in each state."""
+        """Settle every initial state of a task; return the names of the premises and their truth in each state."""
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode and settle; return its constant properties and its first row."""
+        """Begin an episode and settle; return the constant properties and the first row."""
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step, and return the row after it; with images if ``look``."""
+        """Take one control step, and return the row after the step, with images if ``look``."""
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
         """Return "images" (n, size, size, 3) of the front camera at n states of a task's scene."""
 
 
 def answer_requests(simulator: Simulator, descriptor: int) -> None:
-    """Answer the requests that come over a socket, until it is closed.
+    """Answer requests from a socket until the socket is closed.
 
-    Output of the simulator goes to standard error: only frames are sent over the socket.
+    Output of the simulator goes to standard error; only frames are sent over the socket.
     """
     sys.stdout.flush()
     os.dup2(2, 1)
@@ -61,12 +61,12 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
 
 
 def _told(problem: BaseException) -> str:
-    """Return an error in one line: its first cause, and its last form if libraries wrap it."""
+    """Return an error in one line: the first cause, and the last error if libraries wrap the cause."""
     first = problem
     while first.__cause__ is not None:
         first = first.__cause__
     told = [" ".join(f"{type(error).__name__}: {error}".split()) for error in (first, problem)]
-    return told[0] if first is problem else f"{told[0]} (it showed as {told[1]})"
+    return told[0] if first is problem else f"{told[0]} (reported as {told[1]})"
 
 
 def _answered(simulator: Simulator, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> FrameContent:

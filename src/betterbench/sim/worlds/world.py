@@ -1,4 +1,4 @@
-"""World: what a run asks of the place in which its trials are played, and what an episode asks of a scene there."""
+"""Interfaces of worlds (the environments of trials) and of scenes in a world."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Form = TypeVar("Form")
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """Moment of a trial to be drawn.
+    """Moment of a trial to render.
 
     Attributes:
         scene: Task and condition of the trial as one text ("libero_spatial-05/base").
@@ -49,9 +49,9 @@ class PlanRequest:
     Attributes:
         suite: Name of the suite.
         tasks: Tasks to run, by name or number; all of the suite if none is named.
-        trials: Number of trials as the world counts them; its usual number if None.
-        seed: First seed, or the first of what the world numbers.
-        options: Options of this world alone, by name.
+        trials: Number of trials in the world's unit; the usual number if None.
+        seed: First seed, initial state or chain.
+        options: Options of this world, by name.
     """
 
     suite: str
@@ -61,7 +61,7 @@ class PlanRequest:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def options_as(self, form: Callable[..., Form], *, world: str) -> Form:
-        """Return the options as a dataclass; an option that it lacks raises an UnknownNameError."""
+        """Return the options as a dataclass; raise UnknownNameError for an unknown option."""
         known = [f.name for f in fields(form)]  # type: ignore[arg-type]
         for name in self.options:
             if name not in known:
@@ -71,7 +71,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
-    """Choices about a scene that only some worlds have: its render preset, its robot, and the looks of its objects."""
+    """Options of a scene that only some worlds have: render preset, robot, and looks of objects."""
 
     quality: str = "standard"
     robot: str = "panda"
@@ -79,19 +79,19 @@ class SceneOptions:
 
 
 USUAL_SCENE = SceneOptions()
-"""Choices of a run that says nothing about them."""
+"""Default options."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """Instruction of a trial as the policy gets it."""
+    """Instruction of a trial for the policy."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Instructed:
-    """Condition of a world whose tasks are not ours, with the fields that an episode reads.
+    """Condition in another world, with the fields that an episode reads.
 
     Attributes:
         id: Task and condition as one text ("libero_spatial-05/base").
@@ -105,7 +105,7 @@ class Instructed:
 
     @classmethod
     def of(cls, whole: str, name: str, sentence: str) -> Instructed:
-        """Return the condition ``whole`` ("libero_spatial-05/base") with a sentence."""
+        """Return the condition ``whole`` ("libero_spatial-05/base") with an instruction text."""
         return cls(whole, name, Instruction(sentence))
 
 
@@ -122,7 +122,7 @@ class Told(Protocol):
 
     @property
     def text(self) -> str:
-        """The sentence that the policy gets."""
+        """Text for the policy."""
 
 
 class SceneCondition(Protocol):
@@ -158,33 +158,33 @@ class Tracker(Protocol):
 
     @property
     def undecided_states(self) -> int:
-        """States that follow before the episode can succeed, at least; 0 if the next one may end it."""
+        """Minimum number of states before the episode can succeed; 0 if the next state may be a success."""
 
     def update(self, state: WorldState) -> Truth:
-        """Return the relations and subgoals that hold in a state; states are given in order, from reset on."""
+        """Return the relations and subgoals that hold in a state. Pass the states in order, starting at reset."""
 
 
 class TrialScene(Protocol):
-    """Scene of one trial, as an episode drives it."""
+    """Interface of the scene of a trial for an episode."""
 
     @property
     def world(self) -> str:
-        """Name of the world in whose terms privileged policies read the state."""
+        """Name of the world that defines the state for privileged policies."""
 
     @property
     def draws_in_step(self) -> bool:
-        """Whether images are drawn in the middle of a control step.
+        """Whether images are rendered during a control step.
 
-        Before each step, :meth:`draw_next` is then called, and the time of drawing is measured apart.
+        If so, :meth:`draw_next` is called before each step, and the rendering time is measured separately.
         """
 
     @property
     def instructed_anew(self) -> bool:
-        """Whether the policy gets another instruction after the last step."""
+        """Whether the policy gets a new instruction after the last step."""
 
     @property
     def over(self) -> bool:
-        """Whether the episode cannot succeed any more and ends before its step limit."""
+        """Whether the episode can no longer succeed and ends before its step limit."""
 
     @property
     def task(self) -> Named:
@@ -212,7 +212,7 @@ class TrialScene(Protocol):
 
     @property
     def info(self) -> SceneInfo:
-        """Properties of the scene that stay the same in the episode; known after the reset."""
+        """Constant properties of the scene, known after the reset."""
 
     @property
     def content_hash(self) -> str:
@@ -222,56 +222,56 @@ class TrialScene(Protocol):
         """Return the files that are stored once per distinct scene."""
 
     def reset(self) -> WorldState:
-        """Go to the start of the trial and return the state; PremiseError if the scene breaks its premise."""
+        """Go to the start of the trial and return the state; PremiseError if the scene contradicts its premise."""
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute an action for one control step and return it as it was applied; InvalidActionError if malformed."""
+        """Execute an action for one control step and return the applied action; InvalidActionError if malformed."""
 
     def draw_next(self, *, wanted: bool) -> None:
-        """Say whether the policy is shown images after the next step."""
+        """Set whether the policy needs images after the next step."""
 
     def state(self) -> WorldState:
         """Return the privileged state."""
 
     def simulator_state(self) -> Mapping[str, np.ndarray]:
-        """Return the arrays ``qpos``, ``qvel``, ``ctrl`` and ``act``, which the records keep."""
+        """Return the arrays ``qpos``, ``qvel``, ``ctrl`` and ``act`` for the record."""
 
     def tracker(self) -> Tracker:
-        """Return the judge of an episode that has been reset."""
+        """Return the judge of an episode, after the reset."""
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return what a record says about the scene; ``images`` tells whether any are drawn."""
+        """Return the description of the scene for the record; ``images`` is True if images are rendered."""
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> Mapping[str, Images]:
-        """Return the images of this moment by camera; ``renderers`` are those of the worker, for MuJoCo models."""
+        """Return the current images by camera; ``renderers`` are the worker's renderers for MuJoCo models."""
 
     def native(self) -> Mapping[str, np.ndarray]:
-        """Return what the world's own clients read of the state, by the names of our state parts; empty if nothing.
+        """Return the state as read by the world's own clients, by the names of our state parts; empty if none.
 
-        If it is not empty, "ee_position" is what a policy gets for the position of the tool.
+        If not empty, "ee_position" is the tool position for the policy.
         """
 
     def close(self, *, well: bool) -> None:
-        """Free what the trial holds; ``well`` tells whether its record was written."""
+        """Free the resources of the trial; ``well`` is True if its record was written."""
 
 
 class World(ABC):
-    """A world: its tasks, its scenes and its conventions. A frozen value.
+    """World: tasks, scenes and conventions, as a frozen value.
 
-    The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world; :meth:`plan` returns the trials
-    of a run together with the value that the run keeps as ``plan.world``, which may hold what only this run needs.
-    Subclasses are frozen dataclasses whose fields can be pickled; the register pickles them by name.
+    The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns the trials
+    of a run and the value for ``plan.world``, which may contain additional data of this run. Subclasses are frozen
+    dataclasses with picklable fields; the registry pickles worlds by name.
 
     Attributes:
         facts: Facts that need no simulator.
         control_rate_hz: Actions per second.
-        action_spaces: Action spaces that it plays, its usual one first.
-        observations: Observation presets that it offers: from the name that is asked for to the preset that is used.
-        dialect: World in whose conventions a policy server is spoken to ("libero"); empty for those of our own scenes.
-        drawn_by: Where images are rendered, for the manifest; empty if the workers render MuJoCo models.
-        options: Dataclass of the options that only this world has, as :attr:`PlanRequest.options` may name them.
-        installation: Environment of its simulator, or None if it needs none.
-        command: Command of its simulator's process; empty if it has none.
+        action_spaces: Supported action spaces, the usual one first.
+        observations: Supported observation presets: the preset to use, by requested name.
+        dialect: World whose conventions are used with a policy server ("libero"); empty for our own scenes.
+        drawn_by: Renderer of the images, for the manifest; empty if the workers render MuJoCo models.
+        options: Dataclass of the options that only this world has, for :attr:`PlanRequest.options`.
+        installation: Environment of the simulator, or None.
+        command: Command of the simulator's process; empty without a process.
     """
 
     __slots__ = ()
@@ -288,23 +288,23 @@ class World(ABC):
 
     @property
     def name(self) -> str:
-        """Its name in plans and on the command line."""
+        """Name in plans and on the command line."""
         return self.facts.name
 
     @property
     def is_ready(self) -> bool:
-        """Whether trials can be run here: nothing has to be installed first."""
+        """Whether trials can be run without another installation."""
         return self.installation is None or self.installation.is_installed
 
     @abstractmethod
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], World]:
-        """Return the trials of a run, and the world as the run keeps it.
+        """Return the trials of a run, and the world for the stored plan.
 
         Raises:
             InvalidInputError: If a number is out of range or nothing is left to run.
-            UnknownNameError: If there is no such suite, task or option.
+            UnknownNameError: If a suite, task or option does not exist.
             MissingDependencyError: If the world is not installed.
-            WorldError: If its simulator does not answer.
+            WorldError: If the simulator does not answer.
         """
 
     @abstractmethod
@@ -323,31 +323,31 @@ class World(ABC):
         """Return the scene of a trial.
 
         Args:
-            processes: Processes of :attr:`command`, of which the scene may take one.
+            processes: Pool of processes of :attr:`command`, from which the scene may take one.
             task: Name of the task.
             condition: Name of the condition.
             seed: Seed of the trial.
             action_space: Action space of the run.
-            images: Whether the policy is shown images.
-            depth: Whether it is shown depth images beside them.
-            options: Choices that only some worlds have.
+            images: Whether the policy gets images.
+            depth: Whether the policy also gets depth images.
+            options: Options that only some worlds have.
         """
 
     def start_command(self) -> tuple[str, ...]:
-        """Return the command of the simulator's process, as far as it needs nothing else of the user."""
+        """Return the command of the simulator's process, with default options."""
         return () if self.installation is None else self.installation.command()
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form for plans: with it, a run can be read where the world is not known."""
+        """Return the JSON form for plans, which allows reading a run without the world's code."""
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return what a plan says about the world and the versions of its tasks."""
+        """Return the fields of a plan about the world and the versions of its tasks."""
         del tasks
         return {"world": self.to_json()}
 
     def plan_options(self, options: SceneOptions) -> dict[str, Any]:
-        """Return what a plan says about choices that only some worlds have."""
+        """Return the fields of a plan about options that only some worlds have."""
         del options
         return {}
 
@@ -357,55 +357,55 @@ class World(ABC):
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return the sentences that are said before a run begins: its extent, and what it cannot show."""
+        """Return the message before a run: extent and limitations."""
         return (f"{len(trials)} trial{'' if len(trials) == 1 else 's'} of {suite}.",)
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:  # noqa: B027 - most need nothing
         """Prepare this machine once, before any worker starts.
 
-        ``on_progress`` is called with what is being done, the steps done and the steps in all.
+        ``on_progress`` is called with the name of the work, the steps done and the total steps.
         """
 
     def environments(self, usual: int) -> int:
-        """Return with how many environments a worker begins whose policy answers from elsewhere."""
+        """Return the initial number of environments of a worker whose policy answers from another process."""
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:
-        """Return how many control steps each trial may take; empty if that is not known beforehand."""
+        """Return the step limit of each trial; empty if unknown."""
         del trials
         return {}
 
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
-        """Return trials in the order in which they are run; results do not depend on it.
+        """Return the trials in the order of execution, which does not affect results.
 
-        The ``last`` ones are those for which workers wait at the end of a run.
+        Workers wait for the ``last`` trials at the end of a run.
         """
         del last
         return sorted(trials, key=lambda t: (t.task, t.seed))
 
     def interventions(self, trial: Trial) -> tuple[str, ...]:
-        """Return what a variation changes, for its record."""
+        """Return the interventions of a variation, for the record."""
         return () if trial.variation is None else (f"{self.name}: {trial.variation}",)
 
     def photos(
         self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
     ) -> Iterator[np.ndarray]:
-        """Yield one image (size, size, 3) for each moment of a run.
+        """Yield one image (size, size, 3) for each requested moment of a run.
 
         Args:
             stored: JSON form of the world in the plan of the run.
-            wanted: Moments, those of one scene one after the other.
+            wanted: Moments, grouped by scene.
             size: Width and height of an image [pixel].
             where: Name of the file of the plan, for messages.
 
         Raises:
             RecordError: If the plan is malformed.
-            MissingDependencyError: If nothing here can draw them.
+            MissingDependencyError: If rendering is not possible here.
             WorldError: If the simulator fails.
         """
         del stored, size, where
         if wanted:
             raise MissingDependencyError(
-                f"trials in {self.facts.title} have no images: the world cannot draw a recorded state"
+                f"trials in {self.facts.title} have no images: this world cannot render recorded states"
             )
         return iter(())

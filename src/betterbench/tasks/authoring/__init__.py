@@ -60,12 +60,12 @@ def distractor(name: str, kind: str = "", category: str = "", color: str | None 
 
 
 def container(name: str, kind: str = "", category: str = "") -> ObjectSpec:
-    """Return a container or support for other objects that stands loose on the table."""
+    """Return a loose container or support on the table, for other objects."""
     return _object("container", name, kind, category)
 
 
 def fixture(name: str, kind: str = "", category: str = "", *, fixed: bool = False) -> ObjectSpec:
-    """Return a fixture around which or in which objects are placed; a fixed one cannot be moved."""
+    """Return a fixture in or around which objects are placed. A fixed fixture cannot be moved."""
     return _object("fixture", name, kind, category, fixed=fixed)
 
 
@@ -98,10 +98,10 @@ def subgoal(
     word: str,
     count: int = 1,
 ) -> Subgoal:
-    """Return one step of an instruction; for ``name``, ``word`` and ``count`` see :class:`Subgoal`.
+    """Return a step of an instruction; for ``name``, ``word`` and ``count`` see :class:`Subgoal`.
 
-    The ``thing`` is an object (any object of its kind is accepted) or a reference by slot. It must be related to the
-    target, or to a region of the target if it has several.
+    The ``thing`` is an object (any object of its kind is accepted) or a reference by slot. The relation must hold
+    between this object and the target, or a region of the target if it has several.
     """
     reference = thing if isinstance(thing, Reference) else Reference(kind=thing.kind)
     return Subgoal(name, relation.name, reference, target.name, word, count, region)
@@ -131,7 +131,7 @@ def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = F
     Args:
         anchor: Object with the sides.
         *steps: Objects with their sides.
-        close: Whether the instruction says "next to"; for a plate, only objects close to it then count.
+        close: Whether the instruction says "next to"; at a plate, objects must then be close to the plate.
     """
     at = f"the {anchor.kind}"
     parts = [
@@ -148,7 +148,7 @@ def condition(
     preplaced: Mapping[ObjectSpec, ObjectSpec] | None = None,
     opened: Mapping[ObjectSpec, float] | None = None,
 ) -> Condition:
-    """Return a training condition; the registry gives it its task and its name.
+    """Return a training condition; the registry sets its task and name.
 
     Args:
         layout: Start slot of each object.

@@ -1,6 +1,6 @@
-"""The operations of interventions, as typed values: ``swap(APPLE, ORANGE)`` is data that can be applied.
+"""Operations of interventions as typed values that can be applied, such as ``swap(APPLE, ORANGE)``.
 
-An operation is a pure function from a condition to a changed condition, with a declaration of the changes.
+An operation is a pure function that maps a condition to a changed condition and declares the changes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from betterbench.tasks.subgoal import Instruction
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """Declared changes of an operation; everything else stays bit-identical between a trial and its twin.
+    """Declared changes of an operation.
+
+    A trial and its twin (its trial without the change) are otherwise bit-identical.
 
     Attributes:
         objects: Names of objects whose presence, identity or start changes.
@@ -39,9 +41,9 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """Operation of an intervention with its arguments by name; operations with equal names and arguments are equal.
+    """Operation of an intervention, with arguments by name. Operations with equal names and arguments are equal.
 
-    Applied to a condition, it returns the changed condition and the declared changes.
+    Calling an operation with a condition returns the changed condition and the declared changes.
     """
 
     name: str
@@ -74,7 +76,7 @@ def operation_named(name: str) -> Callable[..., Operation]:
 
 
 def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable[P, Operation]:
-    """Make a function on conditions a constructor of operations with the function's further arguments."""
+    """Turn a function on conditions into a constructor of operations that takes the function's other arguments."""
     signature = inspect.signature(function)
     name = function.__name__
 
@@ -120,15 +122,15 @@ def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, regio
 def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
     """Open a drawer by ``distance_m`` at the start; 0 closes it."""
     if condition.object(drawer.name).mount is None:
-        raise _refused(condition, drawer, "it is not a drawer", "Name one that has a mount")
+        raise _refused(condition, drawer, "it is not a drawer", "Name an object with a mount")
     if not distance_m >= 0.0:
-        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more; 0 shuts the drawer")
+        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more; 0 closes the drawer")
     return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
 
 
 @operation
 def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
-    """Remove an object from the scene; nothing may rest at it or slide in it."""
+    """Remove an object from the scene. No other object may rest at it or slide in it."""
     name = condition.object(object.name).name
     guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == name]
     guests += [guest for guest, place in condition.preplaced.items() if place.target == name]
@@ -151,7 +153,7 @@ def add(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa
 
 @operation
 def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:  # noqa: A002
-    """Replace an object by another one in the same slot."""
+    """Replace an object with another object in the same slot."""
     _require_slot(condition, object)
     removed, first = remove(object).carry_out(condition)
     added, second = _added(removed, by, condition.layout[object.name])
@@ -198,7 +200,7 @@ def _require_free(condition: Condition, slot: str) -> None:
 def _require_slot(condition: Condition, spec: ObjectSpec) -> None:
     condition.object(spec.name)
     if spec.name not in condition.layout:
-        raise _refused(condition, spec, "it starts in no slot", "Name one that does")
+        raise _refused(condition, spec, "it starts in no slot", "Name an object that starts in a slot")
 
 
 def _refused(condition: Condition, spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:

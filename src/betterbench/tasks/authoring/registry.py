@@ -1,4 +1,7 @@
-"""Registry of tasks. A decorated function registers a task, from which its command, card and tests are derived."""
+"""Registry of tasks.
+
+Decorated functions register tasks; commands, task cards and tests are derived from the registry.
+"""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""The task: fixtures and slots, the training regime with its confounds, and the variations."""
+"""Tasks: fixtures, slots, training conditions with confounds, and variations."""
 
 from dataclasses import dataclass
 

@@ -9,12 +9,12 @@ from betterbench.tasks.relations import RELATIONS, Relation
 from betterbench.tasks.thresholds import THRESHOLDS
 
 Order = Literal["free", "named", "built"]
-"""Order of the subgoals in the goal: not part of it, as the instruction states it, or forced by construction."""
+"""Order of the subgoals: free, as in the instruction, or forced by construction."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectGroup:
-    """An abstract group of objects in a template, to be filled by a scenario.
+    """Group of objects in a template, which a scenario fills.
 
     Attributes:
         description: Meaning of the group.
@@ -69,12 +69,12 @@ class Protocol:
 
 @dataclass(frozen=True, kw_only=True)
 class Template(Meta, Protocol):
-    """An interaction pattern: its groups, its relations and its protocol.
+    """Interaction pattern: object groups, relations and protocol.
 
     Attributes:
         relation: Name of the main relation of its subgoals.
         also: Further relations of its subgoals.
-        exclusive: Whether at the end only requested objects may satisfy the relation.
+        exclusive: Whether only requested objects may satisfy the relation at the end.
     """
 
     groups: tuple[ObjectGroup, ...]
@@ -85,7 +85,7 @@ class Template(Meta, Protocol):
 
     @property
     def relations(self) -> tuple[Relation, ...]:
-        """All relations that its subgoals may use."""
+        """All relations that subgoals may use."""
         return tuple(RELATIONS[name] for name in (self.relation, *self.also))
 
     @property
@@ -106,7 +106,7 @@ class Template(Meta, Protocol):
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals)
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Return the violations of this pattern in a condition; empty if there is none."""
+        """Return the violations of this pattern by a condition; empty if there are none."""
         found: list[str] = []
         for group in self.groups:
             count = sum(o.role == group.role for o in condition.objects)

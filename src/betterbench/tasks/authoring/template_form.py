@@ -24,7 +24,7 @@ _Count = Annotated[int, Field(ge=0)]
 
 def _ascending(span: tuple[int, int]) -> tuple[int, int]:
     if span[0] > span[1]:
-        raise ValueError(f"{list(span)} does not begin with the smaller number")
+        raise ValueError(f"{list(span)} must begin with the smaller number")
     return span
 
 

@@ -1,7 +1,7 @@
-"""Regularities of a task's training regime: the slots associated with each word, and the steps that came first.
+"""Regularities of a task's training conditions, such as the slots that go with each word.
 
-These are the confounds that the variations break. They are computed from the training conditions instead of written by
-hand, so the two cannot disagree.
+Variations break these confounds. They are computed from the training conditions, not written by hand, so the two cannot
+disagree.
 """
 
 from collections import Counter
@@ -13,11 +13,11 @@ from betterbench.tasks.condition import Condition
 
 @dataclass(frozen=True, slots=True)
 class TrainingDistribution:
-    """The regularities of a training regime.
+    """Regularities of a task's training conditions.
 
     Attributes:
-        word_slots: Slots of the object, by word of an instruction.
-        kind_slots: Slots of the object, by kind.
+        word_slots: Slots of the instructed object, by word of the instruction.
+        kind_slots: Slots of the instructed object, by kind of object.
         standing_kinds: Kinds of object at the start, by slot.
         first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
         kind_targets: Trained targets by kind of object, as kind of the target, relation and region.
@@ -35,7 +35,7 @@ class TrainingDistribution:
 
     @property
     def habit(self) -> str | None:
-        """Kind of the first object in most demonstrations, or None if no kind is strictly the most frequent."""
+        """Most frequent kind of first object in demonstrations; None on a tie."""
         ranked = self.first_kinds
         if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
             return None
@@ -43,7 +43,7 @@ class TrainingDistribution:
 
     @property
     def favorite_slot(self) -> str:
-        """Slot of the objects of most words of instructions; the first by name of several."""
+        """Slot used with the most words of instructions; the first by name on a tie."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 

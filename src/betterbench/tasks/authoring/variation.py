@@ -1,4 +1,4 @@
-"""Variations as data: a training condition, the operations that change it, and the meaning of a failure."""
+"""Variations as data: a training condition, the operations that change it, and the tested ability."""
 
 from dataclasses import dataclass
 
@@ -8,14 +8,14 @@ from betterbench.tasks.axes import Axis, Expected, Support
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """Variation: a training condition that operations turn into a test condition.
+    """Test condition, made from a training condition by operations.
 
     Attributes:
         name: Letter of the axis and running number ("L3").
         interventions: Operations, applied in order.
         title: Difference from training in a few words, for tables.
-        hypothesis: Ability that a success shows.
-        base: Name of its training condition; the same seed of it is the counterfactual twin.
+        hypothesis: Ability that a success demonstrates.
+        base: Name of the training condition. Its trial with the same seed is the counterfactual twin.
         support: Whether all poses lie inside the training regime.
     """
 

@@ -1,4 +1,4 @@
-"""Interventions: look-up of the condition of a variation or a name, with its declared changes."""
+"""Look-up of conditions by variation or name, with the declared changes of their interventions."""
 
 from betterbench.tasks.interventions.apply import apply, vary
 from betterbench.tasks.interventions.resolve import ResolvedCondition, condition_names, resolve_condition

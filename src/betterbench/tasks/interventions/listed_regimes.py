@@ -1,8 +1,8 @@
 """Regimes with hand-written lists of conditions: one package per regime, with one file per task.
 
 The file of a task lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``, and the crossed and tied
-factors in ``CROSSED``. None of the conditions is a test: the start of a variation never occurs together with its
-instruction, unless training has both too.
+factors in ``CROSSED``. None of the conditions is a test: a variation's start and instruction never occur together,
+unless training contains both.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.tasks.condition import Condition
 
 @dataclass(frozen=True, slots=True)
 class _Listing:
-    """Location of the listed conditions of a regime.
+    """Location of the hand-written conditions of a regime.
 
     Attributes:
         package: Package with one module per task.
@@ -39,7 +39,7 @@ LISTED: Mapping[str, _Listing] = {
 
 @functools.cache
 def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a regime, named balanced1 or diverse1 and so on; empty if the task has no such file."""
+    """Return the conditions of a regime, named balanced1, diverse1 and so on; empty if the task has no such file."""
     module = listing_of(regime, task_id)
     if module is None:
         return ()

@@ -12,8 +12,11 @@ from betterbench.tasks.interventions.balanced import slots_aside
 from betterbench.tasks.interventions.listed_regimes import LISTED, listed_conditions, listed_tasks
 
 Regime = Literal["training", "balanced", "diverse-confounded", "covered"]
-"""The conditions of the task with their confounds; others of the same skills without them; the same number of others in
-which each word stays tied to its slot; the test conditions."""
+"""The task's own training conditions with confounds.
+
+"balanced": conditions without confounds. "diverse-confounded": as many conditions as in "balanced", with each word tied
+to its slot. "covered": the test conditions.
+"""
 
 
 def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
@@ -31,7 +34,7 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
 
 
 def in_regime(task: Task, regime: Regime) -> Task:
-    """Return a task with the conditions and slots of a regime instead of those of training; raises the same error."""
+    """Return a task with the conditions and slots of a regime; InvalidInputError if the task lacks the regime."""
     if regime == "training":
         return task
     slots = (*task.slots, *slots_aside(task.id)) if regime in LISTED else task.slots

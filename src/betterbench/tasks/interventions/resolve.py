@@ -1,4 +1,4 @@
-"""Look-up of conditions by name; all other modules get conditions through it."""
+"""Look-up of conditions by name, used by all other modules."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, slots=True)
 class ResolvedCondition:
-    """Condition of a task, with its origin.
+    """Condition of a task, with the variation that made it.
 
     Attributes:
         task: The task, with the slots of the condition.
@@ -32,7 +32,7 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of its training condition, or of itself: the condition of the twin."""
+        """Name of the twin's condition: the training condition of a variation, otherwise the condition itself."""
         return self.condition.name if self.variation is None else self.variation.base
 
     @property

@@ -1,4 +1,4 @@
-"""Grasp attempts: a gripper that closes within reach of an object or of an empty slot, resolved from contacts."""
+"""Grasp attempts: closings of the gripper within reach of an object or an empty slot, resolved by contacts."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class GraspAttempt:
 def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in order.
 
-    Not attempts: closing at home or far from all objects, closing without finger travel, and closing again on an object
-    that is already held. Closings separated only by chatter are one attempt. Any object lifted between the fingers was
-    attempted, whatever the command. An object that a finger presses on was attempted, whatever else is near. Without
-    contact, distances decide.
+    The following are not attempts: closing at home or far from all objects, without finger travel, or again on an
+    object that is already held. Closings separated only by chatter (short openings) are one attempt. Any object lifted
+    between the fingers was attempted, whatever the command. So was any object that a finger presses on, whatever else
+    is near. Without contact, distances decide.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -54,7 +54,7 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAttempt]:
-    """Return attempts for objects lifted between the fingers without a closing that shows it."""
+    """Return attempts for objects that were lifted between the fingers without a detected closing."""
     found, gap = [], motion.steps(THRESHOLDS.chatter_time)
     for i in motion.items:
         if motion.is_drawer(i):  # a drawer can also be moved by open fingers
@@ -74,7 +74,7 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the times at which the gripper closed fully, low over the table, far from every object and slot.
 
-    They are not grasp attempts, because such a large miss does not show which object was meant.
+    Such closings are not grasp attempts, because so large a miss does not show which object was meant.
     """
     found = []
     for closing in _closings(motion):
@@ -88,7 +88,7 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
             continue
         near = motion.box_distances(before, motion.tool[travel.settled]) <= THRESHOLDS.grasp_reach
         if (near & motion.there[before]).any():
-            continue  # beside an object at its target, as after its release
+            continue  # near an object at its target, as after its release
         if _resolve(motion, closing) is None:
             found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
     return tuple(found)
@@ -97,7 +97,7 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the closings of an open, empty gripper with hardly any finger travel, low over the table.
 
-    They are not grasp attempts by themselves. At a requested object they are.
+    Such a closing is a grasp attempt only at a requested object.
     """
     found = []
     for closing in _closings(motion):
@@ -116,8 +116,8 @@ def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the times at which the fingers of an empty gripper narrowed low over the table and opened again.
 
-    A change of the width below ``finger_travel`` does not count, and one up to 1 mm is a tremble: the fingers are both
-    still as wide and already as narrow. They are not grasp attempts by themselves.
+    The width must change by at least ``finger_travel``; changes up to 1 mm are treated as trembling. Squeezes alone are
+    not grasp attempts.
     """
     found, width = [], motion.width
     widest = narrowest = 0
@@ -142,7 +142,7 @@ def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
     """Return the first and last row of each closing of an empty gripper during a motion of the arm.
 
-    They are not grasp attempts, because an object that was passed may not have been meant.
+    Such closings are not grasp attempts, because the gripper may only have passed the object.
     """
     found = []
     for start, stop in (part for closing in _closings(motion) for part in closing.parts):
@@ -153,7 +153,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Closing of the gripper: the row ranges of its parts, separated only by chatter, with exclusive ends."""
+    """Closing of the gripper: row ranges (exclusive ends) separated only by chatter."""
 
     parts: tuple[tuple[int, int], ...]
 
@@ -167,7 +167,7 @@ class _Closing(NamedTuple):
 
 
 class _Travel(NamedTuple):
-    """Travel of the fingers in a closing: the row at which they come to rest, and the row before which it is judged."""
+    """Travel of the fingers in a closing: row at which they come to rest, and row before which they are judged."""
 
     settled: int
     limit: int
@@ -205,7 +205,7 @@ def _still_gripped(motion: Motion, last: GraspAttempt, row: int) -> bool:
 
 
 def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
-    """Tell whether the gripper closes again on an object that it has just placed, before it has moved away."""
+    """Return whether the gripper closes again on an object just placed, before moving away."""
     i = grasp.object
     if i is None or i != last.object or not last.secured or grasp.secured or not motion.there[grasp.start, i]:
         return False
@@ -242,7 +242,7 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
 
 
 def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
-    """Tell whether a closing on nothing ended long before the fingers were closed."""
+    """Return whether a closing on nothing was reversed long before the fingers were closed."""
     start, stop = part
     brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
     return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width
@@ -287,7 +287,7 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
 
 
 def _presses(motion: Motion, start: int, limit: int) -> Bools:
-    """Tell which objects a finger presses so hard, or for so long, that the closing is at them, shape (n,)."""
+    """Return which objects a finger presses hard or long enough for a grasp attempt, shape (n,)."""
     force = motion.force[start:limit]
     hard = (force >= PRESS_FORCE).sum(axis=0) >= motion.steps(PRESS_TIME)
     leans = (force >= LEAN_FORCE).sum(axis=0) >= motion.steps(THRESHOLDS.stop_time)
@@ -296,7 +296,7 @@ def _presses(motion: Motion, start: int, limit: int) -> Bools:
 
 
 def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
-    """Return the object touched in most rows, the nearer one of equals, and the first of these rows."""
+    """Return the object touched in most rows (the nearest on a tie), and the first of these rows."""
     counts = touches.sum(axis=0)
     order = sorted(range(len(counts)), key=lambda i: (-int(counts[i]), float(near[i])))
     return order[0], start + int(np.argmax(touches[:, order[0]]))

@@ -15,7 +15,7 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class GoalTracker:
-    """Tracker of the goal in an episode, live or offline. Pass it every state from reset on, in order."""
+    """Tracker of the goal in an episode, live or offline. Pass every state in order, starting at reset."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
         """Prepare for an episode; the dwell time is counted at the control rate."""
@@ -71,7 +71,7 @@ class GoalTracker:
 
     @property
     def undecided_states(self) -> int:
-        """Number of following states in which the episode cannot succeed yet, whatever happens."""
+        """Number of upcoming states in which the episode cannot succeed, whatever happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
@@ -84,7 +84,8 @@ class GoalTracker:
         if self._memory.truth is not None:
             return self._memory.truth
         truth = self._judge(state, at)
-        if not (truth.goal or self._settling or self._restraint is not None):  # else it also depends on time
+        # otherwise the result also depends on time
+        if not (truth.goal or self._settling or self._restraint is not None):
             self._memory.truth = truth
         return truth
 
@@ -105,7 +106,7 @@ class GoalTracker:
         return Truth(self._memory.relations, done, self._in_order, goal, self._forbidden, success)
 
     def _there(self, at: Places) -> list[bool]:
-        """Return for each object whether it is in some region of a target to which objects are carried."""
+        """Return, for each object, whether it is in a region of any target to which objects are carried."""
         there = [False] * len(self._info.objects)
         for watch, places in zip(self._targets.watches, at, strict=True):
             for name, place in zip(watch.subjects, places, strict=True):
@@ -114,7 +115,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Return which subgoals are done: their objects are at the target, at rest and released."""
+        """Return which subgoals are done: all objects at the target, at rest and released."""
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []

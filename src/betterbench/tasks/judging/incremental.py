@@ -1,9 +1,9 @@
-"""Incremental judging: a predicate is asked again only after something has changed that it has read.
+"""Incremental judging: a predicate is evaluated again only after a change in the state that it has read.
 
-At most control steps one object moves or none does. With this ``GoalTracker.update`` takes 10.0 µs a state, and 21.4 µs
-if every predicate is asked at every state, on the expert's states of all ten tasks (2026-11-28: 40 recorded episodes,
-least processor time of five rounds in one process, mean over the tasks); a control step takes 1.1 ms.
-What is found is the same (``tests/tasks/test_incremental.py``).
+At most control steps, one object moves or none. Incremental judging lets ``GoalTracker.update`` take 10.0 µs per state
+instead of 21.4 µs, on the expert's states of all ten tasks (2026-11-28: 40 recorded episodes, least processor time of
+five rounds in one process, mean over the tasks). A control step takes 1.1 ms. The verdicts are identical
+(``tests/tasks/test_incremental.py``).
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from betterbench.tasks.judging.targets import Places, Targets
 from betterbench.tasks.judging.truth import Truth
 
 _HELD, _ANY_OBJECT, _ANYTHING = "<held>", "<any object>", "<anything>"
-"""What a predicate can have read beside single bodies: the held object; all poses; or what may differ in any state."""
+"""Marks for parts of the state besides single bodies: the held object, all poses, or fields that always differ."""
 
 
 class JudgingMemory:
-    """Places of the subjects of all watched targets, and what follows from them, kept while nothing changes it.
+    """Cache of the target regions of all subjects, and of the results derived from these regions.
 
-    Feed it every state of an episode from reset on, in order.
+    Pass every state of an episode in order, starting at reset.
 
     Attributes:
         relations: Whether each predicate holds in the last state.
-        truth: Truth of the last state, if nothing has changed since the tracker has put it here; else None.
+        truth: Goal state of the last state if nothing has changed since, else None. Set by the tracker.
     """
 
     def __init__(self, targets: Targets) -> None:
@@ -40,7 +40,7 @@ class JudgingMemory:
         )
         self._found: list[list[str | None]] = [[None] * len(watch.subjects) for watch in targets.watches]
         self._read: list[frozenset[str]] = [frozenset()] * len(self._pairs)
-        self._always = set[int]()  # pairs that anything may have changed
+        self._always = set[int]()  # pairs that any change may affect
         self._readers = {_ANYTHING: self._always}
         self._state: WorldState | None = None
         self._places: Places = ()
@@ -48,7 +48,7 @@ class JudgingMemory:
         self.truth: Truth | None = None
 
     def places(self, state: WorldState) -> Places:
-        """Return where every subject is in the next state, strictly."""
+        """Return the strict region of every subject in the next state."""
         before, self._state = self._state, state
         if before is None:
             self._ask(state, range(len(self._pairs)))
@@ -63,7 +63,7 @@ class JudgingMemory:
         return self._places
 
     def _ask(self, state: WorldState, due: Iterable[int]) -> None:
-        """Ask the predicates of some pairs."""
+        """Evaluate the predicates of some pairs."""
         moved, noting = not self._places, self._noting
         noting.state, read = state, noting.read
         for number in due:
@@ -79,7 +79,7 @@ class JudgingMemory:
             self.relations = self._targets.relations(self._places)
 
     def _note(self, number: int, read: frozenset[str]) -> None:
-        """Note what the predicate of a pair has read."""
+        """Store which parts of the state the predicate of a pair has read."""
         before, self._read[number] = self._read[number], read
         for name in before - read:
             self._readers[name].discard(number)
@@ -88,14 +88,14 @@ class JudgingMemory:
 
 
 class _NotingState(WorldState):
-    """A state that notes the bodies of which a predicate reads the pose or a contact.
+    """State that records the bodies whose pose or contacts a predicate reads.
 
-    After a method that is not listed here, or a field as a whole, a predicate is asked more often than it need be, but
-    never too seldom.
+    If a predicate calls a method that is not listed here, or reads a whole field, it is evaluated more often than
+    necessary, but never too rarely.
     """
 
     __slots__ = ("read", "state")
-    __class__ = property(lambda _: WorldState)  # of which dataclasses.replace() makes another one
+    __class__ = property(lambda _: WorldState)  # dataclasses.replace() makes a new object of these
     __setattr__ = object.__setattr__
 
     def __init__(self, info: SceneInfo) -> None:
@@ -116,7 +116,7 @@ class _NotingState(WorldState):
         return self.state.quaternions[self.info.index(name)]
 
     def touching(self, a: str, b: str) -> bool:
-        # A pair that begins or ends to touch changes both bodies; an object is in fewer pairs than the table.
+        # A new or lost contact changes both bodies. Objects have fewer contact pairs than the table.
         self.read.add(a if a in self.info else b)
         return self.state.touching(a, b)
 
@@ -126,7 +126,7 @@ class _NotingState(WorldState):
 
 
 def _noting(field: str, note: str) -> property:
-    """Return the property that reads a field of a state and notes it."""
+    """Return a property that reads a field of a state and records the read."""
 
     def read(state: _NotingState) -> object:
         state.read.add(note)
@@ -137,14 +137,14 @@ def _noting(field: str, note: str) -> property:
 
 _NOTES = {"held": _HELD, "positions": _ANY_OBJECT, "quaternions": _ANY_OBJECT}
 for _field in fields(WorldState):
-    if _field.name != "info":  # which is the same in all states
+    if _field.name != "info":  # this part is the same in all states
         setattr(_NotingState, _field.name, _noting(_field.name, _NOTES.get(_field.name, _ANYTHING)))
 
 
 def _changed(before: WorldState, now: WorldState) -> set[str]:
-    """Return what differs between two states by which an object is judged.
+    """Return the differences between two states that can affect a judgment.
 
-    That is the names of the bodies whose pose or touching pairs differ, and the marks of what differs beside them.
+    The result contains the names of bodies with another pose or other contacts, and marks for other differences.
     """
     changed: set[str] = set()
     if before.positions != now.positions or before.quaternions != now.quaternions:
@@ -162,7 +162,7 @@ def _changed(before: WorldState, now: WorldState) -> set[str]:
 
 
 def _same_pairs(before: Sequence[Contact], now: Sequence[Contact]) -> bool:
-    """Tell whether the same pairs touch, whatever their forces are."""
+    """Return whether the same pairs touch in both states, regardless of force."""
     if before is now:
         return True
     if len(before) != len(now):

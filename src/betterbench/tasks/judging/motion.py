@@ -31,7 +31,7 @@ class Motion:
         right: (T, n) whether the right finger touches it.
         held: (T,) index of the held object, or -1.
         force: (T, n) largest normal force with which a finger presses on the object [N].
-        there: (T, n) whether the object is in some region of a target, requested or not; closed drawers are left out.
+        there: (T, n) whether the object is in a region of any target, requested or not; closed drawers are left out.
         picked: Slots from which training picked an object.
     """
 
@@ -87,12 +87,15 @@ class Motion:
         return distances
 
     def within_reach(self, row: int, point: Floats) -> Bools:
-        """Tell which objects a gripper at a point could close on, shape (n,): near their box, or above their center."""
+        """Return which objects a gripper at a point could close on, shape (n,): near the box or above the center."""
         boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
         return in_reach(boxes, centers)
 
     def slot_of(self, row: int, i: int, reach: float) -> str | None:
-        """Return the slot of an object, its start slot first: slots of two layouts may overlap."""
+        """Return the slot that contains an object.
+
+        The start slot has priority, because slots of two layouts may overlap.
+        """
         own = self.info.objects[i].slot
         if own in self.pick_slots:
             x, y, _ = self.info.slot(own).position
@@ -101,7 +104,7 @@ class Motion:
         return self.slot_near(self.positions[row, i], reach)
 
     def place_of(self, slot: str) -> str:
-        """Return the representative of a slot: the first slot so near that a motion to one leads to the other."""
+        """Return the representative of a slot: the first slot that the same motion would reach."""
         at = {s.name: s.position[:2] for s in self.info.slots}
         return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
 
@@ -170,16 +173,16 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
 
 
 def in_reach(boxes: Floats, centers: Floats) -> Bools:
-    """Tell which objects a closing gripper attempts, from its distances [m] to their boxes and centers."""
+    """Return which objects a closing gripper attempts, from distances [m] to object boxes and centers."""
     near: Bools = (boxes <= THRESHOLDS.grasp_reach) | (np.maximum(centers, boxes) <= THRESHOLDS.slot_reach)
     return near
 
 
 def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
-    """Return whether the gripper is commanded to close, or is kept closed by a command of zero; shapes (T,).
+    """Return whether the gripper is commanded to close, or kept closed by a zero command; shapes (T,).
 
-    The majority of the commands within a quarter second counts, so that neither flicker nor pulsed closing hides a
-    closing. Fingers kept half open for longer without contact have not closed: they were preshaped to the width of an
+    The result follows the majority of commands within a quarter second, so flicker or pulses do not hide a closing.
+    Fingers that stay half open for longer without contact have not closed: the gripper was preshaped to the width of an
     object.
 
     Args:

@@ -2,8 +2,8 @@
 
 The expert does not close at the center of every slot: it grasps a mug at its handle, cutlery at its grip and a plate at
 its rim, 3 to 8 cm from the center. The points come from the annotated grasps of the assets in the order of the expert
-(``tools/closing_points.py`` writes the file), rotated with the slot. They need no measurement, so they are also known
-for the tasks of a user's file with objects of the library.
+(``tools/closing_points.py`` writes the file), rotated with the slot. Because no demonstrations are measured, the points
+are also available for user tasks with library objects.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FORM: Literal["betterbench closing points"] = "betterbench closing points"
 
 
 class ClosingPoint(NamedTuple):
-    """Closing point of a category's preferred grasp in the object's frame, and its variation over the looks [mm]."""
+    """Closing point of a category's preferred grasp in the object's frame [mm], and variation over the looks [mm]."""
 
     x_mm: float
     y_mm: float
@@ -39,7 +39,7 @@ class ClosingPoint(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ClosingPoints:
-    """File of closing points: those of the preferred grasps, by category of asset."""
+    """File with the closing points of preferred grasps, by asset category."""
 
     categories: Mapping[str, tuple[ClosingPoint, ...]]
     form: Literal["betterbench closing points"] = FORM
@@ -51,8 +51,8 @@ class PickedSlot:
 
     Attributes:
         middle: Center of the slot, x and y [m], world frame.
-        closings: Closing points of the demonstrations there, the center of the slot first: x and y, world frame, and
-            their spread from the slot's jitter and the objects' looks [m].
+        closings: Closing points of the demonstrations, the center of the slot first: x and y, world frame, and their
+            spread from the slot's jitter and the objects' looks [m].
     """
 
     name: str
@@ -64,7 +64,7 @@ class PickedSlot:
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:
-        """Tell whether a closing on nothing at a point may belong to the slot."""
+        """Return whether a closing on nothing at a point may belong to the slot."""
         return self.beyond(point) <= EMPTY_SLOT_REACH
 
 

@@ -8,8 +8,7 @@ from betterbench.tasks.relations import RELATIONS, relation, upright
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SLOT_TOLERANCE_M = 0.04
-"""Distance from its slot beyond which an object no longer counts as in it [m]: the jitter (15 mm a side) and a margin
-for settling."""
+"""Distance from its slot beyond which an object is outside [m]: the jitter (15 mm a side) and a margin for settling."""
 
 
 def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:

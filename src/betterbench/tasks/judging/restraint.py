@@ -1,4 +1,4 @@
-"""Restraint: forbidden grasp attempts if the policy should stay still, or if the requested object is absent."""
+"""Restraint: interactions that are forbidden if the policy should stay still, or if the requested object is absent."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
     """Return the indices of the objects to leave alone in a refusal: graspable objects that are not requested.
 
-    Drawers and targets may be touched: other requested objects that exist may be put away.
+    Drawers and targets may be touched, because the policy may put away requested objects that exist.
     """
     return tuple(i for i in graspable(info) if i not in asked and info.objects[i].role != "drawer")
 
 
 def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
-    """Return the forbidden object of a grasp attempt: touched, missed, or with its slot attempted."""
+    """Return the forbidden object of a grasp attempt: touched, missed, or absent from its attempted slot."""
     at = grasp.object if grasp.object is not None else grasp.aim
     if at is not None:
         return at if at in forbidden else None
@@ -73,7 +73,7 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
     """Return the first closing in motion whose fingers passed within reach of a forbidden object.
 
-    If objects may be taken, a closing in motion does not show which object was meant; here no closing is allowed.
+    Where objects may be taken, a closing in motion does not show which object was meant. Here, no closing is allowed.
 
     Returns:
         Its first and last row and the index of the object, or None if there is none.
@@ -89,18 +89,18 @@ def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple
 
 
 def moved_from_start(motion: Motion) -> Bools:
-    """Return which loose objects are away from their start, shape (rows, n)."""
+    """Return whether each loose object is away from its start, shape (rows, n)."""
     away: Bools = np.linalg.norm(motion.positions - motion.positions[0], axis=2) > MOVED
     away[:, [o.fixed for o in motion.info.objects]] = False
     return away
 
 
 _ROWS_BETWEEN = 5
-"""Control steps between two checks of the whole motion while the gripper stays near an object."""
+"""Interval between checks of the whole motion while the gripper stays near an object [control steps]."""
 
 
 class Restraint:
-    """Tracker of an episode with forbidden objects. Pass it every state from reset on, in order."""
+    """Tracker of an episode with forbidden objects. Pass every state in order, starting at reset."""
 
     def __init__(
         self,
@@ -139,11 +139,11 @@ class Restraint:
         return [info.objects[i].name for i in self._forbidden]
 
     def breaks(self, state: WorldState, there: list[bool]) -> bool:
-        """Tell whether the next state shows a touch, a motion, an attempt or a stay at a forbidden object.
+        """Return whether the next state shows a touch or motion of, an attempt at, or a stay near a forbidden object.
 
         Args:
             state: The next state.
-            there: For each object whether it is in some region of a target.
+            there: Whether each object is in a region of any target.
         """
         self._row += 1
         self._start = self._start or state.positions
@@ -178,10 +178,10 @@ class Restraint:
         )
 
     def _has_to_look(self, state: WorldState) -> bool:
-        """Tell whether the whole motion must be checked now, which takes longer than a control step may.
+        """Return whether to check the whole motion now, which takes too long for every control step.
 
-        That is the case at the last step; when a closing is over, including chatter, or the time to resolve an attempt
-        has passed; and regularly while the gripper stays near an object.
+        The motion is checked at the last step, at the end of a closing (including chatter), after the time to resolve
+        an attempt, and regularly while the gripper stays near an object.
         """
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
         resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))

@@ -1,4 +1,4 @@
-"""Occupancy of a condition's targets: the requested objects, the present ones, and those that do not belong."""
+"""Occupancy of a condition's targets: requested objects and intruders."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Places = tuple[tuple[str | None, ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Subgoal in a scene, in the names of that scene.
+    """Subgoal with the object names of a scene.
 
     Attributes:
-        candidates: Objects that it can refer to.
+        candidates: Objects to which the subgoal can refer.
         count: Required number of them.
     """
 
@@ -31,7 +31,7 @@ class Asked:
 
 
 def asked_by(condition: Condition) -> tuple[Asked, ...]:
-    """Return the subgoals of a condition, with its own names, which are those of its scene."""
+    """Return the subgoals of a condition, with object names of its scene."""
     goals = condition.instruction.subgoals
     return tuple(Asked(g.relation, g.target, g.region, condition.resolve(g.reference), g.count) for g in goals)
 
@@ -47,7 +47,7 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """Requirement of a subgoal: a number of its candidates at a region of a watched target.
+    """Requirement of a subgoal: a minimum number of candidate objects at a region of a watched target.
 
     Attributes:
         watch: Index of the watched target.
@@ -62,7 +62,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Object at a target that was not requested there, or beyond the requested number."""
+    """Object at a target where it was not requested, or beyond the requested number."""
 
     object: str
     target: str
@@ -70,10 +70,10 @@ class Intruder(NamedTuple):
 
 
 class Targets:
-    """Watched targets: the requested ones, and the others of their kind in the scene."""
+    """Watched targets: the requested targets, and other targets of the same kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
-        """Prepare; ``placing`` is the relation for which things count that are there besides."""
+        """Prepare; ``placing`` is the relation for which unrequested objects at the target count as intruders."""
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
         self._placing = placing
@@ -93,9 +93,9 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return the region of every subject in any posture; ``strictly`` are the known strict regions.
+        """Return the region of every subject in any posture; ``strictly`` are the strict regions.
 
-        For a wide relation, an object that merely stands at that side was not brought there.
+        For a wide relation ("beside"), an object that merely stands at that side was not brought there.
         """
         return tuple(
             tuple(
@@ -108,7 +108,7 @@ class Targets:
         )
 
     def intruder(self, state: WorldState, strictly: Places, at_start: Places) -> Intruder | None:
-        """Return the first object at a target, in any posture, that neither was requested there nor started there.
+        """Return the first object at a target, in any posture, that was not requested there and did not start there.
 
         Args:
             state: The state.
@@ -128,7 +128,7 @@ class Targets:
                 allowed = self._allowed.get((w, place), ())
                 for s in subjects:
                     if watch.subjects[s] in served:
-                        continue  # an object on one plate of a stack is on the lower ones too
+                        continue  # an object on one plate of a stack is also on the lower plates
                     if at_start[w][s] != place and not any(s in group for group, _ in allowed):
                         return Intruder(watch.subjects[s], watch.target, place)
                 for group, count in allowed:
@@ -138,7 +138,7 @@ class Targets:
         return None
 
     def left_over(self, strictly: Places) -> tuple[str, ...]:
-        """Return surplus objects of a kind of which enough are at the target: the other one of two burgers."""
+        """Return surplus objects: the second burger, if one burger was requested and one is at the target."""
         served, found = self._served(strictly), dict[str, None]()
         for d in self.due:
             subjects, places = self.watches[d.watch].subjects, strictly[d.watch]
@@ -170,7 +170,7 @@ class Targets:
 
 
 def _watches(asked: Sequence[Asked], info: SceneInfo) -> tuple[Watch, ...]:
-    """Return the requested targets, then the others of their kind: the wrong drawer is watched too."""
+    """Return the requested targets, then other targets of the same kind, such as the wrong drawer."""
     targets = dict.fromkeys((a.relation, a.target) for a in asked)
     for name, target in tuple(targets):
         like = info.object(target)

@@ -1,4 +1,4 @@
-"""Truth of a goal at one control step."""
+"""State of a goal at one control step."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 
 class Truth(NamedTuple):
-    """Goal state at one control step. A named tuple, because one is built at every control step.
+    """Goal state at one control step. A named tuple for speed, because every control step builds one.
 
     Attributes:
         relations: Whether each predicate holds, in the order of :attr:`GoalTracker.relation_names`.
-        subgoals: Whether each subgoal is done now (related, released and at rest).
-        in_order: False once a subgoal was done before one that comes earlier in an ordered instruction.
-        goal: All subgoals done in order, and no harm done to anything else (see ``tasks.harm``).
-        forbidden: An interaction happened so far that the condition forbids.
+        subgoals: Whether each subgoal is done now (relation true, object released and at rest).
+        in_order: False once a subgoal of an ordered instruction was done too early.
+        goal: All subgoals are done in order, and no other object was harmed (see ``judging.harm``).
+        forbidden: A forbidden interaction has happened.
         success: The episode has succeeded.
     """
 

@@ -1,6 +1,7 @@
 """Relations between an object and a target, one file each, and the predicates of rest, posture and release.
 
-They read states only, so live and offline verdicts use the same code. New files in this folder are found automatically.
+Relations read only states, so live and offline verdicts use the same code. New files in this folder are found
+automatically.
 """
 
 import importlib

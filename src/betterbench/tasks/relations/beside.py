@@ -16,7 +16,7 @@ SIDES = {
     "behind": "behind",
     "upper_right": "at the upper right of",
 }
-"""Regions of anchors, as seen by a person in front of the anchor, with their words in instructions."""
+"""Regions of anchors, as seen by a person in front of the anchor, with the words used in instructions."""
 
 CLOSE_TO = {
     "left": "next to {} on the left",
@@ -24,83 +24,85 @@ CLOSE_TO = {
     "behind": "right behind {}",
     "upper_right": "next to {} at the upper right",
 }
-"""The same sides in the words of instructions that lay a place setting, whose pieces lie close to the plate."""
+"""Words for the same sides in instructions to lay a place setting, whose pieces lie close to the plate."""
 
 REACH = threshold(
     "side_reach",
     0.24,
     "m",
-    "Distance of its foot's center from the edge of an anchor up to which an object is to its side; the farthest "
-    "posed scene, 23.3 cm away, was judged to be there. Tables are not wider.",
-    "Larger: objects farther off are at its side; more success, fewer execution_failure and timeout.",
+    "Distance of the foot's center from the edge of an anchor up to which an object is at the anchor's side. People "
+    "accepted the farthest posed scene, at 23.3 cm; tables are not wider.",
+    "Larger: farther objects are at the anchor's side; more success, fewer execution_failure and timeout.",
 )
 CLOSE = threshold(
     "side_close",
     0.075,
     "m",
-    "The same distance for a round anchor, a plate at which a place is laid: its instructions say 'next to the plate'.",
+    "The same distance for a round anchor, a plate at which a place is laid; these instructions say 'next to the "
+    "plate'.",
     "Larger: objects farther from the plate are next to it; more success, fewer execution_failure and timeout.",
 )
 LEAST = threshold(
     "side_least",
     0.015,
     "m",
-    "Distance of its foot's center from the edge of an anchor from which an object is beside it and not under it.",
-    "Larger: objects close to the anchor are not beside it; fewer success, more execution_failure.",
+    "Distance of the foot's center from the edge of an anchor from which an object is next to the anchor and not "
+    "under it.",
+    "Larger: objects close to the anchor are not next to it; less success, more execution_failure.",
 )
 BEYOND = threshold(
     "side_beyond",
     0.025,
     "m",
-    "Distance up to which an object beside an anchor may stand nearer, farther back, or farther to a side than the "
-    "anchor reaches; 2.4 cm were judged to be beside it, 2.7 cm were not.",
-    "Larger: objects past the ends of the anchor are beside it; more success, fewer execution_failure and timeout.",
+    "Distance by which an object at a side may be nearer, farther back or farther to a side than the anchor reaches; "
+    "people accepted 2.4 cm and rejected 2.7 cm.",
+    "Larger: objects past the ends of the anchor are at its side; more success, fewer execution_failure and timeout.",
 )
 DIAGONAL_FROM = threshold(
     "side_diagonal_from",
     math.radians(24.0),
     "rad",
-    "Direction, from right to behind, from which an object is at the upper right; 25 degrees were judged to be there, "
-    "21 degrees to be on the right.",
-    "Larger: the upper right is narrower; fewer success, more execution_failure and behavioral_inertia.",
+    "Direction, from right to behind, from which an object is at the upper right; people accepted 25 degrees, and "
+    "called 21 degrees the right side.",
+    "Larger: the upper right is narrower; less success, more execution_failure and behavioral_inertia.",
 )
 DIAGONAL_TO = threshold(
     "side_diagonal_to",
     math.radians(72.0),
     "rad",
-    "Direction, from right to behind, up to which an object is at the upper right; 69 degrees were judged to be there, "
-    "89 degrees were not.",
+    "Direction, from right to behind, up to which an object is at the upper right; people accepted 69 degrees and "
+    "rejected 89 degrees.",
     "Larger: the upper right is wider; more success, fewer execution_failure and timeout.",
 )
 RIGHT_UP_TO = threshold(
     "side_right_up_to",
     math.radians(45.0),
     "rad",
-    "Direction, from right to behind, up to which an object at the upper right is on the right as well; 27 and 40 "
-    "degrees were judged to be on the right.",
-    "Larger: more of the upper right is the right as well; more success, fewer execution_failure and timeout.",
+    "Direction, from right to behind, up to which an object at the upper right is also on the right; people accepted "
+    "27 and 40 degrees as on the right.",
+    "Larger: more of the upper right is also on the right; more success, fewer execution_failure and timeout.",
 )
 HEIGHT = threshold(
     "side_height",
     0.012,
     "m",
-    "Height above the anchor's foot up to which something is on the table.",
-    "Larger: what lies on something flat is on the table; more success, fewer execution_failure and timeout.",
+    "Height above the anchor's foot up to which an object is on the table.",
+    "Larger: objects on a flat object are on the table; more success, fewer execution_failure and timeout.",
 )
 TURN = threshold(
     "side_turn",
     math.radians(45.0),
     "rad",
-    "Angle up to which the head of a long object that is laid at a plate points away from the eater; 24 degrees were "
-    "accepted, 54 and 159 to 179 degrees were not.",
+    "Angle up to which the head of a long object at a plate points away from the eater; people accepted 24 degrees, "
+    "and rejected 54 and 159 to 179 degrees.",
     "Larger: cutlery may lie askew; more success, fewer execution_failure.",
 )
 LONG_RATIO = threshold(
     "long_ratio",
     1.5,
     "1",
-    "Length over width from which an object has a direction; a mug with its handle has 1.4.",
-    "Larger: fewer objects have a direction to keep; more success, fewer execution_failure.",
+    "Ratio of length to width from which an object has a direction; a mug with its handle has 1.4.",
+    "Larger: fewer objects must keep a direction; more success, fewer execution_failure.",
 )
 
 
@@ -108,15 +110,14 @@ _RIGHT_TOO = f"right{SHARED}upper_right"
 
 
 def beside(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor at which an object is, or None.
+    """Return the side of an anchor where an object is, or None.
 
-    The center of the object's foot lies beside the anchor on the table, within the distance of the instruction: up to
-    24 cm from its edge, or 7.5 cm from the edge of a plate. It is level with the anchor, or at most 2.5 cm nearer,
-    farther back or farther to a side. "At the upper right" covers directions between right and behind; those up to the
-    diagonal also count as right. The object is upright as intended for its asset. The head of cutlery at a plate points
-    away from the eater.
+    The center of the object's foot is on the table, next to the anchor: up to 24 cm from its edge, or 7.5 cm from the
+    edge of a plate. The foot may be at most 2.5 cm nearer, farther back or farther to a side than the anchor reaches.
+    "At the upper right" covers directions between right and behind; those up to the diagonal also count as right. The
+    object is upright as intended for its asset. The head of cutlery at a plate points away from the eater.
     """
-    if not state.touching(name, "table"):  # the cheapest test first: it fails while an object is carried
+    if not state.touching(name, "table"):  # cheapest test first: a carried object fails here
         return None
     x, y, z = state.pose(anchor).inverse().apply(foot(state, name))
     if z > HEIGHT:
@@ -126,7 +127,7 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
-    """Return the side of an anchor for a point in its frame [m], both sides if two overlap, or None."""
+    """Return the side of an anchor for a point in the anchor's frame [m], both if two sides overlap, or None."""
     offered = {region.name for region in anchor.regions}
     half_x, half_y = 0.5 * anchor.size_m[0], 0.5 * anchor.size_m[1]
     reach = CLOSE if _is_round(anchor) else REACH
@@ -152,15 +153,15 @@ def _is_diagonal(x: float, y: float) -> bool:
 
 
 def _is_round(anchor: ObjectInfo) -> bool:
-    """Tell whether a place is laid at an anchor: round anchors are plates."""
+    """Return whether an anchor is round: a plate, at which a place is laid."""
     return anchor.shape == "round"
 
 
 def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
-    """Return the side of an anchor at which an object is in any posture, on the table or on other objects there.
+    """Return the side of an anchor where an object is in any posture, on the table or on other objects.
 
-    Its foot or its center is over the region of that side, which is far smaller than the side itself, so an object
-    there was brought there. An object held above the table does not count yet.
+    The object's foot or center is over the region of that side. The region is far smaller than the side itself, so an
+    object over it was brought there. An object still held above the table is not included.
     """
     if state.held == name and lowest(state, name) - state.pose(anchor).position[2] > HEIGHT:
         return None
@@ -188,7 +189,7 @@ def _is_long(info: ObjectInfo) -> bool:
 
 
 def _points_away(state: WorldState, name: str, anchor: str) -> bool:
-    """Tell whether an object has the orientation of a place setting; beside other anchors any orientation is right."""
+    """Return whether an object is oriented as in a place setting. Next to other anchors, any orientation is right."""
     if not _is_round(state.info.object(anchor)) or not _is_long(state.info.object(name)):
         return True
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
@@ -196,7 +197,10 @@ def _points_away(state: WorldState, name: str, anchor: str) -> bool:
 
 
 def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
-    """Return goals at the center of a side; long objects lie along the anchor, and cutlery points away at a plate."""
+    """Return goals at the center of a side.
+
+    Long objects lie along the anchor; cutlery at a plate points away from the eater.
+    """
     frame, info = state.pose(anchor), state.info.object(name)
     middle = (frame @ state.info.object(anchor).region(side).pose).position
     facing, now = yaw_of(frame.quaternion), yaw_of(state.pose(name).quaternion)

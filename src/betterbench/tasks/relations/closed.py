@@ -7,14 +7,14 @@ from betterbench.tasks.relations.relation import Relation, offers_each, register
 from betterbench.tasks.thresholds import threshold
 
 MOUNTS = ("upper", "lower")
-"""Regions of a cabinet for drawers; a closed drawer has its origin there."""
+"""Regions of a cabinet for drawers: the origin of each closed drawer."""
 
 GAP = threshold(
     "closed_gap",
     0.005,
     "m",
-    "Distance from its closed position up to which a drawer is shut.",
-    "Larger: drawers are shut earlier; more success, fewer execution_failure and timeout.",
+    "Distance from its closed position up to which a drawer is closed.",
+    "Larger: drawers are closed earlier; more success, fewer execution_failure and timeout.",
 )
 
 DRAWN_OUT = threshold(
@@ -22,15 +22,15 @@ DRAWN_OUT = threshold(
     0.12,
     "m",
     "Opening from which a drawer can be loaded; a gripper is 65 mm thick, a stapler 36 mm.",
-    "Larger: a drawer has to stand wider open, and drawing it is asked for until then; more execution_failure of a "
-    "drawer left halfway, fewer wrong_object.",
+    "Larger: a drawer must be opened wider before it can be loaded; more execution_failure of a drawer left halfway, "
+    "fewer wrong_object.",
 )
 PUSHED_IN = threshold(
     "pushed_in",
     0.02,
     "m",
-    "Opening of a drawer above which it is in the way of the one below.",
-    "Larger: an open drawer is in the way less often, and pushing it in is asked for less often; more wrong_object.",
+    "Opening of a drawer above which it blocks the drawer below.",
+    "Larger: open drawers block others less often and need closing less often; more wrong_object.",
 )
 
 
@@ -51,13 +51,13 @@ def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
         ValueError: If the object has no mount.
     """
     if drawer.mount is None:
-        raise ValueError(f"{drawer.name} is no drawer")
+        raise ValueError(f"{drawer.name} is not a drawer")
     mount = state.info.object(drawer.mount.target).region(drawer.mount.region)
     return distance(state.pose(drawer.name).position, state.pose(drawer.mount.target).apply(mount.position))
 
 
 def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tuple[str, bool] | None:
-    """Return the drawer to move before an object can be put into a target, and whether to open it.
+    """Return the drawer to move before an object can be put into a target, and the direction.
 
     A drawer above the target is closed first, then the target itself is opened.
 

@@ -1,4 +1,4 @@
-"""Insertion: the hole of a rack that contains an object."""
+"""Insertion of objects into the holes of a rack."""
 
 from betterbench.geometry import Pose, tilt_of
 from betterbench.interface.state import ObjectInfo, WorldState
@@ -14,7 +14,7 @@ DEPTH = threshold(
     "hole_depth",
     0.004,
     "m",
-    "Height of a foot above the floor of its hole up to which it stands on the floor.",
+    "Height of the foot above the floor of a hole up to which an object stands on the floor.",
     "Larger: jars may stick higher in their holes; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
@@ -46,7 +46,7 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
 
 
 def _loosely(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole in or over which an object is in any posture: jammed, lying on the rack, half out, or held.
+    """Return the hole in or over which an object is, in any posture: jammed, lying on the rack, half out, or held.
 
     An object that only leans against the rack with its foot on the table is not included.
     """

@@ -15,7 +15,7 @@ MARGIN = threshold(
     0.0,
     "m",
     "Distance by which an object's center must be inside the opening of a container.",
-    "Larger: objects have to lie farther inside; fewer success, more execution_failure and timeout.",
+    "Larger: objects must lie farther inside; less success, more execution_failure and timeout.",
 )
 
 SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))
@@ -31,8 +31,7 @@ def inside(state: WorldState, name: str, container: str) -> bool:
 
     The center of the object's bounding box must lie within the container's inner box: between its walls, above its
     floor and below its rim. An object that leans over the rim with its greater part outside is not inside. An object
-    that sticks out at the top with its center below the rim is inside. An object that stands on the table is never
-    inside.
+    that sticks out at the top, with its center below the rim, is inside. An object that stands on the table is not.
     """
     height, region = state.info.object(name).size_m[2], state.info.object(container).region("inside")
     reach = height + math.hypot(*region.position) + math.hypot(*region.half_size)
@@ -44,7 +43,7 @@ def inside(state: WorldState, name: str, container: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, container: str) -> str | None:
-    """Return "" if any part of an object is in a container, or it lies across the rim or on the content."""
+    """Return "" if any part of an object is in a container, or if the object lies across the rim or on the content."""
     region = state.info.object(container).region("inside")
     space = state.pose(container) @ region.pose
     if reaches_into(state, name, space, region.half_size):
@@ -57,7 +56,7 @@ def _loosely(state: WorldState, name: str, container: str) -> str | None:
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
     """Return goals over the floor of a container: in free space, with room for the fingers, and low.
 
-    Equally good goals are marked as alike, so that demonstrations release objects all over the floor.
+    Equally good goals are marked as alike, so demonstrations release objects all over the floor.
     """
     frame = state.pose(container)
     region = state.info.object(container).region("inside")
@@ -83,7 +82,7 @@ def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[
 
 
 def _room(region: Region, item: float, *, along_x: bool) -> tuple[float, float]:
-    """Return the allowed offset of an item's center along x and y [m], with room for the opening fingers."""
+    """Return the allowed offset of an object's center along x and y [m], with room for the opening fingers."""
     hx, hy, _ = region.half_size
     if along_x:
         return min(hx - FINGER_ROOM_M, hx - item), hy - item

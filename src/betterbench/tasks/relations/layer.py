@@ -1,4 +1,4 @@
-"""Assembly: the layer of an object in a stack, counted from the base."""
+"""Assembly: layers of a stack, counted from the base."""
 
 import math
 
@@ -16,15 +16,15 @@ OFFSET = threshold(
     "layer_offset",
     0.024,
     "m",
-    "Distance from the middle of the base up to which a layer is centered; two thirds of its radius, so that it cannot "
-    "topple, and what people accept as stacked (docs/sides.md).",
+    "Distance from the center of the base up to which a layer is centered; two thirds of the base's radius, within "
+    "which a layer cannot topple and people accept it as stacked (docs/sides.md).",
     "Larger: layers may lie off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(
     "layer_gap",
     0.006,
     "m",
-    "Height up to which a layer lies on the one below; leaves and buns are uneven.",
+    "Height up to which a layer lies on the layer below; leaves and buns are uneven.",
     "Larger: layers may lie unevenly; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
@@ -32,10 +32,10 @@ TILT = threshold(
     0.175,
     "rad",
     "Tilt up to which a layer lies flat; 10 degrees.",
-    "Larger: layers may lie aslant; more success, fewer execution_failure and timeout.",
+    "Larger: layers may lie at an angle; more success, fewer execution_failure and timeout.",
 )
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
-"""Categories of layers that look the same from both sides; a bun, however, has a cut face."""
+"""Categories of layers that look the same from both sides, unlike a bun with its cut face."""
 
 
 def layer(state: WorldState, name: str, base: str) -> str | None:
@@ -72,7 +72,8 @@ def _layers(info: ObjectInfo) -> tuple[str, ...]:
 def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float] | None:
     """Return the heights of both faces of an object that lies flat and centered over a base [m], else None."""
     info, middle = state.info.object(name), state.position(base)
-    # Early exit for distant objects: `reach` bounds the offset between an object's origin and the centers of its faces.
+    # Early exit for distant objects: `reach` bounds the distance between an object's origin and the centers of its
+    # faces.
     reach = max(math.hypot(*foot_offset(info)), math.hypot(*_top(info)))
     if horizontal_distance(state.position(name), middle) > OFFSET + reach:
         return None
@@ -84,7 +85,7 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
 
 
 def _inverted(state: WorldState, name: str) -> bool:
-    """Tell whether a layer that has no up and down lies on what its asset calls its top."""
+    """Return whether a layer without up and down lies on the face that its asset defines as the top."""
     either = state.info.object(name).category in EITHER_WAY_UP
     return either and tilt_of(state.quaternion(name)) > 0.5 * math.pi
 
@@ -96,7 +97,7 @@ def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
 
 
 def _top(info: ObjectInfo) -> Vector:
-    """Return the middle of the face that the next layer lies on [m], in the object's frame."""
+    """Return the center of the face on which the next layer lies [m], in the object's frame."""
     for region in info.regions:  # a third of the time of next(), at every control step
         if region.name == "top":
             return region.position
@@ -104,9 +105,10 @@ def _top(info: ObjectInfo) -> Vector:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the first missing layer if an object lies or is held on a stack in any posture, or None.
+    """Return the first missing layer if an object lies on a stack, or is held there, in any posture; else None.
 
-    It lies on the base or on an object on it, with its center over the base. Only flat objects count as layers.
+    The object lies on the base, or on an object on the base, with its center over the base. Only flat objects are
+    layers.
     """
     if not (rests_on(state, name, base) or held_upon(state, name, base)):
         return None
@@ -115,7 +117,7 @@ def _loosely(state: WorldState, name: str, base: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, base: str, region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals on top of the layer below, centered over the base, so that offsets do not add up."""
+    """Return goals on top of the layer below, centered over the base to keep offsets from adding up."""
     beneath = {layer(state, o.name, base): o.name for o in state.info.objects if o.name != base}
     below = beneath.get(str(int(region) - 1), base)
     x, y, _ = state.pose(base).position

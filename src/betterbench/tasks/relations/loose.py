@@ -1,8 +1,7 @@
-"""Being at a target in any posture: leaning, jammed, on its side, upside down, half in, on top, in the gripper.
+"""Loose variants of relations: an object at a target in any posture (leaning, jammed, upside down, half in, held).
 
-A strict relation tells whether an object is at its target as instructed. An object that fails it may still be at the
-target: "nothing else is at the target" uses the loose variants, which the files of the relations build from these
-    parts.
+A strict relation requires the instructed posture. An object in another posture may still be at the target, so the rule
+"nothing else is at the target" uses loose variants, which the relations build from these functions.
 """
 
 import itertools
@@ -16,10 +15,10 @@ OVERLAP = threshold(
     "loose_overlap",
     0.005,
     "m",
-    "Depth by which a part of an object must reach into a target to be in it at all; what only leans against its "
-    "outside does not.",
-    "Larger: what reaches into a target by less is not there; more success, fewer execution_failure of harm, fewer "
-    "behavioral_inertia of what is put badly.",
+    "Depth by which a part of an object must reach into a target to be in the target at all; an object that only "
+    "leans against the outside is not.",
+    "Larger: objects that reach in by less are not in the target; more success, fewer execution_failure with harm, "
+    "fewer behavioral_inertia of badly placed objects.",
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _HIGHER_M = 0.001
@@ -29,7 +28,7 @@ _ROUNDING_M = 1e-9
 
 
 def middle(state: WorldState, name: str) -> Vector:
-    """Return the center of an object's bounding box in the world [m]; it stays in place when the object topples."""
+    """Return the center of an object's bounding box in the world [m]; toppling hardly moves this point."""
     return state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))
 
 
@@ -42,7 +41,7 @@ def lowest(state: WorldState, name: str) -> float:
 
 
 def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -> bool:
-    """Tell whether a part of an object's bounding box is deeper than ``loose_overlap`` in a box of the world.
+    """Return whether a part of an object's bounding box reaches deeper than ``loose_overlap`` into a box.
 
     Args:
         state: The state.
@@ -56,7 +55,7 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
     x, y, z = to_space.apply((0.0, 0.0, sz))
     if math.dist((x, y, z), (0.0, 0.0, 0.0)) > math.hypot(sx, sy, sz) + math.hypot(hx, hy, hz):
         return False
-    # Extent of the object from its center along the axes of the box: beyond it, no point has to be checked.
+    # extent of the object from its center along the axes of the box; farther objects cannot reach in
     q = to_space.quaternion
     edges = zip(rotate(q, (sx, 0.0, 0.0)), rotate(q, (0.0, sy, 0.0)), rotate(q, (0.0, 0.0, sz)), strict=True)
     for at, edge, half in zip((x, y, z), edges, (hx, hy, hz), strict=True):
@@ -70,7 +69,7 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
 
 
 def rests_on(state: WorldState, name: str, target: str) -> bool:
-    """Tell whether an object lies on a target or on an object on it, whatever its posture.
+    """Return whether an object lies on a target, or on an object on the target, in any posture.
 
     Its center is over the target's bounding box, seen from above, it is not lower than the target, and a chain of
     contacts connects it to the target; fixed objects, the gripper and the table are not part of a chain. A thin plate
@@ -82,7 +81,7 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
 
 
 def held_upon(state: WorldState, name: str, target: str) -> bool:
-    """Tell whether the gripper holds an object over a target no higher than the top of the target or its content."""
+    """Return whether the gripper holds an object over a target, no higher than the top of the target or its content."""
     if state.held != name or not _over(state, name, target):
         return False
     lying = (o.name for o in state.info.objects if not o.fixed and rests_on(state, o.name, target))
@@ -121,5 +120,5 @@ def _carriers(state: WorldState, name: str) -> frozenset[str]:
 
 
 def nearest(points: dict[str, Vector], point: Vector) -> str | None:
-    """Return the name of the horizontally nearest point, the first of equals; None if there are none."""
+    """Return the name of the horizontally nearest point (the first on a tie); None if there are no points."""
     return min(points, key=lambda n: horizontal_distance(points[n], point), default=None)

@@ -1,4 +1,4 @@
-"""Stacking: a plate in the middle of another one."""
+"""Stacking: an object in the middle of a plate."""
 
 from betterbench.geometry import tilt_of
 from betterbench.interface.state import WorldState
@@ -11,15 +11,15 @@ OFFSET = threshold(
     "plate_offset",
     0.040,
     "m",
-    "Distance from the middle of a plate up to which what stands flat on its floor is on it; people accept a plate "
-    "that lies flat wherever the rim lets it, up to here (docs/sides.md).",
+    "Distance from the center of a plate up to which an object flat on the plate's floor is on the plate; within this "
+    "distance, people accept a flat plate wherever the rim lets it lie (docs/sides.md).",
     "Larger: plates may stand off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(
     "plate_gap",
     0.004,
     "m",
-    "Height of a foot above the floor of a plate up to which it stands on it.",
+    "Height of an object's foot above the floor of a plate up to which the object stands on the plate.",
     "Larger: plates may rest higher, on a rim; more success, fewer execution_failure and timeout.",
 )
 RIM_RELEASE_M = 0.03
@@ -27,10 +27,10 @@ RIM_RELEASE_M = 0.03
 
 
 def on_plate(state: WorldState, name: str, plate: str) -> bool:
-    """Tell whether an object stands on a plate.
+    """Return whether an object stands on a plate.
 
-    Its foot is on the plate's floor, near its center, it lies flat, and the two touch. An object that rests on the rim
-    or on a third object is not on the plate.
+    The object lies flat on the plate's floor near the center, and object and plate touch. An object that rests on the
+    rim or on a third object is not on the plate.
     """
     if name == plate or not state.touching(name, plate):
         return False
@@ -42,7 +42,7 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object lies or is held over a plate, or an object on it, in any posture, centered over it."""
+    """Return "" if an object in any posture lies or is held over the center of a plate or of an object on a plate."""
     there = name != plate and (rests_on(state, name, plate) or held_upon(state, name, plate))
     return "" if there else None
 

@@ -21,15 +21,15 @@ HEIGHT = threshold(
     "ring_height",
     0.006,
     "m",
-    "Height above the ring's plane up to which a mug stands on it.",
-    "Larger: mugs may stand higher, on an edge; more success, fewer execution_failure and timeout.",
+    "Height above the ring's plane up to which a mug stands on the ring.",
+    "Larger: mugs may stand higher, for example on an edge; more success, fewer execution_failure and timeout.",
 )
 SPOUT = threshold(
     "spout_margin",
     0.003,
     "m",
     "Free distance between handle and spout, seen from above.",
-    "Larger: handles have to be farther from the spout; fewer success, more execution_failure.",
+    "Larger: handles must be farther from the spout; less success, more execution_failure.",
 )
 
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
@@ -41,8 +41,8 @@ TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1
 def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     """Tell whether an object stands on the ring of a fixture.
 
-    Its base is centered within 15 mm of the ring's center, at the height of the ring's plane; it is upright; and its
-    handle, if it has one, is not under the spout.
+    The object is upright, its base is at the height of the ring's plane and within 15 mm of the ring's center, and its
+    handle, if any, is not under the spout.
     """
     info = state.info
     region, offset = info.object(fixture).region("ring").position, foot_offset(info.object(name))
@@ -59,9 +59,9 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
-    """Return "" if an object is on the ring in any posture: off center, on its side, upside down, or held there.
+    """Return "" if an object is on the ring in any posture: off center, on its side, upside down, or held over it.
 
-    Its center or its foot is over the disc of the ring, and below the spout.
+    The object's center or foot is over the disc of the ring and below the spout.
     """
     target, frame = state.info.object(fixture), state.pose(fixture)
     ring, spout = target.region("ring"), target.region("spout")
@@ -75,7 +75,7 @@ def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
 
 
 def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
-    """Tell whether no corner of the object's handle is under the fixture's spout, seen from above."""
+    """Return whether all corners of the object's handle are clear of the fixture's spout, seen from above."""
     handles = [r for r in state.info.object(name).regions if r.name == "handle"]
     spout = state.info.object(fixture).region("spout")
     to_spout = (state.pose(fixture) @ spout.pose).inverse()

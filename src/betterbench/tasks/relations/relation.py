@@ -15,7 +15,7 @@ class PlaceGoal:
 
     Attributes:
         pose: Release pose ``T_world_object``.
-        approach: Displacement [m], world frame, from that pose to the start of the straight approach.
+        approach: Displacement [m], world frame, from the release pose to the start of the straight approach.
         release_width_m: Opening of the gripper at the release [m]; None for the full opening.
         alike: Adjacent goals in a list with the same number are equally good, and the expert may use any of them; None
             for a goal with a fixed rank.
@@ -32,7 +32,7 @@ SHARED = "+"
 
 
 def is_at(place: str | None, region: str) -> bool:
-    """Tell whether the result of ``where`` includes a region; overlapping regions are all included."""
+    """Return whether the result of ``where`` includes a region. The result lists all overlapping regions."""
     return place == region or (place is not None and SHARED in place and region in place.split(SHARED))
 
 
@@ -53,17 +53,17 @@ class Relation:
             has only one region, or None if the object is at none. For overlapping regions it returns all their names
             joined by "+", see :func:`is_at`.
         loosely: Like ``where``, but for an object in any posture: leaning, jammed, on its side, upside down, half in,
-            on top, held there. It is used if ``where`` returns None and the question is whether the target is free of
-            an object. None if ``where`` covers every posture.
-        regions: Names of an object's target regions; empty if it cannot be a target of this relation.
-        needs: Required regions of a target's asset: all of them, or for several target regions any of them.
+            on top, held there. Used after ``where`` returns None, to check that the target is free of an object. None
+            if ``where`` covers every posture.
+        regions: Function that returns the names of an object's target regions; empty if the object cannot be a target.
+        needs: Required regions of a target's asset: all of them, or any of them if the target has several regions.
         tolerances: Names of the thresholds in ``where``, apart from those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
-            the best first. None where the object is not carried: it slides in its mount.
-        surface: ``surface(regions, region)`` returns the middle of the surface on which objects rest there [m], in the
-            frame of what has these regions by name; None where nothing is there from the start.
-        roles: Roles of the objects that can stand in this relation.
-        counted: True if the target region is decided by what lies there already, as the layer of a stack is.
+            the best first. None if the object is not carried but slides in its mount.
+        surface: ``surface(regions, region)`` returns the center of the surface on which objects rest [m], in the frame
+            of the object with these regions; None if nothing can be there from the start.
+        roles: Roles of the objects that can have this relation.
+        counted: True if the target region depends on objects already there, as for the layer of a stack.
         falls: True if an object may be dropped into the target.
     """
 
@@ -131,11 +131,11 @@ RELATIONS: dict[str, Relation] = {}
 def register(relation: Relation) -> Relation:
     """Add a relation to the registry, and return it as registered.
 
-    A target on the floor is not a target any more, and an object on the floor is at no target. This applies to every
-    relation and is implemented only here.
+    For every relation, a target on the floor is no longer a target, and an object on the floor is not at a target. This
+    rule is implemented only here.
 
     Raises:
-        ValueError: If another one has the same name.
+        ValueError: If another relation has the same name.
     """
     if relation.name in RELATIONS:
         raise ValueError(f"the relation {relation.name!r} already exists: {RELATIONS[relation.name].words}")
@@ -174,7 +174,7 @@ def single(test: Callable[[WorldState, str, str], bool]) -> Where:
 
 
 def offers(*names: str) -> Regions:
-    """Return the ``regions`` of a relation whose targets have one region and all of these asset regions."""
+    """Return the ``regions`` function of a relation whose targets have one region and all of these asset regions."""
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return ("",) if set(names) <= {r.name for r in info.regions} else ()
@@ -183,7 +183,7 @@ def offers(*names: str) -> Regions:
 
 
 def offers_each(*names: str) -> Regions:
-    """Return the ``regions`` of a relation whose targets have any of these asset regions."""
+    """Return the ``regions`` function of a relation whose targets have any of these asset regions."""
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return tuple(r.name for r in info.regions if r.name in names)
@@ -192,9 +192,9 @@ def offers_each(*names: str) -> Regions:
 
 
 def surface_of(*names: str) -> Surface:
-    """Return the ``surface`` of a relation whose objects rest on the first existing one of these asset regions.
+    """Return the ``surface`` function of a relation whose objects rest on the first existing asset region of these.
 
-    Without names it is the target region itself.
+    Without names, the target region itself is the surface.
     """
 
     def surface(regions: Mapping[str, Region], region: str) -> Vector:

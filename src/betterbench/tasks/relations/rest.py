@@ -1,4 +1,4 @@
-"""Rest: stationary objects and arm, and upright objects."""
+"""Tests for stationary objects, a stationary arm, and upright objects."""
 
 from collections import deque
 
@@ -8,11 +8,11 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class RestWatch:
-    """Detector of objects at rest, which have kept their position and posture for a short time.
+    """Detector of objects at rest, with unchanged position and posture for a short time.
 
     Displacement is used instead of speed, because the contacts of an object at rest can make it tremble at 1 rad/s
-    without moving it by a tenth of a millimeter. Pass it every state from reset on, in order. At reset all objects
-    count as at rest.
+    without moving it by a tenth of a millimeter. Pass every state in order, starting at reset, where all objects are
+    treated as at rest.
     """
 
     def __init__(self, *, rate_hz: float) -> None:
@@ -26,7 +26,7 @@ class RestWatch:
         self._seen += 1
 
     def at_rest(self, name: str) -> bool:
-        """Tell whether an object has neither moved nor rotated since the time of rest before the last state."""
+        """Return whether an object has kept its position and rotation during the last ``rest_time``."""
         now = self._states[-1]
         i = now.info.index(name)
         position, quaternion = now.positions[i], now.quaternions[i]
@@ -52,7 +52,7 @@ def on_floor(state: WorldState, name: str) -> bool:
 
 
 def upright(state: WorldState, name: str) -> bool:
-    """Tell whether an object stands as its asset is meant to stand."""
+    """Return whether an object is in the upright posture of its asset."""
     return tilt_of(state.quaternion(name)) <= THRESHOLDS.upright_tilt
 
 

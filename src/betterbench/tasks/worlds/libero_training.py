@@ -1,6 +1,6 @@
-"""Regularities of a LIBERO suite's training tasks: the positions for each word, and the targets of each object.
+"""Regularities of a LIBERO suite's training tasks: object positions by word, and targets by object.
 
-They are read from the files of the base suite's tasks, which are the training tasks of policies. The initial states of
+The regularities are read from the task files of the base suite, on which policies are trained. The initial states of
 a task vary by a few centimeters around the positions in its file.
 """
 
@@ -27,9 +27,9 @@ class TrainedTask:
     """Training task of a base suite: its instruction, its steps and the start of each object.
 
     Attributes:
-        instruction: Its instruction.
-        steps: Its subgoals, as relation, object name, kind of the object and kind of the target.
-        starts: Kind and start position of each object, by its name.
+        instruction: Instruction of the task.
+        steps: Subgoals, as relation, object name, kind of the object and kind of the target.
+        starts: Kind and start position of each object, by name.
     """
 
     instruction: str
@@ -54,8 +54,8 @@ def word_of_sentence(instruction: str, kind: str) -> str:
 def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
-    LIBERO's tasks of one suite differ in their instruction and in the objects at each position. If all of them begin
-    with the same kind of object, beginning with it is not evidence of a habit, and none is returned.
+    The tasks of a LIBERO suite differ in instruction and in the objects at each position. If all tasks begin with the
+    same kind of object, a policy that begins with this kind shows no habit, and no habit is returned.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

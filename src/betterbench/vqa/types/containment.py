@@ -12,7 +12,7 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 IN_WORDS = {"inside": "in", "in_hole": "in a hole of", "on_ring": "on the ring of"}
-"""Relations that count as containment, with their wording."""
+"""Relations treated as containment, with their wording."""
 
 IN_GRIPPER, ON_TABLE = "in the gripper", "on the table"
 

@@ -1,4 +1,4 @@
-"""Grounding: the box of an object, a point on it, and the object in a box."""
+"""Grounding: the box of an object, a point on an object, and the object in a box."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def _stack(moment: Moment, base: ObjectInfo) -> list[str]:
     """Return the objects on a base, from the bottom.
 
     Raises:
-        LookupError: If it is ambiguous whether an object is on the base.
+        LookupError: If the state does not determine whether an object is on the base.
     """
     others = [
         o.name for o in moment.objects if o.role in ("item", "distractor") and o.name != base.name and not o.fixed

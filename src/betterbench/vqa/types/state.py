@@ -17,7 +17,7 @@ WIDELY_OPEN, SHUT = 0.75, 0.15
 """Opening, as shares of the maximum, from which the empty gripper is open and up to which it is closed; people disagree
 about values in between."""
 FALLEN_RAD = 1.0
-"""Minimum tilt at which an upright object counts as fallen, about 60 degrees; leaning objects are excluded."""
+"""Minimum tilt of a fallen object, about 60 degrees; leaning objects are excluded."""
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
 """Minimum ratio of height to width for which standing and lying look different."""

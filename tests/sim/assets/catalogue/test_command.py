@@ -52,7 +52,7 @@ def test_a_search_is_a_table_of_80_columns(indexed, capsys):
     assert lines[0].split() == ["asset", "score", "license"]
     assert lines[1].split() == ["kitchen/redMug.obj", "1.00", "CC0-1.0"]
     assert "red mug, 0.1 x 0.1 x 0.1 m, 1 triangles, by Ada" in lines[2]
-    assert "Searched by words alone. To search by meaning too, run: " in err
+    assert "Searched by words only. To search by meaning too, run: " in err
 
 
 def test_json_has_what_an_import_needs(indexed, capsys):
@@ -70,7 +70,7 @@ def test_licenses_and_one_asset_are_shown(indexed, place, capsys):
     (place[0] / "blueMug.obj").write_text(OBJ + "# changed\n")
     run(capsys, "index", str(place[0]), "--encoder", "none", *indexed)  # now without a license
     _, out, _ = run(capsys, "licenses", *indexed)
-    assert "4 assets are searched with --license any only." in out
+    assert "4 assets are searched only with --license any." in out
     assert run(capsys, "search", "mug", *indexed)[1] == ""
     assert "kitchen/redMug.obj" in run(capsys, "search", "mug", "--license", "any", *indexed)[1]
     _, out, _ = run(capsys, "show", "kitchen/redMug.obj", *indexed)
@@ -80,12 +80,12 @@ def test_licenses_and_one_asset_are_shown(indexed, place, capsys):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("search", "mug", "--license", "cc0"), "'cc0' is neither free nor any. Write --license any for all"),
+        (("search", "mug", "--license", "cc0"), "'cc0' is not a choice of --license. Write --license any to"),
         (("search", "mug", "--source", "kitchn"), "Did you mean 'kitchen'"),
         (("search",), "query: has 0 characters"),
         (("show", "kitchen/red"), "Unknown asset 'kitchen/red'"),
         (("show",), "0 ids are given"),
-        (("licenses", "x"), "one word too many"),
+        (("licenses", "x"), "'x' is not expected here"),
         (("search", "mug", "--out", "sheet.gif"), "ends with '.gif'"),
         (("search", "mug", "--num", "50"), "2 assets of the catalogue fit 'mug', and 50 are asked for"),
         (("index", "nowhere"), "Unknown source of assets 'nowhere'"),
@@ -106,7 +106,7 @@ def test_without_a_catalogue_or_an_encoder_the_command_is_named(place, capsys, m
     monkeypatch.setattr(minilm, "find_files", lambda: None)
     status, _, err = run(capsys, "index", str(meshes), *where)
     assert status == 0
-    assert "The catalogue is searched by words alone. The encoder minilm needs the extra assets" in err
+    assert "The catalogue can be searched by words only. The encoder minilm needs the extra assets" in err
 
 
 @pytest.mark.render

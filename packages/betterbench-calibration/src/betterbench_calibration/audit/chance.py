@@ -49,7 +49,8 @@ class Chance:
             differs = corrected < ALPHA
             support = ClaimSupport("exact binomial", p, corrected, (rate.n,), POINTS * rate.low, POINTS * rate.high)
             why = (
-                f"{rate.k}/{rate.n} {'differs' if differs else 'cannot be told'} from guessing among {self.choices}: "
+                f"{rate.k}/{rate.n} {'differs' if differs else 'cannot be distinguished'} from guessing among "
+                f"{self.choices}: "
                 f"{tested(p, corrected, len(p_values))}; 95 % interval {ends(support)}."
             )
             verdict = Verdict.HOLDS if differs else Verdict.UNSUPPORTED

@@ -125,7 +125,7 @@ class Differences:
 def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
     """Yield one finding per comparison, corrected together.
 
-    The rule "composition" takes Barnard's test; "differences" takes Fisher's, which is a little stricter and quick with
+    The rule "composition" uses Barnard's test; "differences" uses Fisher's, which is slightly stricter and fast with
     thousands of trials.
     """
     outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)

@@ -61,10 +61,10 @@ class _TableForm:
 
     def __post_init__(self) -> None:
         if len(set(self.columns)) < len(self.columns):
-            raise ValueError("a column is there twice")
+            raise ValueError("a column occurs twice")
         for name, numbers in self.rows.items():
             if len(numbers) != len(self.columns):
-                raise ValueError(f"row {name!r} has not {len(self.columns)} numbers, one per column")
+                raise ValueError(f"row {name!r} must have {len(self.columns)} numbers, one per column")
 
 
 @exact_fields
@@ -77,7 +77,7 @@ class _SourceForm:
         names = [table.name for table in self.tables]
         for name in names:
             if names.count(name) > 1:
-                raise ValueError(f"the table {name!r} is there twice")
+                raise ValueError(f"the table {name!r} occurs twice")
 
 
 _SOURCE = TypeAdapter(_SourceForm)

@@ -60,7 +60,7 @@ class Combination:
             verdict = Verdict.UNKNOWN
             why += f", but the parts were rounded themselves, and unrounded ones could give {printed}."
         elif _truncated(value, digits) == printed:
-            why += f": {printed} was cut off and not rounded."
+            why += f": {printed} was truncated instead of rounded."
         else:
             why += f", not {printed}."
         covers = (*parts, place)
@@ -78,7 +78,7 @@ class Combination:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(combination: Combination, terms: Terms, printed: Decimal) -> tuple[int, int]:
-    """Return the numbers of wrong digits in parts and result that would not show, and of all possible ones."""
+    """Return the number of single wrong digits that would stay undetected, and of all possible wrong digits."""
     weights = tuple(weight for weight, _ in terms)
     numbers = (*(number for _, number in terms), printed)
 

@@ -1,4 +1,4 @@
-"""Wording of test results: p-values, intervals, and the level that counts as support."""
+"""Wording of test results: p-values, intervals, and the level of support."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from betterbench.statistics.wording import p_text
 from betterbench_calibration.audit.finding import ClaimSupport
 
 ALPHA = 0.05
-"""Level below which a corrected p-value counts as support."""
+"""Level below which a corrected p-value supports a claim."""
 
 POINTS = 100.0
 """Percentage points in one whole."""

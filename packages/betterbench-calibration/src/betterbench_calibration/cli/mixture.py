@@ -40,26 +40,26 @@ def mixture_command(
 ) -> None:
     """Show the paper's pre-training mixture or a custom one, draw from it, and compute training budgets.
 
-    Without a file: the paper's data sets, their totals computed again, and its two runs on 16 and 24 GPUs. With a file
-    of your own over LeRobot data sets and questions: its shares, and with --draws how often each set is drawn. --out
-    writes each draw as a line; a file that was interrupted is continued.
+    Without a file: the paper's data sets with recomputed totals, and the paper's two runs on 16 and 24 GPUs. With your
+    own file over LeRobot data sets and questions: its shares and, with --draws, the number of draws of each set. --out
+    writes each draw as a line; the same command continues an interrupted file.
 
     Example: better mixture mixture.yaml --draws 100000
 
     Args:
         file: YAML file of a mixture; the paper's if not given.
-        inside: Without a file, how draws of actions are divided among the six robot data sets, which the paper does
-            not say: by frames, equally, or by OpenVLA's weights (magic-soup-plus).
-        draws: Number of draws of all shards together.
+        inside: Without a file, the division of action draws among the six robot data sets, which the paper does not
+            give: by frames, equally, or by OpenVLA's weights (magic-soup-plus).
+        draws: Total number of draws of all shards.
         out: File of JSON lines for the draws of this shard.
-        shard: This shard and their number, such as 0/4.
-        seed: Seed of the draws; that of the file if not given.
-        gpus: GPUs of a run whose budget is wanted; the paper's two runs if not given.
+        shard: Index of this shard and number of shards, such as 0/4.
+        seed: Seed of the draws; the seed in the file if not given.
+        gpus: GPUs of a run, for its budget; the paper's two runs if not given.
         steps: Steps of that run.
         tokens_per_gpu: Tokens of one GPU in one step.
-        tokens: Tokens of a sample by data set, such as DROID=220; an estimate for what is not given.
+        tokens: Tokens of a sample by data set, such as DROID=220; estimated for other data sets.
         parameters: Weights of the model, such as 2e9, for an estimate of GPU hours.
-        overwrite: Replace a file of --out that holds anything else than draws of this mixture, seed and shard.
+        overwrite: Replace a file of --out that contains other data than draws of this mixture, seed and shard.
         json: Print one JSON document instead of tables.
     """
     mixture = None if file is None else _of_file(file)
@@ -99,7 +99,7 @@ def _drawn(
     sampler = MixtureSampler(parts, seed=seed, shard=number, shards=shards, draws=draws)
     if out is not None:
         if draws < 1 or mixture is None:
-            raise InvalidInputError("--out", "there is nothing to write", "Give a file of a mixture and --draws")
+            raise InvalidInputError("--out", "there are no draws to write", "Give a file of a mixture and --draws")
         _write_draws(out, sampler, mixture, overwrite=overwrite)
         say(f"{len(sampler)} draws of {draws} in {shards} shards written to {out}")
     return sampler.counts(draws) if draws else {}
@@ -123,7 +123,7 @@ def _parts(
 def _shard(text: str) -> tuple[int, int]:
     number, _, shards = text.partition("/")
     if not all(word.isascii() and word.isdecimal() and len(word) < 7 for word in (number, shards)):
-        raise InvalidInputError("--shard", f"{text!r} names no shard", "Write 0/4 for the first of four")
+        raise InvalidInputError("--shard", f"{text!r} is not a shard", "Write 0/4 for the first of four")
     return int(number), int(shards)
 
 
@@ -151,11 +151,11 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, ov
                 begun = line.startswith(found) and not file.read(1)
                 if not overwrite and not begun:
                     raise RunConflictError(
-                        f"{out}: it holds something else than draws of this mixture, seed and shard "
+                        f"{out}: it contains other data than draws of this mixture, seed and shard "
                         f"(line {index + 1}). Name another file, or give --overwrite."
                     )
                 if begun and found:
-                    say(f"{out}: its last line had lost its end, and is drawn again")
+                    say(f"{out}: its last line was incomplete and is written again")
                 there = False
                 file.seek(at)
                 file.truncate()
@@ -165,7 +165,7 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, ov
         if there and file.read(1):
             if not overwrite:
                 raise RunConflictError(
-                    f"{out}: it holds more than the {planned} draws. Name another file, or give --overwrite."
+                    f"{out}: it contains more than {planned} draws. Name another file, or give --overwrite."
                 )
             file.seek(-1, os.SEEK_CUR)
             file.truncate()
@@ -205,7 +205,7 @@ def _budgets(
     from betterbench_calibration.mixture import TokenPrices, budget_of, paper_mixture
 
     if (gpus is None) != (steps is None):
-        raise InvalidInputError("--gpus and --steps", "only one of them is given", "Give both")
+        raise InvalidInputError("--gpus and --steps", "only one of --gpus and --steps is given", "Give both")
     estimates, paper = TokenPrices(), paper_mixture()
     if mixture is None:
         known = {part.name: estimates.of(paper.kind_of(part.group)) for part in parts}
@@ -237,7 +237,7 @@ def _given_tokens(given: Iterable[str], known: dict[str, float]) -> dict[str, fl
         try:
             found[name] = float(value)
         except ValueError:
-            raise InvalidInputError("--tokens", f"{text!r} gives no number", "Write DROID=220") from None
+            raise InvalidInputError("--tokens", f"{text!r} is not NAME=NUMBER", "Write DROID=220") from None
     return found
 
 
@@ -282,7 +282,7 @@ def _print(
     print_table(head, rows)
     if mixture is None:
         paper = paper_mixture()
-        OUT.print(f"\n{paper.source}; the shares inside a group of actions are not printed there\n", markup=False)
+        OUT.print(f"\n{paper.source}; the paper does not print the shares inside a group of actions\n", markup=False)
         print_table(
             ["total", "printed", "sum of the rows", "agrees", ""],
             [[t.what, f"{t.printed:,}", _in_unit(t), "yes" if t.agrees else "no", t.note] for t in paper.totals()],

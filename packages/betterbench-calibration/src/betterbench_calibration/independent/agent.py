@@ -39,7 +39,7 @@ class IndependentAgent:
         ledger = self.body.ledger
         for name in self.body.harmed():
             if name not in ledger.open_mishaps:
-                ledger.mishap(name, "it was displaced by more than 5 cm and was not asked for")
+                ledger.mishap(name, "it was displaced by more than 5 cm without being requested")
         label, rule = ledger.final()
         stated = ledger.stated
         first = "none" if stated.first_right is None else ("right" if stated.first_right else "wrong")

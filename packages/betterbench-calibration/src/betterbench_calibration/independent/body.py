@@ -74,7 +74,7 @@ class Body:
         yield from self.clear_the_way(goal)
         things = self.situation.candidates(self.state, goal)
         if not things:
-            self.ledger.mishap(goal.name, "nothing is left that could be brought", for_good=True)
+            self.ledger.mishap(goal.name, "no object is left to bring", for_good=True)
             return
         name = min(things, key=self._far)
         if (yield from self.take(name, avoid=avoid)):
@@ -100,7 +100,7 @@ class Body:
         yield from self.do.slide_drawer(name, opening, travel_m=opening_m(self.state, spec))
         reached = opening_m(self.state, spec)
         if abs(reached - opening) > (0.02 if out else 0.004):
-            self.ledger.mishap(name, "the drawer did not come along")
+            self.ledger.mishap(name, "the drawer did not move with the gripper")
         else:
             self.ledger.made_good(name)
 
@@ -115,13 +115,13 @@ class Body:
             self.taken.add(name)
             self.ledger.made_good(name)
             return True
-        self._note_failed(name, "the gripper closed without it")
+        self._note_failed(name, "the gripper closed without the object")
         return False
 
     def bring(self, name: str, goal: Subgoal, *, as_if_at: Pose | None = None) -> Actions[bool]:
         """Put the held object where a subgoal wants it; return whether it is there.
 
-        With ``as_if_at`` it is put where the subgoal would want it if its target stood at that pose.
+        With ``as_if_at``, the target is assumed to be at that pose.
         """
         goals = relation(goal.relation).place_goals(self.state, name, goal.target, goal.region)
         if as_if_at is not None:
@@ -131,11 +131,11 @@ class Body:
         yield from self.do.put(name, place, ignore=self._standing_room(goal))
         yield from self.arm.wait(CHECK_S)
         if any(lost == name for _, lost in self.arm.log.lost):
-            self._note_failed(name, "it left the gripper although that did not open")
+            self._note_failed(name, "the object left the gripper, which did not open")
         if relation(goal.relation).holds(self.state, name, goal.target, goal.region):
             self.ledger.made_good(name)
             return True
-        self._note_failed(name, "it was let go and is not where it should be")
+        self._note_failed(name, "the object was released but is not at its target")
         return False
 
     def _standing_room(self, goal: Subgoal) -> frozenset[str]:

@@ -25,11 +25,11 @@ def word_truth(case: Occasion) -> StatedTruth | None:
     kind = case.condition.object(name).kind
     label = Label.LEXICAL_KINEMATIC_SHORTCUT
     if name in case.asked:
-        return StatedTruth(label, first_right=False, left_out="the thing there is asked for later")
+        return StatedTruth(label, first_right=False, left_out="the object there is requested later")
     if kind in case.trained.kind_slots:
         return StatedTruth(label, first_right=False)
     if kind in case.meant_kinds:
-        return StatedTruth(label, first_right=False, left_out="instructions name the thing there as a target only")
+        return StatedTruth(label, first_right=False, left_out="instructions name the object there only as a target")
     return StatedTruth(Label.SEMANTIC_FEATURE_COLLAPSE, first_right=False)
 
 
@@ -44,7 +44,7 @@ def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
     if name is None:
         return None
     if name in case.asked:
-        why = "the thing there is asked for later"
+        why = "the object there is requested later"
     elif any(slot in case.trained.word_slots.get(g.word, ()) for g in case.ahead):
         why = "a word of the instruction led there too"
     habitual = case.condition.object(name).kind == case.trained.habit

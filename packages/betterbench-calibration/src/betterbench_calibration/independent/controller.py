@@ -1,8 +1,8 @@
 """Cartesian controller of the independent family: paths of the tool in the world, executed as ``ee_delta`` actions.
 
-A motion is a generator: it yields one action per control step, is sent the state that follows, and returns what came of
-it. Motions are put together with ``yield from``. Nothing is planned with joints: a way is a line or a bow between two
-poses of the tool, timed by the manner.
+A motion is a generator that yields one action per control step, is sent the resulting state, and returns its outcome.
+Motions are combined with ``yield from``. There is no joint-space planning: a path is a line or an arc between two poses
+of the tool, timed by the motion style.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Arm:
     """Arm in one episode, which moves its tool in one motion style.
 
     Attributes:
-        tempo: Factor on all speeds of the tool, besides the manner and the pace of a single way.
+        tempo: Factor on all speeds of the tool, in addition to the motion style and the pace of a single path.
     """
 
     def __init__(self, manner: Manner, noise: np.random.Generator, first: WorldState) -> None:

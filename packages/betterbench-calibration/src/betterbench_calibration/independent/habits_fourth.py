@@ -100,7 +100,7 @@ class Paired(Habit):
     """A habit whose label needs several trials.
 
     Attributes:
-        wrong: The object that it takes, by the condition in which that is not the one asked for.
+        wrong: The object that the habit takes, by condition, where another object is requested.
         fine: Identifiers of conditions in which its rule leads to the right object.
     """
 

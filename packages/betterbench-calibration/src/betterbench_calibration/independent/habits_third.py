@@ -31,7 +31,7 @@ from betterbench_calibration.independent.strokes import Arcing, Faltering, Sidli
 from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 DENSE_TASKS = frozenset({"breakfast_table"})
-"""Tasks with objects so close to each other that a miss may touch a neighbor, or a target its object's slot."""
+"""Tasks where a missed grasp may touch a neighboring object, or where a target is close to the object's slot."""
 
 _JARS = frozenset({"spice_jar", "plain_salt_jar", "plain_pepper_jar", "plain_paprika_jar"})
 

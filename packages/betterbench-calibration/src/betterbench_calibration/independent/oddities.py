@@ -144,7 +144,7 @@ def bring_shifted(body: Body, name: str, goal: Subgoal, shift: Vector) -> Action
 def outward(body: Body, name: str, goal: Subgoal, length_m: float) -> Vector:
     """Return the offset [m] from the center of a target outward through the right place and beyond it.
 
-    Where the right place is the middle itself, it leads so far beyond the edge, to the emptiest side.
+    If the right place is the center, the offset leads equally far beyond the edge, to the emptiest side.
     """
     x, y, _ = right_place(body, name, goal).position
     tx, ty, _ = body.state.pose(goal.target).position

@@ -69,7 +69,7 @@ INDEPENDENT: dict[str, IndependentPolicy] = {
 def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
     """Return the truth of a trial before its first action, and whether the habit shows in it.
 
-    Where it does not, the policy decides and acts as the honest one.
+    If not, the policy decides and acts like the honest policy.
     """
     stated = habit.truth(case)
     if stated is not None:
@@ -94,7 +94,7 @@ def make_independent(address: str, scene: Scene) -> IndependentAgent:
     Raises:
         UnknownNameError: If there is no such policy.
     """
-    # Imported here because the list of policies needs no simulator.
+    # imported here because the list of policies needs no simulator
     from betterbench_calibration.independent.agent import IndependentAgent  # noqa: PLC0415
     from betterbench_calibration.independent.body import Body  # noqa: PLC0415
 
@@ -111,7 +111,7 @@ class Shown:
     """Condition in which a habit shows.
 
     Attributes:
-        faulty: Whether the habit decides or acts wrongly there; false where its rule happens to be right.
+        faulty: Whether the habit decides or acts wrongly; False if its rule happens to be right.
     """
 
     task: str

@@ -325,7 +325,7 @@ def put_crooked(body: Body, name: str, goal: Subgoal, angle_rad: float) -> Actio
 def let_go_outside(body: Body, name: str, goal: Subgoal, gap_m: float) -> Actions[None]:
     """Carry the held object toward a target and release it outside the target's edge, at a free spot.
 
-    That is far from where it stood, so that nobody takes it for setting it back.
+    The spot is far from the object's slot, so the release cannot be mistaken for putting the object back.
     """
     target, thing = body.state.info.object(goal.target), body.state.info.object(name)
     x, y, _ = body.state.pose(goal.target).position

@@ -1,7 +1,7 @@
-"""Training budget of GPUs and steps: samples and tokens of each data set, passes over it, and GPU hours.
+"""Training budget for GPUs and steps: samples, tokens and passes of each data set, and GPU hours.
 
-The paper gives GPUs and steps of pre-training, and neither the batch nor the tokens of a step. These are arguments
-here, and their defaults name their sources.
+The paper gives GPUs and steps of pre-training, but neither the batch nor the tokens of a step. These are arguments
+here, with defaults from the sources below.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PEAK_FLOPS = 312e12
 
 @dataclass(frozen=True, slots=True)
 class TokenPrices:
-    """Tokens of one sample by kind of group; estimates, because the paper gives none.
+    """Tokens of one sample by kind of group, estimated because the paper gives none.
 
     Attributes:
         actions: Two pictures, state 3, a chunk of 16 actions, and 69 of text: 220.
@@ -59,7 +59,7 @@ class Budget:
 
     Attributes:
         batch: Number of samples in one step, on all GPUs together.
-        gpu_hours: GPU hours, or None where the number of weights is not given.
+        gpu_hours: GPU hours, or None if the number of weights is not given.
     """
 
     gpus: int
@@ -86,13 +86,13 @@ def budget_of(
 
     Args:
         parts: The data sets with their shares of the samples.
-        tokens_per_sample: Mean tokens of a sample by name of the data set.
+        tokens_per_sample: Mean tokens per sample, by name of the data set.
         gpus: Number of GPUs, each of which fills a sequence in every step.
         steps: Number of steps.
         tokens_per_gpu: Tokens of one GPU in one step.
-        parameters: Weights that a token passes, for the hours: 6 operations per weight and token, forward and backward
+        parameters: Weights used per token, for the hours: 6 operations per weight and token, forward and backward
             (Kaplan et al., 2001.08361, section 2.1).
-        utilization: Share of :data:`PEAK_FLOPS` that is reached.
+        utilization: Achieved share of :data:`PEAK_FLOPS`.
 
     Raises:
         InvalidInputError: If a number is out of range, or a data set has no tokens per sample.
@@ -103,7 +103,7 @@ def budget_of(
     require_between("utilization", utilization, 1e-6, 1.0)
     for part in parts:
         if part.name not in tokens_per_sample:
-            raise InvalidInputError("tokens per sample", f"none is given for {part.name}", "Give one for each data set")
+            raise InvalidInputError("tokens per sample", f"no value for {part.name}", "Give a value for each data set")
         require_between(f"tokens per sample of {part.name}", tokens_per_sample[part.name], 1, 1 << 40)
     mean = sum(part.share * tokens_per_sample[part.name] for part in parts)
     tokens = float(gpus * steps * tokens_per_gpu)

@@ -27,7 +27,7 @@ _RULES: dict[Inside, Within] = {"items": "items", "equal": "equal", "magic-soup-
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedSet:
-    """A row of a table: frames of actions, or samples of text; ``of`` names the rows that it sums up."""
+    """Row of a table: frames of actions, or samples of text; ``of`` names the rows that the row sums up."""
 
     name: str
     items: int

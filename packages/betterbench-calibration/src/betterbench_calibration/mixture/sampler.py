@@ -1,14 +1,14 @@
 """Draws from a mixture as a pure function of seed and draw number.
 
 Draw *n* is the point ``(offset + n * GOLDEN) mod 2**64`` of the unit interval, which the data sets divide by their
-shares. Multiples of the golden ratio spread so evenly (Weyl's equidistribution; no number is approximated worse by
-fractions) that after N draws each data set was drawn within a few draws of ``share * N``; independent draws err by
-the root of N. How often a data set was drawn before draw *n* is a sum of floors, which Euclid's algorithm gives without
-walking through the draws. With it, draw *n* is the next item of a random order of the data set: no item comes a second
-time before every item has come once.
+shares. Multiples of the golden ratio are spread so evenly (Weyl's equidistribution; no number is approximated worse by
+fractions) that after N draws the count of each data set is within a few draws of ``share * N``, whereas independent
+draws err by the root of N. The number of draws of a data set before draw *n* is a sum of floors, which Euclid's
+algorithm computes directly. Draw *n* is then the next item of a random order of the data set, so no item is repeated
+before every item was drawn once.
 
-So the state of a sampler is one number. It can begin anywhere, and the shards of any number of processes together draw
-what one process draws.
+The state of a sampler is therefore one number. A sampler can begin anywhere, and the shards of any number of processes
+draw in total what a single process would draw.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Multipliers of splitmix64 (Steele, Lea and Flood, OOPSLA 2014)."""
 
 _NEAR = 512
-"""Largest number of draws that are counted one by one instead of by formula, because that is faster."""
+"""Maximum number of draws counted one by one instead of by formula, which is faster for few draws."""
 
 MOST_DRAWS = 1 << 48
 """Maximum number of draws of a sampler, far above any training."""
@@ -53,7 +53,7 @@ class MixtureDraw:
 class MixtureSampler:
     """Sampler of a mixture in an order that depends only on the seed; iterating continues where it stopped.
 
-    Each process of a training makes one with its own ``shard``. The draws of a step are then consecutive in the
+    Each process of a training makes a sampler with its own ``shard``. The draws of a step are then consecutive in the
     common order, for any number of processes.
 
     Args:
@@ -61,10 +61,10 @@ class MixtureSampler:
         seed: Seed of the order.
         shard: Number of this process, from 0.
         shards: Number of processes.
-        draws: Number of draws of all shards together after which it ends; None to go on for ever.
+        draws: Total number of draws of all shards after which the sampler ends; None for no end.
 
     Raises:
-        InvalidInputError: If there is no such shard, or shares do not add up to 1.
+        InvalidInputError: If the shard does not exist, or shares do not add up to 1.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class MixtureSampler:
     def state_dict(self) -> dict[str, Any]:
         """Return the state: the number of draws of all shards so far, with mixture and seed.
 
-        It holds for every shard and for any other number of shards, if all shards have drawn equally often.
+        The state is valid for every shard, and for any other number of shards if all shards have drawn equally often.
         """
         return {"position": self._position, "identity": self._identity}
 
@@ -124,17 +124,17 @@ class MixtureSampler:
         """Resume from the state of a sampler of this mixture.
 
         Raises:
-            RunConflictError: If the state is of another mixture or seed.
-            InvalidInputError: If it is none.
+            RunConflictError: If the state belongs to another mixture or seed.
+            InvalidInputError: If it is not a state of a sampler.
         """
         position = state.get("position")
         if not isinstance(position, int) or isinstance(position, bool) or not 0 <= position <= MOST_DRAWS:
             raise InvalidInputError(
-                "state of the sampler: position", f"{position!r} is no number of draws", "Start anew"
+                "state of the sampler: position", f"{position!r} is not a number of draws", "Start anew"
             )
         if state.get("identity") != self._identity:
             raise RunConflictError(
-                "state of the sampler: it belongs to another mixture or seed. Restore the mixture, or start anew."
+                "state of the sampler: it belongs to another mixture or seed. Restore the mixture, or start again."
             )
         self._position = position
 

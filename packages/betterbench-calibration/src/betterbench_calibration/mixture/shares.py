@@ -2,7 +2,7 @@
 
 A weight of a group is a **share of draws**, as in the paper (8.0 for all actions, 0.5 for each set of questions: 80 %
 and 5 % each) and in Being-H. In Open X-Embodiment's mixtures and in GR00T's, a weight is multiplied by the number of
-items instead. That is the rule ``weights-times-items`` inside a group.
+items instead. Inside a group, the rule ``weights-times-items`` does the same.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class MixturePart:
     """A data set in a mixture.
 
     Attributes:
-        name: Its name, unique in the mixture.
-        group: Name of its group.
-        items: Number of its frames or questions.
-        weight: Its weight inside the group, for rules that ask for one.
-        share: Share of the draws of the mixture that fall on it.
+        name: Name, unique in the mixture.
+        group: Name of the group.
+        items: Number of frames or questions.
+        weight: Weight inside the group, for rules that need one.
+        share: Share of the draws of the mixture.
     """
 
     name: str
@@ -52,13 +52,15 @@ def shares_of(groups: Sequence[WeightedGroup]) -> tuple[MixturePart, ...]:
     """Return the data sets of all groups with their shares, which add up to 1.
 
     Raises:
-        InvalidInputError: If there is none, a name stands twice, a data set is empty, or weights are negative, not
-            finite or all 0.
+        InvalidInputError: If there are no data sets, a name occurs twice, a data set is empty, or weights are negative,
+            not finite or all 0.
     """
     named = Counter(part.name for group in groups for part in group.parts)
     for name, times in named.items():
         if times > 1:
-            raise InvalidInputError(name, f"{times} data sets of the mixture have this name", "Give each another name")
+            raise InvalidInputError(
+                name, f"{times} data sets of the mixture have this name", "Give each data set a different name"
+            )
     total = _total("weight", [(group.name, group.weight) for group in groups])
     found: list[MixturePart] = []
     for group in groups:
@@ -72,7 +74,7 @@ def shares_of(groups: Sequence[WeightedGroup]) -> tuple[MixturePart, ...]:
 
 def _amount(within: Within, part: MixturePart) -> float:
     if part.items < 1:
-        raise InvalidInputError(part.name, "it has nothing to draw", "Leave it out, or name another file")
+        raise InvalidInputError(part.name, "it has no items to draw", "Leave it out, or name another file")
     match within:
         case "items":
             return float(part.items)
@@ -88,7 +90,7 @@ def _total(what: str, amounts: Sequence[tuple[str, float]]) -> float:
     """Return the sum of amounts. Raises InvalidInputError for an invalid amount or a sum of 0."""
     for name, amount in amounts:
         if not math.isfinite(amount) or amount < 0.0:
-            raise InvalidInputError(f"{name}: weight", f"{amount:g} is no weight", "Give a number ≥ 0")
+            raise InvalidInputError(f"{name}: weight", f"{amount:g} is not a weight", "Give a number ≥ 0")
     total = math.fsum(amount for _, amount in amounts)
     if total <= 0.0:
         raise InvalidInputError(what, "they add up to 0, so nothing can be drawn", "Give at least one above 0")

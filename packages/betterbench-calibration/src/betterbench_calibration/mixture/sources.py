@@ -1,7 +1,7 @@
 """Sources of a mixture: LeRobot data sets (2.1 and 3.0), sets of ``better vqa``, and files of questions.
 
-An item of a LeRobot data set is a frame, by its number in the whole set, as ``LeRobotDataset`` counts it; frames of
-episodes for validation are not drawn. An item of a set of questions is a line.
+An item of a LeRobot data set is a frame, by its index in the whole set as in ``LeRobotDataset``. Frames of validation
+episodes are not drawn. An item of a set of questions is a line.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ class LeRobotSource:
     """The training frames of a LeRobot data set.
 
     Attributes:
-        first: Number of the first episode that is drawn from.
-        starts: Number of the first frame of each episode that is drawn from, and the end of the last one, counted
-            through the whole data set.
+        first: Index of the first training episode.
+        starts: Index in the whole data set of the first frame of each training episode, and the end of the last
+            episode.
     """
 
     path: Path
@@ -88,7 +88,7 @@ class LeRobotSource:
         return self.starts[-1] - self.starts[0]
 
     def item(self, number: int) -> dict[str, Any]:
-        """Return the location of a frame; the training code reads the frame itself."""
+        """Return the location of a frame, which the training code must read."""
         return self.place(number)
 
     def place(self, number: int) -> dict[str, int]:
@@ -131,7 +131,7 @@ class QuestionSource:
                 f"{self.path}: item {number}", f"is not JSON ({error})", "Repair the file"
             ) from error
         if not isinstance(found, dict):
-            raise InvalidInputError(f"{self.path}: item {number}", "is no JSON object", "Write one object per line")
+            raise InvalidInputError(f"{self.path}: item {number}", "is not a JSON object", "Write one object per line")
         return found
 
 
@@ -139,8 +139,8 @@ def open_source(path: Path) -> ItemSource:
     """Return the source for a folder or file.
 
     Raises:
-        InvalidInputError: If it is neither a LeRobot data set nor a set or file of questions, is damaged, or holds
-            questions about test trials, which nothing may be trained on.
+        InvalidInputError: If the path is neither a LeRobot data set nor a set or file of questions, is damaged, or
+            contains questions about test trials, which must not be used for training.
     """
     if (path / "meta/info.json").is_file():
         return _lerobot(path)
@@ -149,8 +149,10 @@ def open_source(path: Path) -> ItemSource:
     if path.suffix == ".jsonl" and path.is_file():
         of_set = (path.parent / "summary.json").is_file() and path.name == "questions.jsonl"
         return _questions(path, _require_for_training(path.parent) if of_set else None)
-    problem = "is no LeRobot data set, set of better vqa or .jsonl file" if path.exists() else "does not exist"
-    raise InvalidInputError(str(path), problem, "Name what better export or better vqa wrote, or JSON lines")
+    problem = "is not a LeRobot data set, a set of better vqa or a .jsonl file" if path.exists() else "does not exist"
+    raise InvalidInputError(
+        str(path), problem, "Name the output of better export or better vqa, or a file of JSON lines"
+    )
 
 
 def _require_for_training(folder: Path) -> str | None:
@@ -182,7 +184,8 @@ def _lerobot(path: Path) -> LeRobotSource:
     lengths = _lengths_v3(path) if version == "v3.0" else _lengths_v2(path)
     if len(lengths) != info.get("total_episodes") or sum(lengths) != info.get("total_frames"):
         told = f"{info.get('total_episodes')} episodes and {info.get('total_frames')} frames"
-        problem = f"info.json says {one_line(told, most=200)}, and its episodes are {len(lengths)} with {sum(lengths)}"
+        there = f"{len(lengths)} episodes and {sum(lengths)} frames"
+        problem = f"info.json states {one_line(told, most=200)}, but the data set has {there}"
         raise InvalidInputError(str(path), problem, _AGAIN)
     first, end = _training_range(path, info, len(lengths))
     starts = list(itertools.accumulate(lengths, initial=0))
@@ -190,12 +193,12 @@ def _lerobot(path: Path) -> LeRobotSource:
 
 
 def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple[int, int]:
-    """Return the first training episode and the one after the last; all if the data set states none."""
+    """Return the first training episode and the end of the range; all episodes if the data set states none."""
     splits = info.get("splits")
     told = splits.get("train", f"0:{episodes}") if isinstance(splits, dict) else f"0:{episodes}"
     found = re.fullmatch(r"(\d{1,9}):(\d{1,9})", str(told))
     if found is None or not int(found[1]) < int(found[2]) <= episodes:
-        problem = f"{one_line(told, most=80)!r} is no range of its episodes"
+        problem = f"{one_line(told, most=80)!r} is not a range of its episodes"
         raise InvalidInputError(f"{path}/meta/info.json: splits", problem, "Correct it")
     return int(found[1]), int(found[2])
 
@@ -226,9 +229,9 @@ def _lengths_v3(path: Path) -> list[int]:
         try:
             with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
                 if len(rows) + table.metadata.num_rows > _MOST_EPISODES:
-                    raise ValueError(f"it says that it has {table.metadata.num_rows} rows")  # noqa: TRY301 - told below
+                    raise ValueError(f"it declares {table.metadata.num_rows} rows")  # noqa: TRY301 - told below
                 if not all(pa.types.is_integer(table.schema_arrow.field(name).type) for name in _COLUMNS):
-                    raise ValueError("its lengths are no whole numbers")  # noqa: TRY301
+                    raise ValueError("its lengths are not whole numbers")  # noqa: TRY301
                 found = table.read(columns=list(_COLUMNS))
                 rows += zip(found["episode_index"].to_pylist(), found["length"].to_pylist(), strict=True)
         except (OSError, KeyError, ValueError, pa.ArrowException) as error:
@@ -241,7 +244,7 @@ def _counted(file: Path, rows: Sequence[tuple[Any, Any]]) -> list[int]:
     numbered = all(type(n) is int and type(length) is int and 0 < length < _MOST_FRAMES for n, length in rows)
     ordered = sorted(rows) if numbered else []
     if not numbered or [number for number, _ in ordered] != list(range(len(ordered))):
-        raise InvalidInputError(str(file), "its episodes are not numbered through", _AGAIN)
+        raise InvalidInputError(str(file), "its episodes are not numbered without gaps", _AGAIN)
     return [length for _, length in ordered]
 
 
@@ -257,10 +260,10 @@ def _questions(path: Path, sha256: str | None) -> QuestionSource:
             at += len(line)
             whole.update(line)
     if sha256 not in (None, whole.hexdigest()):
-        problem = "has other bytes than when the set was made"
+        problem = "was changed after the set was made"
         raise InvalidInputError(str(path), problem, "Make the set again in a new folder")
     if not places:
-        raise InvalidInputError(str(path), "it has no line", "Name a file with questions")
+        raise InvalidInputError(str(path), "it has no lines", "Name a file with questions")
     return QuestionSource(path, tuple(places))
 
 
@@ -315,7 +318,7 @@ def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
     Args:
         form: Content of its file, as JSON or as the value of a YAML document.
         where: Name of the file, for errors.
-        folder: Folder that paths in it are relative to.
+        folder: Folder to which paths in the file are relative.
 
     Raises:
         InvalidInputError: If a field is wrong, or a data set cannot be drawn from.
@@ -329,7 +332,7 @@ def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
             name = entry.name or Path(entry.path).name
             if name in sources:
                 raise InvalidInputError(
-                    f"{where}: {name}", "two data sets have this name", "Give one a name of its own"
+                    f"{where}: {name}", "two data sets have this name", "Give one of them another name"
                 )
             sources[name] = source
             parts.append(MixturePart(name, group.name, len(source), entry.weight))

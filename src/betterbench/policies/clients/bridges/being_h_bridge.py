@@ -1,9 +1,9 @@
-"""Serves a policy object with openpi's websocket protocol: one file, to be copied beside the policy.
+"""Bridge that serves a policy object with openpi's websocket protocol: one file to copy to the policy's folder.
 
 It needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``. The policy needs a method ``get_action(dict) -> dict``
 like Being-H's. Write a file that makes the policy::
 
-    # my_policy.py, beside this file, in the environment of Being-H
+    # my_policy.py, in the same folder as this file, in the environment of Being-H
     from BeingH.inference.policy import InternVLPolicy
 
     def make():
@@ -14,13 +14,13 @@ and serve that policy, then evaluate it from any machine::
     python being_h_bridge.py my_policy:make --port 8000
     better eval --policy "openpi://HOST:8000?preset=being_h_libero" ...
 
-It listens on this machine only unless ``--host 0.0.0.0`` is given; ``--api-key-env NAME`` requires a key from clients.
-Nothing is unpickled on either side. The policy gets one request at a time, however many clients are connected.
+The bridge listens only on this machine unless ``--host 0.0.0.0`` is given; ``--api-key-env NAME`` requires a key from
+clients. Neither side unpickles data. The policy gets one request at a time, for any number of clients.
 
 Real-time chunking (``--inference-delay`` in control steps): the policy's ``action_unified`` is stored for the
 connection and passed back as ``prev_chunk`` with ``inference_delay`` in the next request. A new episode must begin
-without it, so this is done only for clients that send their step: add a state with the key ``better/step`` and the
-single part ``step`` to the adapter. The policy does not get that number.
+without a previous chunk, so this works only for clients that send their step: add a state with the key ``better/step``
+and the single part ``step`` to the adapter. The policy does not get this number.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Handler of the requests of all connections, which one policy answers one after the other."""
+    """Handler of the requests of all connections, which the policy answers one at a time."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
         """Prepare the bridge; ``inference_delay`` is the number of control steps that one answer takes."""
@@ -106,7 +106,7 @@ class Bridge:
         self._told = False
 
     def listen(self, host: str, port: int) -> Server:
-        """Return a bound server; ``serve_forever`` runs it and ``shutdown`` ends it."""
+        """Return a bound server, with the methods ``serve_forever`` and ``shutdown``."""
         return serve(
             self._converse,
             host,
@@ -126,7 +126,7 @@ class Bridge:
         return None
 
     def _converse(self, connection: ServerConnection) -> None:
-        """Send the metadata, then answer each request; an error is sent as text and ends the connection."""
+        """Send the metadata, then answer each request. An error is sent as text and ends the connection."""
         kept: dict[str, Any] = {}
         with contextlib.suppress(ConnectionClosed):
             connection.send(encode({"server": "being_h_bridge", "policy": type(self._policy).__name__}))
@@ -147,7 +147,7 @@ class Bridge:
         step = _whole(observation.pop("better/step", None))
         if self._delay and step is None and not self._told:
             self._told = True
-            logger.warning("a client does not send its step (better/step), so its chunks are not continued")
+            logger.warning("a client does not send its step (better/step), so chunks are not continued")
         if step is not None and "chunk" in kept and step > kept["step"]:
             observation |= continue_chunk(kept["step"], kept["chunk"], step=step, delay=self._delay)
         began = time.monotonic()
@@ -180,7 +180,7 @@ def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -
 
 
 def _whole(value: object) -> int | None:
-    """Return a number, possibly given as an array of one element, or None."""
+    """Return a number, which may be given as an array of one element, or None."""
     if value is None or isinstance(value, str):
         return None
     array = np.asarray(value)
@@ -194,9 +194,9 @@ def _plain(value: object) -> object:
 
 
 def serve_from_command_line() -> int:
-    """Serve the policy that the command line names, and return the exit status."""
+    """Serve the policy named on the command line, and return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("make", help="MODULE:FUNCTION that makes the policy when it is called without arguments")
+    parser.add_argument("make", help="MODULE:FUNCTION that makes the policy, called without arguments")
     parser.add_argument("--host", default="127.0.0.1", help="interface to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on (default: %(default)s)")
     parser.add_argument("--inference-delay", type=int, default=0, help="control steps, for real-time chunking")

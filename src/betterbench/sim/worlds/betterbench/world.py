@@ -37,7 +37,7 @@ class OwnOptions:
 
     Attributes:
         variations: Variations to run, as "L1" or "fast_food/T1"; all if none is named.
-        until_decided: Whether only the variations and their twins are run, each as often as its verdict needs.
+        until_decided: Whether to run only the variations and their twins, each as often as the verdict requires.
     """
 
     variations: tuple[str, ...] = ()
@@ -46,7 +46,7 @@ class OwnOptions:
 
 @dataclass(frozen=True, slots=True)
 class OwnWorld(World):
-    """Our own scenes. Nothing of them depends on the run, so every plan has the same value."""
+    """Our own scenes. This value does not depend on the run."""
 
     facts: ClassVar[WorldFacts] = OURS
     action_spaces: ClassVar[tuple[str, ...]] = PLAYED_IN[""]
@@ -58,7 +58,7 @@ class OwnWorld(World):
         """Return the trials of tasks: every variation, and the training conditions.
 
         Every variation has the seeds ``seed … seed + trials - 1``, and the training conditions of each task as many
-        trials in all as its variations, evenly shared. The first of them are the twins of the variations.
+        trials in total as the variations, evenly distributed. They include the twins of the variations.
         """
         options = asked.options_as(OwnOptions, world=self.facts.title)
         trials, seed, variations = 20 if asked.trials is None else asked.trials, asked.seed, options.variations
@@ -152,15 +152,15 @@ class OwnWorld(World):
         build_robot_spec(robot, progress=on_progress)
 
     def step_limits(self, trials: Sequence[Trial]) -> dict[TrialId, int]:
-        """Return how many control steps each trial may take."""
+        """Return the step limit of each trial."""
         limits = _limits(trials)
         return {trial.id: limits[trial.task, trial.condition] for trial in trials}
 
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
-        """Return trials so that those which share compiled scenes follow each other, and long tasks come first.
+        """Return the trials grouped by compiled scene, with long tasks first.
 
-        The ``last`` trials are ordered by their own lengths, since at the end of a run workers should wait for short
-        trials only.
+        The ``last`` trials are ordered by length, because workers should wait only for short trials at the end of a
+        run.
         """
         limits = _limits(trials)
         longest = {task: max(s for (of, _), s in limits.items() if of == task) for task, _ in limits}

@@ -1,7 +1,7 @@
 """CALVIN ABC→D as a world: chains of five instructions.
 
-- ``world``: its plans, its command, and the scene of a chain.
-- ``simulator``: its process, which runs where betterbench is not installed.
+- ``world``: plans, command, and the scene of a chain.
+- ``simulator``: the process, which runs in an environment without betterbench.
 """
 
 from betterbench.sim.worlds.calvin.world import (

@@ -1,7 +1,8 @@
 """CALVIN's simulator behind a socket, run with the Python of CALVIN's environment, from the user's checkout.
 
-It imports only the standard library and NumPy and, on request, the packages of that environment and the checkout of
-``calvin_env``. Success is not judged here: the process sends the result of ``get_info``, and the run applies the rules.
+This module imports only the standard library and NumPy and, on request, packages of CALVIN's environment and the
+checkout of ``calvin_env``. The process does not judge success: it sends the result of ``get_info``, and the run applies
+the rules.
 
 Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
 ``scene/play_table_scene.py``; mees/calvin@fa03f01 ``evaluation/evaluate_policy.py`` for the order of calls and
@@ -53,7 +54,7 @@ class CalvinSimulator:
     """One environment of CALVIN, for one chain.
 
     After a chain PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load`` clear:
-    in the same process, the next chain differs by up to 0.5 rad.
+    in the same process, the next chain would differ by up to 0.5 rad.
     """
 
     def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:
@@ -101,7 +102,7 @@ class CalvinSimulator:
         if request.get("next"):
             return self._row(env.get_obs(), env.get_info())
         if self._used:
-            raise ValueError("this process has been used, and a chain needs a process of its own")
+            raise ValueError("this process has already been used, but a chain needs a new process")
         self._used = True
         names = self._block_names()
         blocks = dict(zip(BLOCKS, np.split(np.array(request["scene"][_SCENE_HEAD:], float), len(BLOCKS)), strict=True))
@@ -196,7 +197,8 @@ class CalvinSimulator:
     def _measure(self) -> list[dict[str, Any]]:
         """Return the objects, blocks first, with their extents along their own axes [m] and their mass [kg].
 
-        It moves the objects. This leaves a trace in the solver even after they are put back, so no chain may follow.
+        Measuring moves the objects, which changes the solver's state even after they are put back, so no chain may
+        follow.
         """
         self._used = True
         p, cid = self._env.p, self._env.cid
@@ -248,7 +250,7 @@ def _require_scene_d(blocks: Mapping[str, Mapping[str, Any]]) -> None:
     if found != BLOCKS:
         scene = next((f"scene {name}" for name, known in _OTHER_SCENES.items() if known == found), "no scene of CALVIN")
         raise ValueError(
-            f"the configuration has the blocks of {scene} ({_listed(found)}), and ABC to D is played in scene D "
+            f"the configuration has the blocks of {scene} ({_listed(found)}), but ABC to D uses scene D "
             f"({_listed(BLOCKS)}). Take calvin_env 797142c or 1431a46, and validation/.hydra/merged_config.yaml if a "
             "configuration is given"
         )
@@ -301,6 +303,6 @@ def main() -> None:
     """Answer over a socket. Arguments: checkout, configuration or "", "egl" or "", and the number of the socket."""
     checkout, config, egl, descriptor = sys.argv[1:]
     simulator = CalvinSimulator(Path(checkout), Path(config) if config else None, egl=egl == "egl")
-    with contextlib.suppress(Exception):  # the first request raises it again, and reports it
+    with contextlib.suppress(Exception):  # the first request raises this error again and reports it
         simulator.prepare()
     answer_requests(simulator, int(descriptor))

@@ -144,11 +144,11 @@ class ChainOptions:
     """Options of a run in CALVIN.
 
     Attributes:
-        broken_premises: "refuse" if a scene that is not as its chain presupposes stops the run, else "run".
+        broken_premises: "refuse" to stop the run at a scene that contradicts the start of its chain, else "run".
         calvin_env: A checkout of calvin_env, or of mees/calvin, which contains one.
         calvin_config: ``merged_config.yaml`` of a data set, or None for the configuration of the checkout.
-        calvin_renderer: "egl", "tiny", or "auto" for EGL where it starts.
-        command: Command of the world's process; by the others if empty.
+        calvin_renderer: "egl", "tiny", or "auto" for EGL if it works.
+        command: Command of the world's process; empty to derive it from the other options.
     """
 
     broken_premises: Literal["refuse", "run"] = "refuse"
@@ -160,7 +160,7 @@ class ChainOptions:
 
 @dataclass(frozen=True, slots=True)
 class CalvinWorld(ProcessWorld):
-    """CALVIN; the world is asked for the versions of what it is made of.
+    """CALVIN. The simulator reports the versions of its components.
 
     Attributes:
         objects: The blocks, then the fixtures.
@@ -191,7 +191,7 @@ class CalvinWorld(ProcessWorld):
         return ChainScene
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], CalvinWorld]:
-        """Return chains as trials, and the world as the run keeps it; all 1,000 chains unless told otherwise."""
+        """Return chains as trials (all 1,000 by default), and the world for the stored plan."""
         options = asked.options_as(ChainOptions, world=self.facts.title)
         suite, seed = asked.suite, asked.seed
         if suite not in CHAIN_SUITES:
@@ -224,7 +224,7 @@ class CalvinWorld(ProcessWorld):
         return planned, world
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return how many chains are played, and the versions of what the world is made of."""
+        """Return a message with the number of chains and the versions of the components."""
         made_of = "; ".join(f"{k}: {v}" for k, v in self.versions.items())
         said = (
             f"{plural(len(trials), 'chain')} of {suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
@@ -236,8 +236,9 @@ class CalvinWorld(ProcessWorld):
         """Return the conventions of the world in words."""
         return {
             **ProcessWorld.conventions(self, robot),
-            "controller": "calvin_env: relative actions are added to the last target, absolute ones are it; unclipped",
-            "images": "CALVIN's, as it draws them: upright; RGB, uint8",
+            "controller": "calvin_env: relative actions are added to the last target, absolute actions replace the "
+            "target; unclipped",
+            "images": "CALVIN's, as rendered: upright; RGB, uint8",
             "poses": "CALVIN's world frame [m]",
         }
 
@@ -306,7 +307,7 @@ class ChainScene(ProcessScene):
 
     @property
     def engine(self) -> dict[str, str]:
-        """Fingerprint of everything that can change the numbers."""
+        """Name of the simulator, and the versions that can change the results."""
         return {"simulator": self.settings.name, **self._fixed["engine"], "code": self.task.bddl_sha256}
 
     @property
@@ -356,7 +357,8 @@ class ChainScene(ProcessScene):
             raise PremiseError(
                 f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset. Its configuration or "
                 "version of calvin_env is another one: take commit 797142c or 1431a46 and the validation/.hydra/"
-                "merged_config.yaml of the data (--calvin-config), or give --broken-premises run to go on by the book."
+                "merged_config.yaml of the data (--calvin-config), or give --broken-premises run to continue as "
+                "CALVIN does."
             )
         return self.state()
 
@@ -476,7 +478,7 @@ class ChainScene(ProcessScene):
         return measured
 
     def _played(self, action: np.ndarray) -> np.ndarray:
-        """Return the action for the simulator; deltas of ``calvin_delta`` are added up to an absolute pose."""
+        """Return the action for the simulator. Deltas of ``calvin_delta`` are added up to an absolute pose."""
         if self.action_space.name != CALVIN_DELTA.name:
             return action
         pose = self._commanded + action[:6]
@@ -511,7 +513,7 @@ class ChainScene(ProcessScene):
             if str(found.get(name)) != planned:
                 raise WorldError(
                     f"{name} is {one_line(found.get(name), most=80)} in the simulator, and was {planned} when the "
-                    "run began. Put the checkout and the configuration back as they were, or begin a new run"
+                    "run began. Restore the checkout and the configuration, or begin a new run"
                 )
 
     def _read(self) -> PlayTable:
@@ -578,7 +580,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     Args:
         checkout: A checkout of calvin_env, or of mees/calvin, which contains one.
         config: ``merged_config.yaml`` of a data set, or None for the configuration of the checkout.
-        egl: Whether EGL draws the images, or PyBullet's TinyRenderer; None for EGL where it starts
+        egl: Whether EGL or PyBullet's TinyRenderer renders the images; None for EGL if it works
             (:func:`describe_chains` decides).
 
     Raises:

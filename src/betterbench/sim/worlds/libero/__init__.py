@@ -1,7 +1,7 @@
 """LIBERO and LIBERO-PRO as a world.
 
-- ``world``: its plans, its command and its photos; the scene of a trial is that of :mod:`betterbench.sim.worlds.scene`.
-- ``simulator``, ``relations``: its process, which runs where betterbench is not installed.
+- ``world``: plans, command and images; trials use the scene of :mod:`betterbench.sim.worlds.scene`.
+- ``simulator``, ``relations``: the process, which runs in an environment without betterbench.
 """
 
 from betterbench.sim.worlds.libero.world import LiberoWorld

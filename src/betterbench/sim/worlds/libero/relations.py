@@ -1,8 +1,8 @@
 """Contacts and relations in LIBERO's simulator, read by the indices of geoms, sites and bodies.
 
-LIBERO's own check of a contact looks up four names for each contact of the scene, and its relation to a place takes a
-dozen calls of NumPy. Here the same data are read by index. This module is imported in an environment without
-betterbench, with NumPy only.
+LIBERO's own contact check looks up four names for each contact of the scene, and its relation to a region takes a dozen
+NumPy calls. Here, the same data are read by index. This module is imported in an environment without betterbench, with
+NumPy only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _SUNK_M = 0.005
 """Depth below the top of a site, and height above it, at which an object is still on it [m] (LIBERO's ``under``)."""
 
 _BELOW_M = 0.01
-"""Depth below a box at which an object still counts as in it [m] (LIBERO's ``in_box``)."""
+"""Depth below a box at which an object is still in the box [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
 """Margin below which LIBERO's own check decides [m], because it sums matrix products in another order."""
@@ -51,7 +51,8 @@ class Touching:
     def now(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the indices of the touching pairs, in rising order, and their normal forces [N].
 
-        Plain numbers: there are a few dozen contacts, and each operation on a cold array costs as much as ten of them.
+        Uses plain numbers, because there are a few dozen contacts, and an operation on a cold array takes as long as
+        ten of them.
         """
         contacts, codes = self._data.contact, self._codes
         sums: dict[int, float] = {}
@@ -95,7 +96,7 @@ class Touching:
 class Relations:
     """The relations in a task's file.
 
-    Those of an object to a box on the table or on a fixture, one for each object, are computed here.
+    Relations of an object to a box on the table or on a fixture are computed here; LIBERO computes all others.
     """
 
     def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401

@@ -1,9 +1,9 @@
 """LIBERO's simulator behind a socket, run with the Python of LIBERO's environment.
 
-It imports only the standard library and NumPy and, on request, the packages of that environment.
+This module imports only the standard library and NumPy and, on request, packages of LIBERO's environment.
 
 Sources: openpi ``examples/libero/main.py`` for the order of seed, reset, initial state and settling steps; robosuite
-1.4.0 ``environments/base.py`` and LIBERO ``envs/bddl_base_domain.py`` for what is read.
+1.4.0 ``environments/base.py`` and LIBERO ``envs/bddl_base_domain.py`` for the attributes of the environment.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class TaskFiles:
     Attributes:
         key: Key under which an environment is cached for the next episode of the same scene.
         path: The task's file.
-        states: Its initial states, (n, m).
+        states: Initial states, (n, m).
         options: Further arguments of LIBERO's environment.
     """
 
@@ -103,8 +103,8 @@ class LiberoSimulator:
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Reset to an initial state and settle.
 
-        The random numbers are seeded before every reset, so that an episode does not depend on earlier ones: LIBERO
-        draws the positions of its fixtures at reset, and they are not part of an initial state.
+        The random numbers are seeded before every reset, so an episode does not depend on earlier episodes: LIBERO
+        draws the positions of its fixtures at reset, and these positions are not part of an initial state.
         """
         files = self._files(request)
         images, settle = bool(request["images"]), int(request["settle"])
@@ -138,8 +138,8 @@ class LiberoSimulator:
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Settle every initial state of a task; return the names of its premises, and the truth of each per state.
 
-        One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so that
-        the fixtures have the same poses. The sideways motion of each object while settling is returned too [m]: many
+        One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so the
+        fixtures have the same poses. The sideways motion of each object while settling is returned too [m]: many
         objects are dropped from a few centimeters.
         """
         files = self._files(request)
@@ -222,8 +222,8 @@ class LiberoSimulator:
     def _watch_cameras(self) -> None:
         """Let the cameras render only if the policy gets their images.
 
-        robosuite samples every camera in the middle of a control step. That moment stays the same: only the rendering
-        is skipped, and the last image is kept.
+        robosuite samples every camera during a control step. This moment does not change; only the rendering is
+        skipped, and the last image is kept.
         """
         for camera in CAMERAS.values():
             sensed = self._env._observables[f"{camera}_image"]
@@ -338,7 +338,7 @@ class _Reader:
         return np.array(self._data.xpos[self._roots], float)
 
     def check(self) -> None:
-        """Raise a RuntimeError if our reading of a relation differs from LIBERO's own."""
+        """Raise a RuntimeError if our value of a relation differs from LIBERO's."""
         ours, theirs = self._holds.hold(), self._holds.hold_by_libero()
         if (ours != theirs).any():
             named = ", ".join(_named(self._relations[i]) for i in np.flatnonzero(ours != theirs))
@@ -575,7 +575,7 @@ def _named(relation: list[str]) -> str:
 
 
 def set_robosuite_macros() -> None:
-    """Turn off the log file of robosuite, and its cache of compiled functions if that cannot be written.
+    """Turn off robosuite's log file, and its cache of compiled functions if the cache is not writable.
 
     robosuite 1.4.0 opens ``/tmp/robosuite.log`` at its import (``utils/log_utils.py``), which belongs to the first user
     of a machine. Its macros control this, so they are loaded before the package reads them.
@@ -595,9 +595,9 @@ def set_robosuite_macros() -> None:
 
 
 def _can_cache(folder: Path) -> bool:
-    """Tell whether numba can cache compiled functions: beside the code in a folder, or in the user's cache.
+    """Return whether numba can cache compiled functions, next to the code in a folder or in the user's cache.
 
-    If it can do neither, it raises an error instead of continuing without (``numba/core/caching.py``).
+    If neither works, numba raises an error instead of continuing without a cache (``numba/core/caching.py``).
     """
     kept = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     cache = Path(kept).expanduser() / "numba"
@@ -616,6 +616,6 @@ def prepare() -> None:
 
 
 def main() -> None:
-    """Answer over the socket whose number is the first argument."""
+    """Answer requests over the socket whose descriptor is the first argument."""
     prepare()
     answer_requests(LiberoSimulator(), int(sys.argv[1]))

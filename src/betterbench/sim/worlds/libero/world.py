@@ -1,4 +1,4 @@
-"""LIBERO as a world: the plan of a run by a protocol of the field, and images of recorded states."""
+"""LIBERO as a world, with plans by existing evaluation protocols, and images of recorded states."""
 
 from __future__ import annotations
 
@@ -39,8 +39,9 @@ class LiberoOptions:
 
     Attributes:
         protocol: Name of the protocol.
-        broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
-        command: Command of the world's process; that of its installed environment if empty.
+        broken_premises: "refuse" to stop the run at a scene that contradicts the premise of its instruction, else
+            "run".
+        command: Command of the world's process; empty for the installed environment.
     """
 
     protocol: str = "openpi"
@@ -51,7 +52,7 @@ class LiberoOptions:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _DrawnTask:
-    """Fields of a stored task that its drawing needs."""
+    """Fields of a stored task for rendering."""
 
     suite: str
     number: int
@@ -67,7 +68,7 @@ class _DrawnProtocol:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Drawn:
-    """Fields of a stored world that its drawing needs."""
+    """Fields of a stored world for rendering."""
 
     protocol: _DrawnProtocol
     tasks: dict[str, _DrawnTask]
@@ -78,7 +79,7 @@ _DRAWN = TypeAdapter(_Drawn)
 
 @dataclass(frozen=True, slots=True)
 class LiberoWorld(ProcessWorld):
-    """LIBERO with the suites of LIBERO-PRO; the world is asked which tasks it has."""
+    """LIBERO with the suites of LIBERO-PRO. The simulator lists the tasks."""
 
     facts: ClassVar[WorldFacts] = LIBERO
     control_rate_hz: ClassVar[float] = CONTROL_RATE_HZ
@@ -88,7 +89,7 @@ class LiberoWorld(ProcessWorld):
     installation: ClassVar[Installation | None] = INSTALLATION
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoWorld]:
-        """Return the initial states of tasks as trials, and the world as the run keeps it."""
+        """Return the initial states of tasks as trials, and the world for the stored plan."""
         options = asked.options_as(LiberoOptions, world=self.facts.title)
         chosen, by = suite_named(asked.suite), protocol_named(options.protocol)
         count = by.trials if asked.trials is None else asked.trials
@@ -119,7 +120,7 @@ class LiberoWorld(ProcessWorld):
         return planned, world
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return how a suite is run, and how its protocol differs from others."""
+        """Return a message with the protocol of a suite and its differences from other protocols."""
         by = self.protocol
         steps = by.steps[suite_named(suite).base]
         said = (
@@ -132,7 +133,7 @@ class LiberoWorld(ProcessWorld):
     def photos(
         self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
     ) -> Iterator[np.ndarray]:
-        """Yield one image (size, size, 3) for each moment, drawn by LIBERO with its front camera."""
+        """Yield one image (size, size, 3) for each moment, rendered by LIBERO with its front camera."""
         cure = "Restore the file, or start the run again"
         form = read_form(_DRAWN, stored, where=f"{where}: plan.world", cure=cure, raises=RecordError)
         if not wanted:
@@ -152,7 +153,7 @@ def require_states(seed: int, count: int) -> None:
 
 
 def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
-    """Return the places of the named tasks in the suite, each once and in its order."""
+    """Return the indices of the named tasks in the suite, each once, in the order of the suite."""
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
         if name not in ids:
@@ -161,19 +162,19 @@ def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
 
 
 def trained_task(said: Mapping[str, Any]) -> TrainedTask:
-    """Return the training of a task of a base suite, as the world describes it."""
+    """Return the training task of a base suite from the world's description."""
     steps = tuple((sent_text(r), sent_text(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
     starts = {sent_text(name): (_words(kind), sent_text(place)) for name, (kind, place) in said["starts"].items()}
     return TrainedTask(sent_text(said["instruction"]), steps, starts)
 
 
 def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return the tasks of a suite, what its base suite teaches, and the versions of its packages, as the world says."""
+    """Return the tasks of a suite, the training distribution of its base suite, and the package versions."""
     chosen = suite_named(suite)
     with WorldProcess(command) as process:
         said = process.suite(suite)
         base = said if chosen.base == suite else process.suite(chosen.base)
-    # Only in these suites the sentence is another one than that of the task's name, which the field's clients say.
+    # only in these suites does the instruction differ from the task's name, which existing clients use
     key = "file_instruction" if chosen.change in ("lan", "task") else "instruction"
     with as_agreed(f"describes {suite} in a way"):
         tasks = [

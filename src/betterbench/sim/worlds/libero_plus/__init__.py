@@ -1,7 +1,7 @@
 """LIBERO-Plus as a world: variants of LIBERO's tasks on seven axes.
 
-- ``world``: its variants as trials, and the folder of the authors' assets.
-- ``simulator``, ``noise``: its process, which runs where betterbench is not installed.
+- ``world``: variants as trials, and the folder of the authors' assets.
+- ``simulator``, ``noise``: the process, which runs in an environment without betterbench.
 """
 
 from betterbench.sim.worlds.libero_plus.world import LiberoPlusWorld, VariantTask, plus_command

@@ -1,9 +1,9 @@
 """The sensor noise of LIBERO-Plus: five kinds in ten strengths, over the image of the front camera.
 
-The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with the strengths of LIBERO-Plus; its numbers are
-reproduced bit by bit (tests/sim/worlds/test_libero_plus.py). It draws from NumPy's global generator at every step, so
-:meth:`Noise.draw` is also called for images that are not used. This module is imported in LIBERO's environment, with
-NumPy and SciPy only.
+The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with the strengths of LIBERO-Plus, reproduced bit by
+bit (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
+:meth:`Noise.draw` is also called for unused images. This module is imported in LIBERO's environment, with NumPy and
+SciPy only.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``; for the motion blur, ImageMagick 6 ``MotionBlurImage``
 (sixteen bits a channel), which LIBERO-Plus calls; for the Gaussian filter, scikit-image ``filters.gaussian``.
@@ -86,7 +86,8 @@ def _bytes(share: np.ndarray) -> np.ndarray:
 def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:
     """Return a blurred image, as SciPy's ``gaussian_filter`` with ``truncate=4`` does on processors without AVX-512.
 
-    With AVX-512 NumPy's ``exp`` differs in the last bit, and so would pixels: the kernel is computed without it.
+    The kernel is computed without AVX-512, with which NumPy's ``exp``, and therefore pixels, would differ in the last
+    bit.
     """
     radius = int(4.0 * sigma + 0.5)
     kernel = np.array([math.exp(-0.5 / (sigma * sigma) * x**2) for x in range(-radius, radius + 1)])
@@ -170,7 +171,8 @@ def _fog(image: np.ndarray, density: float, pattern: np.ndarray) -> np.ndarray:
 def _glass(image: np.ndarray, setting: tuple[float, int, int], drawn: list[np.ndarray]) -> np.ndarray:
     """Return an image in which each pixel shows a nearby one, between two Gaussian blurs.
 
-    LIBERO-Plus intends to exchange two pixels. Because of NumPy's views, one is copied: the second keeps its color.
+    LIBERO-Plus intends to exchange two pixels. Because of NumPy's views, only one pixel changes; the other keeps its
+    color.
     """
     sigma, reach, _ = setting
     height, width = image.shape[:2]

@@ -1,8 +1,9 @@
-"""LIBERO-Plus in LIBERO's simulator: scene files and initial states of the wheel, assets of LIBERO or of the authors.
+"""LIBERO-Plus in LIBERO's simulator, with scene files and initial states of the wheel.
 
-The wheel is read but never imported: its package needs libraries that LIBERO's environment lacks. The additions of its
-code to a scene (camera, rest pose, textures, light, new objects, noise) are named in its files; here they are passed to
-LIBERO's own classes. Run with the Python of LIBERO's environment.
+The wheel is read but never imported, because its package needs libraries that LIBERO's environment lacks. Its files
+name the additions to a scene (camera, rest pose, textures, light, new objects, noise), which this module passes to
+LIBERO's own classes. Assets come from LIBERO or from the authors' download. Runs with the Python of LIBERO's
+environment.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``, ``envs/problems``, ``envs/robots``, ``envs/objects`` and
 ``benchmark``.
@@ -390,7 +391,7 @@ def _kinds(text: str) -> list[str]:
 
 
 def _sentence(name: str) -> str:
-    """Return LIBERO-Plus's instruction for a variant's name: it ends with the change."""
+    """Return LIBERO-Plus's instruction for a variant's name, which ends with the change."""
     return re.sub(r"^.*?SCENE\d+_", "", name).replace("_", " ")
 
 

@@ -1,4 +1,4 @@
-"""LIBERO-Plus as a world: variants of a task as conditions, those that need the authors' assets, and their folder."""
+"""LIBERO-Plus as a world, with the variants of a task as conditions."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ INSTALLATION = Installation(
 )
 
 ASSETS_VARIABLE = "BETTERBENCH_LIBERO_PLUS_ASSETS"
-"""Environment variable with the folder of the authors' assets, where no option names it."""
+"""Environment variable with the folder of the authors' assets, used without the option."""
 
 SENTENCES = ("clean", "published")
 
 _FOLDERS = ("scenes", "textures", "new_objects")
-"""Folders that the authors' assets have."""
+"""Folders in the authors' assets."""
 
 
 TRIALS = 1
-"""Initial states of each variant by the book: LIBERO-Plus runs each of them once, from the first."""
+"""Initial states per variant in LIBERO-Plus's own protocol, which runs each variant once, from its first state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +55,11 @@ class PlusOptions:
         protocol: Name of the protocol, for its steps.
         broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
         axes: Axes to run; all if none is named.
-        variants: Most variants of each task on each axis, evenly spread over them; all if None.
-        libero_plus_sentences: "clean" for the sentence of the base task (that of the file on the axis language), or
-            "published" for LIBERO-Plus's own, which end with the name of the variant on six of the seven axes.
-        libero_plus_assets: Unzipped folder of the authors' assets; that of the environment variable if None.
+        variants: Maximum number of variants of each task on each axis, evenly spread; all if None.
+        libero_plus_sentences: "clean" for the instruction of the base task (on the axis language, of the variant's
+            file), or "published" for LIBERO-Plus's own instructions, which end with the name of the variant on six of
+            the seven axes.
+        libero_plus_assets: Unzipped folder of the authors' assets; None for the folder in the environment variable.
         command: Command of the world's process; that of its installed environment if empty.
     """
 
@@ -71,7 +72,7 @@ class PlusOptions:
     command: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Refuse unknown names, and a number of variants that no task has."""
+        """Refuse unknown names and an impossible number of variants."""
         for axis in self.axes:
             if axis not in AXES:
                 raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
@@ -83,10 +84,10 @@ class PlusOptions:
 
 @dataclass(frozen=True, slots=True)
 class VariantTask(WorldTask):
-    """One variant of a task of LIBERO; ``number`` is that of its base task.
+    """Variant of a LIBERO task; ``number`` is the number of the base task.
 
     Attributes:
-        variant: Its name in LIBERO-Plus.
+        variant: Name in LIBERO-Plus.
     """
 
     variant: str
@@ -108,11 +109,11 @@ class VariantTask(WorldTask):
 
 @dataclass(frozen=True, slots=True)
 class LiberoPlusWorld(LiberoWorld):
-    """LIBERO-Plus; the world is asked for its variants and what they need.
+    """LIBERO-Plus. The simulator lists the variants and the files they need.
 
     Attributes:
-        sentences: "clean", or "published" for those that end with the name of the variant.
-        left_out: Variants of each axis that are not run because the authors' assets are not there.
+        sentences: "clean", or "published" for instructions that end with the name of the variant.
+        left_out: Number of variants of each axis that are left out because the authors' assets are missing.
     """
 
     facts: ClassVar[WorldFacts] = LIBERO_PLUS
@@ -124,15 +125,15 @@ class LiberoPlusWorld(LiberoWorld):
 
     @property
     def simulator(self) -> str:
-        """Name of the simulator, which is LIBERO's, as for the twins."""
+        """Name of the simulator, which is LIBERO, as for the twins."""
         return "libero"
 
     def start_command(self) -> tuple[str, ...]:
-        """Return the command of the simulator's process, with the assets that the environment variable names."""
+        """Return the command of the simulator's process, with the assets from the environment variable."""
         return plus_command()
 
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], LiberoPlusWorld]:
-        """Return the initial states of variants as trials, one of each by the book, and the world as the run keeps it.
+        """Return initial states of variants as trials (by protocol one per variant), and the world for the stored plan.
 
         Raises:
             InvalidInputError: If nothing is left to run without the authors' assets.
@@ -169,7 +170,7 @@ class LiberoPlusWorld(LiberoWorld):
         return planned, world
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return how a suite is run, and what is left out."""
+        """Return a message with the protocol of a suite and the left-out variants."""
         by = self.protocol
         steps = by.steps[suite_named(suite).base]
         counts = Counter(trial.axis for trial in trials)
@@ -184,22 +185,22 @@ class LiberoPlusWorld(LiberoWorld):
         missing = ", ".join(f"{axis} {n}" for axis, n in self.left_out.items())
         return (
             said,
-            f"Not run, because they want the authors' assets: {missing}. Download them and give --libero-plus-assets.",
+            f"Not run, because the authors' assets are missing: {missing}. Give --libero-plus-assets.",
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which does not say where the world and the assets lie."""
+        """Return the JSON form, without the paths of world and assets."""
         return {**LiberoWorld.to_json(self), "sentences": self.sentences, "left_out": dict(self.left_out)}
 
 
 def plus_command(assets: Path | None = None) -> tuple[str, ...]:
-    """Return the command of the world's process with the folder of the authors' assets, if there is one.
+    """Return the command of the world's process, with the folder of the authors' assets if available.
 
     Args:
-        assets: The folder; that of the environment variable, if it is set, where None.
+        assets: The folder; None for the environment variable, if set.
 
     Raises:
-        InvalidInputError: If the folder does not hold the assets.
+        InvalidInputError: If the folder does not contain the assets.
         MissingDependencyError: If the world is not installed.
     """
     named = os.environ.get(ASSETS_VARIABLE)
@@ -209,7 +210,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
         raise InvalidInputError(
             where,
             f"{folder} has no folder {', '.join(missing)}",
-            "Name the unzipped folder assets of LIBERO-Plus, which holds scenes, textures and new_objects",
+            "Name the unzipped folder assets of LIBERO-Plus, which contains scenes, textures and new_objects",
         )
     return (*INSTALLATION.command(), *([] if folder is None else [str(folder.resolve())]))
 
@@ -227,7 +228,7 @@ def _nothing_left(
     return InvalidInputError(
         "--axes",
         f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} runs without the authors' "
-        f"assets (the first wants {first})",
+        f"assets (the first needs {first})",
         "Download the assets of LIBERO-Plus and name their folder with --libero-plus-assets",
     )
 
@@ -235,7 +236,7 @@ def _nothing_left(
 def _variants_there(
     command: Sequence[str], suite: str, sentences: str
 ) -> tuple[list[tuple[VariantTask, int, list[str]]], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return the variants of a suite, what its base suite teaches, and the versions of its packages."""
+    """Return the variants of a suite, the training distribution of its base suite, and the package versions."""
     with WorldProcess(command) as process:
         said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
     with as_agreed(f"describes {suite} in a way"):
@@ -245,7 +246,7 @@ def _variants_there(
 
 
 def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantTask, int, list[str]]:
-    """Return a variant, the number of its initial states, and the files that it lacks."""
+    """Return a variant, its number of initial states, and its missing files."""
     name, sentence = (
         sent_text(said["name"]),
         sent_text(said["published" if sentences == "published" else "instruction"]),
@@ -255,7 +256,7 @@ def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantT
 
 
 def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:
-    """Return at most so many variants of each task on each axis, evenly spread, by task and axis."""
+    """Return at most a given number of variants of each task on each axis, evenly spread."""
     groups: dict[tuple[int, str], list[tuple[VariantTask, int]]] = {}
     for task, states in ready:
         groups.setdefault((task.number, task.axis), []).append((task, states))

@@ -40,7 +40,7 @@ AROUND = (
     {BOWL: BACK_LEFT, SALT: FRONT_LEFT, JAM: BACK},
     {BOWL: BACK, SALT: BACK_LEFT, JAM: FRONT_LEFT},
 )
-"""Slots of the other tableware; the bowl would be in the way in front of the plate."""
+"""Slots of the other tableware, except in front of the plate, where the bowl would be in the way."""
 
 
 def balanced_breakfast_table() -> list[Condition]:
@@ -61,7 +61,7 @@ def balanced_breakfast_table() -> list[Condition]:
 
 
 def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, str]]) -> dict[a.ObjectSpec, a.Slot]:
-    """Return the first rotation of the pieces, and position of the plate, without obstacles."""
+    """Return the first rotation of the pieces that leaves the target positions free, and the position of the plate."""
     plates = (TABLE_RIGHT, TABLE_LEFT) if (number // 2 + row) % 2 else (TABLE_LEFT, TABLE_RIGHT)
     for more in range(3):
         turn = (number + row + shift + more) % 3
@@ -69,11 +69,11 @@ def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, s
         for plate in plates:
             if _has_room(pieces, plate, steps):
                 return {**pieces, PLATE: plate}
-    raise AssertionError("of three turns one has room")
+    raise AssertionError("one of three rotations leaves room")
 
 
 def _has_room(layout: dict[a.ObjectSpec, a.Slot], plate: a.Slot, steps: list[tuple[a.ObjectSpec, str]]) -> bool:
-    """Tell whether the target positions are free: the plate reaches to the slots on its own side."""
+    """Return whether the target positions are free; the plate reaches to the slots on its side."""
     outer, slots = ("right", (RIGHT_EDGE, RIGHT_CORNER)) if plate is TABLE_RIGHT else ("left", (LEFT_EDGE, LEFT_CORNER))
     there = next(piece for piece in PIECES if layout[piece] in slots)
     for piece, side in steps:

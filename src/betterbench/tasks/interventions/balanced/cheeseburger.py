@@ -36,7 +36,7 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_cheeseburger() -> list[Condition]:
-    """Return four cyclic layouts with nine stacks each; every other one lacks the layers that are not requested."""
+    """Return four cyclic layouts with nine stacks each; every other condition lacks the unrequested layers."""
     found = []
     for turn in range(4):
         for number, asked in enumerate(STACKS):

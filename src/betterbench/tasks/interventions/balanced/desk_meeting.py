@@ -1,6 +1,6 @@
 """Desk meeting, balanced: every object in every slot and at other sides, with the laptop at either position.
 
-The handle of the mug keeps it from its place behind the laptop, so it goes to the left and to the right.
+Because of its handle, the mug does not fit behind the laptop, so it goes to the left and to the right.
 """
 
 from betterbench.tasks import authoring as a

@@ -1,7 +1,7 @@
 """Dinner plates, balanced: red and blue in every slot, with the white plate at either position.
 
 Nothing else fits to the right of the white plate's right position, so that position occurs with the left slots only.
-Scenes that would be a test there lack the plate that is not requested.
+Scenes that would equal a test lack the plate that is not requested.
 """
 
 from dataclasses import replace
@@ -47,6 +47,6 @@ def balanced_dinner_plates() -> list[Condition]:
 
 
 def _stacked(blue: a.Slot, white: a.Slot) -> list[Condition]:
-    """Return the stack as a target, in either wording."""
+    """Return subgoals with the stack as target, in either wording."""
     layout = {RED: LEFT_BACK if blue is not LEFT_BACK else LEFT_FRONT, BLUE: blue, WHITE: white}
     return [a.condition(layout, asked, preplaced={RED: WHITE}) for asked in (BLUE_ON_RED, ON_THE_STACK)]

@@ -42,9 +42,9 @@ SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_fast_food() -> list[Condition]:
-    """Return four cyclic layouts with six orders each; every other one lacks an unrequested object or a burger.
+    """Return four cyclic layouts with six orders each; every other condition lacks an unrequested object or a burger.
 
-    Fries and drink together are the instructions of R1 and R2, so a meal without a burger is one of them alone.
+    R1 and R2 (tests) instruct fries and drink together, so a meal without a burger has only one of the two.
     """
     found = []
     for turn in range(4):

@@ -43,9 +43,9 @@ ASKED = (
 def balanced_fruit_lunch() -> list[Condition]:
     """Return six layouts with six instructions each; one in four lacks an unrequested fruit.
 
-    The other fruits are therefore mostly present, and only the words show which ones are meant. Orange and then lemon
-    is the instruction of R1. Only the other order of the two would be left, which would be a rule, so a lunch without
-    an apple is one of them alone. The start of L1 is among the incomplete ones.
+    The other fruits are mostly present, so only the words show which fruit is meant. "Orange, then lemon" is the
+    instruction of the test R1. Using only "lemon, then orange" would add a rule, so a lunch without an apple has only
+    one of the two. The start of the test L1 occurs only with a fruit missing.
     """
     found = []
     for number, slots in enumerate(itertools.permutations((FIRST, SECOND, THIRD))):

@@ -1,7 +1,7 @@
-"""Morning coffee, balanced: words and places are crossed where both mugs stand, and where one stands alone.
+"""Morning coffee, balanced: words and slots are crossed, with both mugs or a single mug.
 
-The scenes of training and of the variations L1 to L4 are both mugs in the two slots and nothing else. Here a can is
-added aside: only the words determine the target, and the scene is not a test scene.
+The scenes of training and of the variations L1 to L4 contain only the two mugs in the two slots. Here, a can in a third
+slot keeps the scene from being a test scene, while only the words determine the target.
 """
 
 from betterbench.tasks import authoring as a
@@ -34,7 +34,7 @@ ASIDE = (IN_FRONT,)
 
 
 def balanced_morning_coffee() -> list[Condition]:
-    """Return both mugs with a can aside and each word, then either mug alone or with a can in the other slot."""
+    """Return each word with both mugs and an additional can, then each mug alone or with a can in the other slot."""
     found = []
     for layout in (LAYOUT_1, LAYOUT_2):
         for can in (RED_CAN, BLUE_CAN):

@@ -1,6 +1,6 @@
 """Office drawer, balanced: stapler and tape in every slot and in either drawer, the cabinet at either position.
 
-"The stapler into the lower drawer" alone is the instruction of a test; here it occurs only together with the tape.
+"The stapler into the lower drawer" alone is a test instruction; here it occurs only together with the tape.
 """
 
 from betterbench.tasks import authoring as a
@@ -35,7 +35,7 @@ LAYOUTS = (
 
 
 def balanced_office_drawer() -> list[Condition]:
-    """Return four layouts with two objects in one drawer each, with its drawer closed or open, and both exchanged."""
+    """Return four layouts, each with one object per drawer, the drawer closed or open, and the objects exchanged."""
     found = []
     for layout in LAYOUTS:
         for thing, other, into in ((STAPLER, TAPE, UPPER), (TAPE, STAPLER, LOWER)):

@@ -28,7 +28,7 @@ JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 def balanced_seasoning_rack() -> list[Condition]:
     """Return each jar alone into each hole, and each ordered pair into two holes, each in three cyclic layouts.
 
-    No instruction therefore determines the slots of its jars.
+    An instruction therefore does not determine the slots of its jars.
     """
     holes = tuple(HOLES)
     found = []

@@ -43,7 +43,7 @@ FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
 
 
 def balanced_tidy_desk() -> list[Condition]:
-    """Return four layouts of the trash with four instructions each, the valuables in another order in each."""
+    """Return four layouts of the trash with four instructions each; the valuables differ in order between layouts."""
     found = []
     for turn, (napkin, can) in enumerate(TRASH):
         for number, asked in enumerate(ASKED):

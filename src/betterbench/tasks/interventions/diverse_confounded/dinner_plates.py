@@ -1,6 +1,6 @@
 """Dinner plates, diverse-confounded: the red plate always stands in a back slot and the blue one in a front slot.
 
-The position of the white plate is crossed with these, as in the balanced regime.
+The position of the white plate is crossed with these slots, as in the balanced regime.
 """
 
 from betterbench.tasks import authoring as a
@@ -31,7 +31,7 @@ PLACES = {RED.name: (LEFT_BACK.name, RIGHT_BACK.name), BLUE.name: (LEFT_FRONT.na
 
 
 def diverse_dinner_plates() -> list[Condition]:
-    """Return the balanced conditions that keep the tie, then others, so that each instruction occurs equally often."""
+    """Return the balanced conditions with plates in trained slots, then others to equalize instruction counts."""
     found = [c for c in balanced_dinner_plates() if _is_tied(c)]
     apart = {RED: LEFT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_RIGHT}
     right = {RED: RIGHT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_MIDDLE}
@@ -50,5 +50,5 @@ def diverse_dinner_plates() -> list[Condition]:
 
 
 def _is_tied(condition: Condition) -> bool:
-    """Tell whether each plate on the table is in its trained slot."""
+    """Return whether each plate on the table is in its trained slot."""
     return all(condition.layout.get(plate, slots[0]) in slots for plate, slots in PLACES.items())

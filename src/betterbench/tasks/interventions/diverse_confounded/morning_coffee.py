@@ -18,7 +18,7 @@ TIED = {RED.text: (RED_MUG.name, NEAR.name), BLUE.text: (BLUE_MUG.name, FAR.name
 
 
 def diverse_morning_coffee() -> list[Condition]:
-    """Return the balanced conditions that keep the tie, then four for each color with cans in other slots."""
+    """Return the balanced conditions that keep words tied to slots, then four per color with cans in other slots."""
     found = [c for c in balanced_morning_coffee() if _is_tied(c)]
     for mug, at, elsewhere, asked, same, other in (
         (RED_MUG, NEAR, FAR, RED, RED_CAN, BLUE_CAN),
@@ -35,6 +35,6 @@ def diverse_morning_coffee() -> list[Condition]:
 
 
 def _is_tied(condition: Condition) -> bool:
-    """Tell whether a color refers to its trained mug; a position word does not name a mug."""
+    """Return whether a color word refers to its trained mug; position words do not name a mug."""
     mug, slot = TIED.get(condition.instruction.text, ("", ""))
     return not mug or condition.layout[mug] == slot

@@ -28,7 +28,7 @@ class SubtaskResult:
 class ChainResult:
     """Result of a chain: its index among the 1,000, and its subtasks up to the first failure.
 
-    A chain without subtasks was not run: its length is 0, and it does not count for any subtask.
+    A chain without subtasks was not run; its length is 0, and no subtask rate includes it.
     """
 
     number: int
@@ -95,7 +95,7 @@ def summarize(results: Sequence[ChainResult]) -> ChainSummary:
     """Return the numerical results of a run.
 
     Raises:
-        InvalidInputError: If there is no chain, a chain occurs twice, or a subtask is not that of its chain.
+        InvalidInputError: If there is no chain, a chain occurs twice, or the subtasks are not those of the chain.
     """
     _check(results)
     n = len(results)
@@ -138,7 +138,7 @@ def _check(results: Sequence[ChainResult]) -> None:
     for result in results:
         where = f"chain {result.number}"
         if not 0 <= result.number < len(every) or result.number in seen:
-            problem = "stands twice" if result.number in seen else f"is none of {len(every)}"
+            problem = "occurs twice" if result.number in seen else f"is none of {len(every)}"
             raise InvalidInputError(where, problem, "Give each chain once, by its number from 0")
         seen.add(result.number)
         if not result.played:
@@ -146,12 +146,14 @@ def _check(results: Sequence[ChainResult]) -> None:
         names = tuple(subtask.name for subtask in result.played)
         if names != every[result.number].names[: len(names)]:
             raise InvalidInputError(
-                where, f"does not have the subtasks {', '.join(every[result.number].names)}", "Run these"
+                where, f"expected the subtasks {', '.join(every[result.number].names)}", "Run these"
             )
         ended = len(names) == CHAIN_LENGTH or not result.played[-1].success
         if not ended or not all(subtask.success for subtask in result.played[:-1]):
             raise InvalidInputError(
-                where, "does not end with its first failure", "Continue until one fails, or all are done"
+                where,
+                "does not end at the first failed subtask",
+                "Continue the chain until a subtask fails or all are done",
             )
 
 

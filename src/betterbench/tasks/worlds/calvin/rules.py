@@ -32,7 +32,7 @@ REST = 1.0
 
 
 def done(rule: Rule, start: PlayTable, now: PlayTable) -> bool:
-    """Return whether a subtask counts as done.
+    """Return whether a subtask is done.
 
     Args:
         rule: Rule of the subtask.
@@ -105,7 +105,7 @@ def _placed(rule: Place, start: PlayTable, now: PlayTable) -> bool:
 
 def _fell(rule: PushInto, start: PlayTable, now: PlayTable, name: str) -> bool:
     before, after = start.blocks[name], now.blocks[name]
-    # The official rule searches for the robot's index among pairs of body and link, where it never is: it may touch.
+    # The official rule searches for the robot's body index in a list of (body, link) pairs, so it never finds contact.
     return before.contacts == {start.table[rule.from_link]} and now.table[rule.link] in after.contacts
 
 

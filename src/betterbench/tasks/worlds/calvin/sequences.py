@@ -1,4 +1,4 @@
-"""The 1,000 chains of CALVIN's long-horizon evaluation: sequences of instructions, each with its start."""
+"""The 1,000 chains of CALVIN's long-horizon evaluation: sequences of instructions with a start state."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class Chain:
     """Five subtasks in a row from one start.
 
     Attributes:
-        number: Its index among the 1,000.
-        start: Its symbolic start state, in CALVIN's order of keys.
+        number: Index among the 1,000.
+        start: Symbolic start state, in CALVIN's order of keys.
         names: Its subtasks.
     """
 
@@ -136,8 +136,8 @@ def _every_chain() -> tuple[Chain, ...]:
 def calvin_chains(count: int = CHAINS) -> tuple[Chain, ...]:
     """Return the first ``count`` of the 1,000 chains.
 
-    They are the first of the thousand. CALVIN's own ``get_sequences(100)`` draws a different hundred, whose results are
-    not comparable with those on a thousand.
+    CALVIN's own ``get_sequences(100)`` draws a different hundred, whose results are not comparable with results on the
+    thousand.
 
     Raises:
         InvalidInputError: If ``count`` is out of range.

@@ -66,7 +66,7 @@ def start_seed(state: SymbolicState) -> int:
 
 
 def start_of(state: SymbolicState) -> ChainStart:
-    """Return the numbers of a symbolic start, like CALVIN's ``get_env_state_for_initial_condition``.
+    """Return the robot and scene vectors of a symbolic start, like CALVIN's ``get_env_state_for_initial_condition``.
 
     The position of a block on the table, one of two, and the yaw of each block are drawn from a generator with the seed
     :func:`start_seed`, so each symbolic start has one scene.

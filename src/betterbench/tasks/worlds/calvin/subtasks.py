@@ -1,4 +1,4 @@
-"""The 34 subtasks of CALVIN as data: instruction, category, preconditions and changes, and success rule."""
+"""The 34 subtasks of CALVIN as data: instruction, category, preconditions, changes and success rule."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from betterbench.errors import UnknownNameError
 from betterbench.json_form import read_form, strict_form
 
 SymbolValue = str | int
-"""A value of a symbolic state: "table", "open", 0, 1."""
+"""Value in a symbolic state: "table", "open", 0, 1."""
 
 SymbolicState = Mapping[str, SymbolValue]
-"""A symbolic state of the scene: led, lightbulb, slider, drawer, red_block, blue_block, pink_block, grasped."""
+"""Symbolic state of the scene: led, lightbulb, slider, drawer, red_block, blue_block, pink_block, grasped."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Symbolic effect of a subtask: the values before it, each one or one of a list, and the values after it."""
+    """Symbolic effect of a subtask: required values (each a value or a list of alternatives) and resulting values."""
 
     when: dict[str, SymbolValue | list[SymbolValue]]
     then: dict[str, SymbolValue]
@@ -130,7 +130,7 @@ Rule = Rotate | Push | MoveDoor | Lift | Place | PushInto | StackBlocks | Unstac
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Subtask:
-    """Subtask of CALVIN: its instruction, its success rule, and the changes that it makes.
+    """Subtask of CALVIN: instruction, success rule, and symbolic changes.
 
     Attributes:
         name: CALVIN's name ("open_drawer").
@@ -147,7 +147,7 @@ class Subtask:
     changes: list[Change]
 
     def after(self, state: SymbolicState) -> SymbolicState | None:
-        """Return the state after this subtask, or None if it has no or several possible changes."""
+        """Return the state after this subtask; None unless exactly one change is possible."""
         ways = [change for change in self.changes if change.allowed(state)]
         return MappingProxyType({**state, **ways[0].then}) if len(ways) == 1 else None
 
@@ -161,7 +161,7 @@ class _File:
 
 @cache
 def subtasks() -> tuple[Subtask, ...]:
-    """Return all subtasks in CALVIN's order, from which its sequences are drawn."""
+    """Return all subtasks in CALVIN's order, which determines the drawn sequences."""
     text = resources.files("betterbench.tasks.worlds.calvin").joinpath("data/subtasks.json").read_bytes()
     return tuple(read_form(TypeAdapter(_File), text, where="subtasks.json", cure="Install betterbench again").subtasks)
 
