@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import os
 import re
 import shlex
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from betterbench.certification.coverage import Gap, cure_for
 from betterbench.cli.main import VERBS, main
 from betterbench.tasks import TrialId
+from betterbench.tasks.user_files import VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = (ROOT / "src", ROOT / "packages" / "betterbench-calibration" / "src")
@@ -92,7 +94,8 @@ def test_a_task_that_was_never_measured_is_measured_before_it_is_certified(tmp_p
     file.write_text(OWN, encoding="utf-8")
     words = ["--policy", "expert", "--tasks", "my_advised_task", "--task-file", str(file), "--trials", "2"]
     command = [sys.executable, "-m", "betterbench.cli", "eval", *words, "--out", str(tmp_path / "run")]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
     assert done.returncode == 2
     said = " ".join(done.stderr.split())
     first, second = re.findall(r"better (certify .*?)(?:, then|and name it)", said)

@@ -38,7 +38,7 @@ def test_every_option_that_describes_a_run_can_stand_in_a_file():
     names = {getattr(hints[p], "__metadata__", [p])[0] for p in parameters}
     options = {n if isinstance(n, str) else (n.name or "") for n in names} - {""}
     options |= {f.name for cls in (TrialOptions, RayOptions) for f in fields(cls)}
-    assert {f.name for f in fields(RunFile)} == (options | {"task_file"}) - OF_THE_CALL
+    assert {f.name for f in fields(RunFile)} == (options | {"task_file", "asset_dir"}) - OF_THE_CALL
 
 
 def test_the_file_stands_for_the_words_of_a_command_line(run_file):

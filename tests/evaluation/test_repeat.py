@@ -200,7 +200,7 @@ def test_with_a_yes_the_named_policy_is_shown_and_made(uninterrupted, tmp_path, 
     arguments = ["eval", "--from", str(source), "--out", str(tmp_path / "run"), "--uncertified", "--workers", "1"]
     assert main([*arguments, "--trust"]) == 2
     said = capsys.readouterr().err.replace("\n", "")
-    assert f"names: python:{tmp_path}/own.py:Missing" in said
+    assert f"Policy named in {source}: python:{tmp_path}/own.py:Missing" in said
     assert "has no 'Missing'" in said
     assert mark.exists()
 

@@ -90,7 +90,7 @@ VERBS: dict[str, Verb] = {
     "doctor": Verb("doctor:doctor_command", "Check what works on this machine, or try a policy."),
     "list": Verb("listing:list_command", "List suites, tasks, variations, policies or assets."),
     "assets": Verb("assets:assets_command", "Index, search and show assets, and list their licenses."),
-    "review": Verb("review:review_command", "Review imported meshes in the browser, or compare two reviews."),
+    "review": Verb("review:review_command", "Review imported meshes in the browser."),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),

@@ -11,6 +11,7 @@ import hashlib
 import io
 import os
 import struct
+import warnings
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -131,17 +132,20 @@ def check_picture(data: bytes, name: str, where: str) -> None:
     Raises:
         InvalidInputError: If it is damaged or has too many pixels.
     """
-    Image.MAX_IMAGE_PIXELS = None  # counted here, before anything is unpacked
     try:
-        with Image.open(io.BytesIO(data)) as opened:
-            pixels = opened.width * opened.height
-            if pixels <= MAX_IMAGE_PIXELS:
-                opened.load()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(data)) as opened:
+                large = opened.width * opened.height > MAX_IMAGE_PIXELS
+                if not large:
+                    opened.load()
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        large = True
     except Exception as error:  # whatever Pillow raises about a broken picture
         problem = f"its texture {name} cannot be read ({one_line(error, most=120)})"
         raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
-    if pixels > MAX_IMAGE_PIXELS:
-        problem = f"its texture {name} has {pixels:,} pixels, expected at most {MAX_IMAGE_PIXELS:,}"
+    if large:
+        problem = f"its texture {name} has more than {MAX_IMAGE_PIXELS:,} pixels"
         raise InvalidInputError(where, problem, f"Reduce it to {LARGEST_IMAGE} pixels a side")
 
 
