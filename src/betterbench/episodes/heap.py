@@ -1,4 +1,4 @@
-"""Rare garbage collection during an episode, which ignores objects from before the episode."""
+"""Less frequent garbage collection during an episode, on objects created in the episode only."""
 
 from __future__ import annotations
 

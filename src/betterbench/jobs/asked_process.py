@@ -120,7 +120,7 @@ class AskedProcess:
                 left = left[self._link.send(left[:_PIECE]) :]
             except TimeoutError:
                 if self.has_ended:
-                    raise BrokenPipeError("it has ended") from None
+                    raise BrokenPipeError("the process has exited") from None
 
     def recv(self, size: int) -> bytes:
         """Return the next bytes, empty if the process has ended; TimeoutError if none arrive in time."""

@@ -1,8 +1,8 @@
-"""Protection of written paths: no file is written through a link that leads out of a command's folder.
+"""Guards against writing outside an output folder through a symbolic link.
 
-An untrusted run folder may contain a link to a file of the user. A folder named as an output means only that folder. A
-folder locked by a process (:class:`~betterbench.jobs.lock.RunLock`) is therefore guarded: every file written below it
-must be inside it after all links are resolved.
+An untrusted run folder may contain a link to one of the user's files, but naming an output folder permits writing only
+inside this folder. Every path written below a folder that this process has locked
+(:class:`~betterbench.jobs.lock.RunLock`) must therefore still be inside the folder after all links are resolved.
 """
 
 from __future__ import annotations

@@ -539,7 +539,7 @@ def _run_json(plan: Mapping[str, Any], context: Mapping[str, Any]) -> bytes:
 
 
 def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
-    """Keep a copy of each user's file that defines tasks of a run."""
+    """Copy the user's task files into the run folder, if the plan uses any."""
     if plan.get("task_files"):
         keep_copies(path)
 

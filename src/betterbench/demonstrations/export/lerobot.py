@@ -267,7 +267,7 @@ class _FrameFiles(_Files):
 
 
 class _VideoFiles(_Files):
-    """The videos of one column, each of several episodes."""
+    """Video files of one camera column; each file holds several consecutive episodes."""
 
     def __init__(self, folder: Path, column: str, rate_hz: int) -> None:
         super().__init__(f"videos/{column}")

@@ -250,7 +250,10 @@ def _failure_lines(t: TaskAcceptance, films: Mapping[tuple[str, str], str]) -> l
 
 
 def _coverage_lines(t: TaskAcceptance) -> list[str]:
-    """Return a table of the demonstrations per level by condition and factor, and the acceptance by region."""
+    """Return a Markdown table of the demonstrations per factor level and condition.
+
+    If an attempt was rejected, the region with the lowest acceptance rate follows.
+    """
     lines = ["| condition | factor | demonstrations per level | rarest level against the mean |", "|---|---|---|---|"]
     for c in t.coverage:
         for f in c.factors:

@@ -217,7 +217,7 @@ def _is_place(text: str) -> bool:
 
 
 def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
-    """Return the command that exports a data set of betterbench."""
+    """Return the ``better export`` command line that produces this training set."""
     words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
     words += ["--images", images] * (images != "video") + ["--out", place or data.place]
     return shell_line(words)

@@ -101,7 +101,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
     Args:
         record: The record.
-        condition: Condition whose scene the first state shows.
+        condition: Condition that matches the initial scene of the record.
     """
     meta = record.metadata
     goals = {goal.name: goal for goal in condition.instruction.subgoals}

@@ -83,7 +83,7 @@ class Plan:
 
     @property
     def scene_options(self) -> SceneOptions:
-        """Options of scenes that only some worlds have."""
+        """Scene options (quality, robot, looks) that only some worlds support."""
         return SceneOptions(self.quality, self.robot, self.looks)
 
 

@@ -190,7 +190,11 @@ class Worker:
         return sum(slot.steps is not None for slot in self._slots)
 
     def start(self, trial: Trial) -> None:
-        """Accept a trial for :meth:`finished`; InvalidInputError if no environment is free."""
+        """Queue a trial in a free environment, where :meth:`finished` runs it.
+
+        Raises:
+            InvalidInputError: If no environment is free.
+        """
         for slot in self._slots:
             if slot.steps is None and not slot.connecting:
                 slot.steps, slot.trial = self._trial_runner.steps(trial), trial.id

@@ -136,7 +136,7 @@ class Checkpoint:
         except BetterError:
             raise
         except Exception as error:
-            # report any exception of LeRobot about an unusable checkpoint on one line
+            # LeRobot can raise anything for an unusable checkpoint; report it as a one-line error
             problem = one_line(error, most=300) or type(error).__name__
             raise InvalidInputError(
                 where, f"LeRobot cannot load it ({problem})", "Name a folder or hub id of a checkpoint of LeRobot 0.4"

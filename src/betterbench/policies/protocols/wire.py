@@ -91,10 +91,10 @@ class ModalityConfig:
 
 
 def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
-    """Return the frame of a value in openpi's protocol, with arrays marked as in its own client or msgpack-numpy.
+    """Encode a value as an openpi frame, with arrays tagged as by openpi's own client or by msgpack-numpy.
 
-    Values are maps, lists, texts, bytes, numbers, None and NumPy arrays of numbers, booleans or texts. Other types
-    raise InvalidInputError.
+    A value is a dict, list, string, bytes, number or None, or a NumPy array of numbers, booleans or strings. Other
+    types raise InvalidInputError.
     """
     return _encode(value, _mark_openpi if arrays == "openpi" else _mark_nd)
 
