@@ -413,8 +413,8 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:
         logger.warning(
-            "%d starts are in only one of the journals of demonstrations and attempts (first: %s), because a journal was "
-            "truncated or the command was killed; these starts are run again",
+            "%d starts are in only one of the journals of demonstrations and attempts (first: %s), because a journal "
+            "was truncated or the command was killed; these starts are run again",
             len(lost),
             lost[0],
         )
