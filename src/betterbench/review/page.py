@@ -286,7 +286,7 @@ class ReviewPage:
                 )
             )
         front = 0.5 * asset.size_m[0] + 0.05
-        for name, text in ((seen, "what is seen"), (touched, "what is touched")):
+        for name, text in ((seen, "visual shape"), (touched, "collision shape")):
             label = scene.add_label(
                 f"{name}_title", text, position=(front, 0.0, 0.0), anchor="top-center", font_screen_scale=1.1
             )

@@ -1,4 +1,4 @@
-"""Header and description of glTF files (glTF 2.0, sections 3 and 4.4), which are checked before a file is read."""
+"""Checks of the header and the JSON description of a glTF file (glTF 2.0, sections 3 and 4.4) before it is read."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import parse_json
 
 MAX_JSON_BYTES = 32 << 20
-"""Largest description in a glTF file."""
+"""Largest JSON description in a glTF file [byte]."""
 
 _HEAD = struct.Struct("<4sIII4s")
 _CURE = "Export the object again, or leave it out"

@@ -1,4 +1,4 @@
-"""What is touched against what is seen."""
+"""Comparison of the collision shape with the visual shape."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _CURE = "Add or move collision parts; of an imported mesh close holes and remove
 
 @check
 def collision_outside(subject: Subject) -> Finding:
-    """Check that collision parts do not stand out of the visible surface."""
+    """Check that collision parts do not extend beyond the visible surface."""
     found = 1000.0 * subject.distances.outside_m
     limit = max(limits.OUTSIDE_MM, 1000.0 * limits.OUTSIDE_SHARE * subject.middle_m)
     return at_most(found, limit, "mm", f"contacts up to {found:.2g} mm off the visible surface", _CURE)
@@ -19,7 +19,7 @@ def collision_outside(subject: Subject) -> Finding:
 
 @check
 def collision_inside(subject: Subject) -> Finding:
-    """Check that the visible surface cannot be passed through."""
+    """Check that collision parts cover the whole visible surface."""
     found = 1000.0 * subject.distances.inside_m
     limit = max(limits.INSIDE_MM, 1000.0 * limits.INSIDE_SHARE * subject.middle_m)
     return at_most(found, limit, "mm", f"visible surface up to {found:.2g} mm without contact", _CURE)

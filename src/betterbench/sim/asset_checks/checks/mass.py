@@ -1,4 +1,4 @@
-"""Whether center of mass and inertia fit the shape."""
+"""Checks that center of mass and inertia fit the shape."""
 
 from __future__ import annotations
 

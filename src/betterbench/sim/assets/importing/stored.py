@@ -1,4 +1,4 @@
-"""Imported objects as files: a draft and what is known about it, in one archive of NumPy without pickle."""
+"""File format of imported objects: a draft and its metadata in one NumPy archive without pickle."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def to_bytes(imported: Imported) -> bytes:
 
 
 def _archive(arrays: dict[str, np.ndarray]) -> bytes:
-    """Return arrays as an archive whose bytes depend on nothing else: np.savez writes the time."""
+    """Return arrays as an archive with reproducible bytes (np.savez would write the time)."""
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(arrays):
@@ -91,10 +91,10 @@ def _archive(arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def from_bytes(data: bytes, where: str) -> Imported:
-    """Return the imported object that bytes of :func:`to_bytes` describe.
+    """Return the imported object from the bytes of :func:`to_bytes`.
 
     Raises:
-        InvalidInputError: If they do not.
+        InvalidInputError: If the bytes are not a valid archive.
     """
     try:
         arrays = _arrays(data)
@@ -113,8 +113,8 @@ _UNREADABLE = (
 
 
 def _arrays(data: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays of an archive, whose stated sizes are checked before anything is unpacked."""
-    if not data.startswith(b"PK\x03\x04"):  # zipfile would also find an archive behind other bytes
+    """Return the arrays of an archive; stated sizes are checked before unpacking."""
+    if not data.startswith(b"PK\x03\x04"):  # zipfile would also accept an archive after other bytes
         raise ValueError("it does not begin as an archive")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
@@ -136,7 +136,7 @@ def _arrays(data: bytes) -> dict[str, np.ndarray]:
 
 
 def _check(draft: Draft) -> None:
-    """Raise ValueError if a part has another form than the simulator expects: the file may be a stranger's."""
+    """Raise ValueError if a part does not have the form that the simulator expects; the file may be untrusted."""
     visual = [part for part in draft.parts if isinstance(part, VisualPart)]
     hulls = [part for part in draft.parts if isinstance(part, CollisionPart)]
     if not visual or not hulls or len(hulls) > _MOST_HULLS or sum(len(p.faces) for p in visual) > _MOST_FACES:
