@@ -94,7 +94,7 @@ class IncomingMessages:
             return False
         try:
             sent = _SENT.validate_python(importlib.import_module("msgspec.msgpack").decode(raw))
-        except Exception:  # noqa: BLE001 - whatever is in it
+        except Exception:  # noqa: BLE001 - a message can cause any error
             return False
         if not isinstance(sent, _Update):
             return True

@@ -32,7 +32,7 @@ def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any
     if binary:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size or head[:4] != b"glTF":
-            raise InvalidInputError(where, "it does not begin as a GLB file does", _CURE)
+            raise InvalidInputError(where, "it does not have the header of a GLB file", _CURE)
         _, version, total, length, kind = _HEAD.unpack(head)
         if version != 2 or kind != b"JSON":
             raise InvalidInputError(where, f"it is GLB version {version}, and version 2 is expected", _CURE)

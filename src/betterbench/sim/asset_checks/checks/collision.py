@@ -31,7 +31,7 @@ def opening_free(subject: Subject) -> Finding:
     if not subject.holds:
         return not_applicable("it is not a container")
     if subject.cavity is None:
-        return Finding(0.0, limits.OPENING_SHARE, "share", True, "no hollow is seen in this container", _CURE)
+        return Finding(0.0, limits.OPENING_SHARE, "share", True, "no hollow was found in this container", _CURE)
     touched = subject.touched_cavity
     share = 0.0 if touched is None else touched.volume_m3 / subject.cavity.volume_m3
     said = f"collision parts leave {100 * share:.3g} % of its hollow"

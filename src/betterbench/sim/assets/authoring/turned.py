@@ -19,7 +19,7 @@ class Turned:
             the surface.
         heights: Height of each point [m].
         crease_degrees: Angle above which an edge is drawn sharp.
-        wrap: Whether to wrap the texture around each half of the circumference; else the texture is one column.
+        wrap: Whether to wrap the texture around each half of the circumference; otherwise the texture has one column.
         phase: Angle of the first side [rad].
     """
 

@@ -171,7 +171,7 @@ class _Folder:
         if there is None and name in categories():
             raise InvalidInputError("--name", f"{name!r} is an asset already", f"Take another one, as my_{name}")
         if there is not None and next(iter(there.source_files), "") != request.path.name:
-            problem = f"{name!r} in {self._path} was made of another file"
+            problem = f"{name!r} in {self._path} was made from another file"
             raise InvalidInputError("--name", problem, "Take another name, or another folder")
 
     @staticmethod

@@ -100,7 +100,7 @@ def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str
         for attribute in [name for name in element.attrib if name.startswith("file")]:
             if element.tag not in folders:
                 problem = f"its element {one_line(element.tag, most=40)} refers to a file"
-                raise InvalidInputError(where, problem, "Meshes and textures alone are read")
+                raise InvalidInputError(where, problem, "Only meshes and textures are read")
             given = element.attrib.pop(attribute)
             name = PurePosixPath(given).name if strips else given
             if not element.get("name"):
@@ -130,7 +130,7 @@ def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]: 
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
     if len(free) > 1:
         first, second = (_body_name(model, model.jnt_bodyid[j]) for j in free[:2])
-        raise InvalidInputError(where, f"its bodies {first} and {second} are two objects", "Import one object a file")
+        raise InvalidInputError(where, f"its bodies {first} and {second} are two objects", "Import one object per file")
     moving = [j for j in range(model.njnt) if j not in free]
     said = [_joint_name(model, j) for j in moving]
     if moving and not freeze:

@@ -58,17 +58,20 @@ def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, t
     center, inertia = mass_of_cells(placed.solid, mass)
     low, high = placed.mesh.bounds()
     if not ((stated.center > low) & (stated.center < high)).all():
-        return Body(mass, center, inertia), (said, "the stated center of mass is outside the object: that of its solid")
+        return Body(mass, center, inertia), (
+            said,
+            "the stated center of mass is outside the object: that of a solid body is used",
+        )
     if _is_over_base(center, placed) and not _is_over_base(stated.center, placed):
         return Body(mass, center, inertia), (
             said,
-            "with the stated center of mass it would tip over: that of its solid",
+            "with the stated center of mass it would tip over: that of a solid body is used",
         )
     theirs = stated.inertia * (mass / stated.mass_kg)
     if not _is_plausible(theirs, inertia):
         return Body(mass, stated.center, inertia), (
             said,
-            "the stated inertia does not fit the shape: that of its solid",
+            "the stated inertia does not fit the shape: that of a solid body is used",
         )
     return Body(mass, stated.center, theirs), (said,)
 

@@ -185,7 +185,7 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
         if by_rule is None and len(fits) == 1:
             unit = UNITS_M[fits[0]]
             return unit, f"longest side {100 * longest * unit:.3g} cm, read as {fits[0]}"
-        problem = f"its longest side is {longest:.3g} units, and neither its name nor its format tells its size"
+        problem = f"its longest side is {longest:.3g} units, and neither its name nor its format determines its size"
         raise InvalidInputError(where, problem, "Give --size-m, or --kind with a known kind")
     if by_rule is None:
         for name, unit in UNITS_M.items():

@@ -49,7 +49,7 @@ def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.nd
 
 
 def _slab(outline: np.ndarray, low: float, high: float, *, bevel: float, crease: float = 50.0) -> Mesh:
-    """Return a slab with bevelled edges over an outline that is seen whole from the origin [m], mapped from above."""
+    """Return a slab with bevelled edges over a star-shaped outline about the origin [m], textured from above."""
     reach = np.linalg.norm(outline, axis=1, keepdims=True)
     rings = []
     for z, inset in ((low, bevel), (low + bevel, 0.0), (high - bevel, 0.0), (high, bevel)):
@@ -230,9 +230,9 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("lettuce_leaf", colors=("green",))
 def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
-    """Make two leaves of lettuce one on the other: longer than wide, with a pale midrib and a ruffled, wavy edge.
+    """Make two stacked leaves of lettuce: longer than wide, with a pale midrib and a ruffled, wavy edge.
 
-    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box of
+    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box with
     the thickness of a filling; their soft edges extend beyond it and are only visual.
     """
     half_x, half_y, wave = uniforms(rng, (0.043, 0.050), (0.033, 0.037), (0.0035, 0.0055))

@@ -1,4 +1,4 @@
-"""Computer mice, and the bar of soap with the outline of a mouse."""
+"""Computer mice, and a bar of soap with the outline of a mouse."""
 
 import math
 
@@ -12,7 +12,7 @@ _SIDES = 24
 
 
 def _size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a mouse and of the soap with its outline: the first of its numbers."""
+    """Draw length, width and height [m] of a mouse or the matching soap; must be the first draw of a look."""
     length, width, height = uniforms(rng, (0.096, 0.114), (0.0575, 0.0645), (0.0335, 0.0395))
     return length, width, height
 
@@ -165,7 +165,7 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _lather(rng: np.random.Generator, length: float, width: float, height: float, *, count: int) -> Mesh:
-    """Return a heap of lather on one end of the bar, from its top over its edge, not where a jaw takes it."""
+    """Return a heap of lather on one end of the bar, from the top over the edge, away from the grasp."""
     end, side = float(rng.choice([-1.0, 1.0])), float(rng.choice([-1.0, 1.0]))
     lumps = []
     for k in range(count):

@@ -1,4 +1,4 @@
-"""Crushed beverage cans: trash that must not be confused with a full can."""
+"""Crushed beverage cans: trash, distinct from full cans."""
 
 import math
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class _Crush:
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     """Make an empty can that lies on its side, squeezed in its middle and bent.
 
-    The empty can is 13 to 14 g of aluminum. It weighs 18 to 22 g, including a rest of the drink. A jaw grasps it at its
+    An empty can has 13 to 14 g of aluminum; with a rest of the drink, it weighs 18 to 22 g. A jaw grasps it at its
     waist.
     """
     length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.006, 0.006))

@@ -53,7 +53,8 @@ def fork(rng: np.random.Generator, color: str) -> Draft:
 def spoon(rng: np.random.Generator, color: str) -> Draft:
     """Make a table spoon that lies along x, its bowl at -x; yellow is brass.
 
-    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle; its handle is that of the fork.
+    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle; the handle is the same as the handle of
+    the fork.
     """
     half_width, half_length, depth = uniforms(rng, (0.0160, 0.0195), (0.0225, 0.0290), (0.0080, 0.0110))
     metal, center = jittered(_METAL[color], rng, amount=0.04), -_HALF + half_length
@@ -96,8 +97,8 @@ def _piece(
 ) -> Draft:
     """Put a head on a handle.
 
-    The head, of visual parts and ``sizes``, rests on half a width of ``reach`` and leaves the table at x = ``head_end``
-    [m]. Its part above the contact surface, if that is wider, is its ``rim``.
+    The head has visual parts and ``sizes``, rests on a half width of ``reach`` and leaves the table at x = ``head_end``
+    [m]. The ``rim`` is a wider part of the head above the contact surface.
     """
     style = str(rng.choice(list(_HANDLES)))
     material, paints = _HANDLES[style]

@@ -8,7 +8,7 @@ from betterbench.sim.assets.authoring import Draft, generator, leaning_box, merg
 from betterbench.sim.assets.authoring.mesh import ABOVE, box, prism, rectangle
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-# Rows of keys from the user's to the far one: widths in units of one key, as on a compact keyboard.
+# Rows of keys from the nearest to the farthest: widths in units of one key, as on a compact keyboard.
 ROWS: tuple[tuple[float, ...], ...] = (
     (1.25, 1.0, 1.25, 6.0, 1.25, 1.0, 1.0, 1.25),
     (2.25, *(1.0,) * 10, 1.75),

@@ -21,7 +21,8 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
     """Make an open laptop that faces its user at +x; the screen leans back and shows a desktop with windows.
 
     A laptop of 10 to 11 inches is 0.24 to 0.29 m wide, 0.16 to 0.20 m deep and weighs 1.1 to 1.4 kg, most of it in the
-    lower half. The zones "left", "right" and "behind" are those of the user, who looks to -x, so right is +y.
+    lower half. The zones "left", "right" and "behind" are from the view of the user, who looks toward -x, so right is
+    +y.
     """
     depth, width, lean = uniforms(rng, (0.160, 0.172), (0.240, 0.258), (13.0, 20.0))
     lean, half_x, half_y = math.radians(lean), 0.5 * depth, 0.5 * width

@@ -32,7 +32,7 @@ _INK: Rgb = (0.07, 0.08, 0.10)
 def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a glass spice jar filled to its shoulder: white salt with an S, black pepper with a P, red paprika.
 
-    The spice's color is that of the whole jar. Its cap has the same color or is made of steel, so that no cap has the
+    The whole jar has the color of the spice. The cap has the same color or is made of steel, so that no cap has the
     color word of another jar. The glass is drawn instead of transparent, because one transparent part doubles the
     rendering time of depth images.
     """
@@ -204,8 +204,8 @@ def _bottle(
 ) -> Draft:
     """Return a jar or the pill bottle: its visual parts with their common properties.
 
-    70 g of glass and cap and 50 g of content for the mean size, in proportion for the others; one cylinder on a square
-    foot; pads that reach 12 mm below the grasp, and so stay above a hole 35 mm deep.
+    The mean size has 70 g of glass and cap and 50 g of content; other sizes are in proportion. The collision shape is a
+    cylinder on a square foot. The pads reach 12 mm below the grasp and thus stay above a hole 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched
     if material == "plastic":
