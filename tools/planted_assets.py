@@ -4,9 +4,9 @@
     .venv/bin/python tools/planted_assets.py --seed 0 --out runs/planted [--meshes FOLDER] --measure  # and measure
 
 Good assets are meshes that ``made_meshes.py`` makes, assets of the procedural library and, if given, meshes of a
-folder (``*.glb``, and ``NAME/*.obj``). A bad asset is a good one with one fault (``planted_faults.py``), planted in the
-file, in the options of the import, or in the asset after the import. The plan is ``plan.json``; each result is a line
-of ``journal.jsonl``, and the same command goes on after an interruption.
+folder (``*.glb``, and ``NAME/*.obj``). A bad asset is a good asset with one fault (``planted_faults.py``), planted in
+the file, in the options of the import, or in the asset after the import. The plan is ``plan.json``; each result is a
+line of ``journal.jsonl``, and the same command goes on after an interruption.
 
 False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs the fault of
 a file, the result is a good asset; the known up axis and volume of the original show whether it did. These items are
@@ -368,7 +368,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--seed", type=int, required=True, help="seed of shapes, victims and faults")
     parser.add_argument("--out", type=Path, required=True, help="folder of the items and their results")
-    parser.add_argument("--meshes", type=Path, help="folder of good meshes besides those that this script makes")
+    parser.add_argument("--meshes", type=Path, help="folder of good meshes, in addition to generated meshes")
     parser.add_argument("--each", type=int, default=4, help="bad assets per fault")
     parser.add_argument("--measure", action="store_true", help="import and certify all items")
     parser.add_argument("--workers", type=int, default=2, help="processes")

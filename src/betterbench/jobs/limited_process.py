@@ -41,7 +41,7 @@ _PIPE_BYTES = 1 << 20
 
 
 class LimitedProcessError(BetterError):
-    """A limited process has not answered; the message is a clause that says why ("it took more than 60 s")."""
+    """A limited process has not answered; the message gives the reason as a clause ("it took more than 60 s")."""
 
 
 class ProcessEndedError(LimitedProcessError):

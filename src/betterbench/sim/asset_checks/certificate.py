@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.sim.asset_checks import checks as _checks  # noqa: F401 - imported for what it registers
+from betterbench.sim.asset_checks import checks as _checks  # noqa: F401 - imported to register the checks
 from betterbench.sim.asset_checks.check import check_names, run_check
 from betterbench.sim.asset_checks.result import AssetCertificate
 from betterbench.sim.asset_checks.subject import Subject

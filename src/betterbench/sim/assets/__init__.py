@@ -8,7 +8,7 @@
 - ``licenses``, ``names``, ``gltf``, ``xml_file``: licenses, words in file names, and checks of files.
 """
 
-from betterbench.sim.assets import folders, procedural  # noqa: F401  (imported for what they register)
+from betterbench.sim.assets import folders, procedural  # noqa: F401  (imported to register the assets)
 from betterbench.sim.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
 from betterbench.sim.assets.authoring.registry import build, categories, colors, family_of, looks, unseen_looks
 

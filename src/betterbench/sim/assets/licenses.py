@@ -1,4 +1,4 @@
-"""Names of licenses and what they allow."""
+"""Names of licenses and the use that they allow."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def require_license(where: str, name: str, *, any_license: bool, option: str) ->
         f"its license ({name}) forbids commercial use or changes"
         if kind == "restricted"
         else (
-            f"its license ({name}) is not a known free one"
+            f"its license ({name}) is not a known free license"
             if name not in ("", "unknown")
             else "its license is not known"
         )

@@ -260,7 +260,7 @@ def box(
     corner: float = 0.0,
     steps: int = 1,
 ) -> Mesh:
-    """Return a creased box with bevelled horizontal edges and with vertical ones rounded in ``steps`` segments [m]."""
+    """Return a creased box with bevelled horizontal edges and vertical edges rounded in ``steps`` segments [m]."""
     hx, hy, hz = (0.5 * s for s in size)
     heights = [(-hz, bevel), (-hz + bevel, 0.0), (hz - bevel, 0.0), (hz, bevel)] if bevel > 0.0 else [(-hz, 0), (hz, 0)]
     rings = [rectangle(hx - e, hy - e, z, corner=max(corner - e, 0.3 * corner), steps=steps) for z, e in heights]

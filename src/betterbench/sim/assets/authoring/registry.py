@@ -162,7 +162,7 @@ def family_of(category: str) -> str:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
-    Without a color, the category's first one is used, see :func:`colors`; the look is one of :func:`looks` or
+    Without a color, the first color of the category is used, see :func:`colors`; the look is one of :func:`looks` or
     :func:`unseen_looks`.
 
     Raises:

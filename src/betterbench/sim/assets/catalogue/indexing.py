@@ -112,7 +112,7 @@ def index_sources(
 
 
 def _read_source(store: Store, source: AssetSource, report: IndexReport, on_progress: OnProgress) -> None:
-    """Write the rows of one source that are new or have changed, and remove those that are gone."""
+    """Write new and changed rows of a source, and remove rows whose asset is gone."""
     number = store.add_source(source.name, source.address)
     before, seen = store.fingerprints(number), set[str]()
     rows: list[tuple[str, CatalogueEntry]] = []

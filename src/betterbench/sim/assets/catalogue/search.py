@@ -21,7 +21,7 @@ from betterbench.sim.assets.catalogue.vectors import VectorIndex
 from betterbench.sim.assets.licenses import LicenseFilter, license_kind
 
 LONGEST_QUERY = 1_000
-"""Most characters of a query."""
+"""Largest length of a query [characters]."""
 DEPTH = 60
 """Number of rows that each search passes to the fusion."""
 _RANK = 8.0

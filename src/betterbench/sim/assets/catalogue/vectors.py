@@ -163,7 +163,7 @@ class VectorIndex:
         Args:
             queries: Vectors (m, dimension) float32.
             allowed: Rows that pass a filter, (n,) bool; None for all.
-            limit: Most rows to return.
+            limit: Largest number of rows to return.
             exact: Compare every vector, for any number of rows.
         """
         if exact or self.count <= EXACT_ROWS:

@@ -169,10 +169,10 @@ class _Folder:
             raise InvalidInputError("--name", f"{name!r} is given to two files", "Import them one after the other")
         there = self._assets.get(name)
         if there is None and name in categories():
-            raise InvalidInputError("--name", f"{name!r} is an asset already", f"Take another one, as my_{name}")
+            raise InvalidInputError("--name", f"{name!r} is an asset already", f"Choose another, such as my_{name}")
         if there is not None and next(iter(there.source_files), "") != request.path.name:
             problem = f"{name!r} in {self._path} was made from another file"
-            raise InvalidInputError("--name", problem, "Take another name, or another folder")
+            raise InvalidInputError("--name", problem, "Choose another name, or another folder")
 
     @staticmethod
     def _source(asset: FolderAsset) -> tuple[str, str]:

@@ -13,9 +13,9 @@ from betterbench.sim.assets.importing.raw import RawMesh, RawPart
 from betterbench.sim.assets.importing.solid import spread
 
 FACE_BUDGET = 600
-"""Most triangles of an asset: software rendering takes time for each."""
+"""Largest number of triangles of an asset; each triangle costs time in software rendering."""
 THIN_FACE_BUDGET = 1_200
-"""Most triangles of an asset that 600 triangles would dent: thin walls have two sides close to each other."""
+"""Largest number of triangles of an asset with thin walls, which 600 triangles would dent."""
 DENT_SHARE = 0.006
 """Distance between the reduced and the original surface, as a share of the longest side, above which dents are visible.
 Plate, bowl, mug and sponge of YCB have 0.7 to 1.9 % at 600 triangles and show it; apple, can, banana and fork at most

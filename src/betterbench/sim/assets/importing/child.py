@@ -1,6 +1,6 @@
 """Import of an untrusted file in a separate process with limits of memory and time, and a cache of the results.
 
-Readers of meshes and images and the decomposition into convex shapes are C++ that a forged file can crash or hang.
+A malicious file can crash or hang the readers of meshes and images and the convex decomposition (all C++).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Made:
 
     Attributes:
         data: The object in the format of :func:`~betterbench.sim.assets.importing.stored.to_bytes`.
-        files: SHA-256 of each file that was read, by its path in the folder of the first one.
+        files: SHA-256 of each file that was read, by its path relative to the folder of the first file.
     """
 
     data: bytes

@@ -45,7 +45,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
     """Return the grasps that the shape allows, best first.
 
     Args:
-        solid: The object as it stands.
+        solid: The object in its upright pose.
         center_of_mass: (3,) [m].
         count: Largest number of grasps, which differ in place, direction or height.
     """
@@ -122,7 +122,7 @@ def _leans(
     """Return whether the pads would slip off upward, because the contact is low or the sides lean inward.
 
     Args:
-        at: (k, 2) squares of the cells beside the pads.
+        at: (k, 2) squares of the cells next to the pads.
         heights: (k,) their heights [m].
         rows: First and end of the rows between the pads.
         columns: First and last column of the pads.

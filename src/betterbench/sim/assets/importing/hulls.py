@@ -19,7 +19,7 @@ SECTORS = 12
 """Sectors of a wall: the chord of a sector is up to 1.4 mm from a circle of 40 mm."""
 MOST_HULLS = 48
 _CORNERS = 40
-"""Most corners of a hull; each corner costs time in MuJoCo's narrow phase."""
+"""Largest number of corners of a hull; each corner costs time in MuJoCo's narrow phase."""
 _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
 """Distance from the surface up to which one hull is enough: a length [m], and a share of the longest side."""

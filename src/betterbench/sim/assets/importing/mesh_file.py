@@ -81,10 +81,10 @@ class FolderResolver(trimesh.resolvers.Resolver):
         problem = f"it refers to {shown}, which is outside its folder"
         inside = os.path.normpath(PurePosixPath(self._at) / asked)
         if asked.is_absolute() or inside.startswith("..") or ":" in str(asked) or "\0" in str(asked):
-            raise InvalidInputError(self._where, problem, "Put the file beside the mesh and refer to it by name")
+            raise InvalidInputError(self._where, problem, "Put the file next to the mesh and refer to it by name")
         path = (self._folder / inside).resolve()
         if not path.is_relative_to(self._folder):
-            raise InvalidInputError(self._where, problem, "Put the file itself beside the mesh, not a link")
+            raise InvalidInputError(self._where, problem, "Put the file itself next to the mesh, not a link")
         if not path.is_file():
             raise InvalidInputError(self._where, f"it refers to {shown}, which does not exist", _CURE)
         found = read_bounded(path, max_bytes=MAX_FILE_BYTES - self._total(), cure=_CURE)
@@ -108,7 +108,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes += size
 
     def below(self, name: str, where: str) -> FolderResolver:
-        """Return the resolver for what a file in the folder refers to, relative to that file."""
+        """Return the resolver for references of a file in the folder, relative to that file."""
         at = os.path.normpath(PurePosixPath(self._at) / PurePosixPath(name).parent)
         return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
 
@@ -218,7 +218,7 @@ def _require_readable(data: bytes, kind: str, where: str) -> None:
         raise InvalidInputError(where, f"it needs the glTF extension {one_line(unknown[0], most=60)}", cure)
     if "KHR_draco_mesh_compression" in asked:
         try:
-            import DracoPy  # noqa: F401, PLC0415 - trimesh finds it by itself
+            import DracoPy  # noqa: F401, PLC0415 - trimesh uses it automatically
         except ImportError as error:
             raise missing_extra(f"{where} is compressed with Draco, which needs DracoPy", "assets") from error
 
@@ -284,7 +284,7 @@ def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.nda
         if image is None or uv is None or len(uv) != len(mesh.vertices):
             return (rgba if factor is not None else (0.8, 0.8, 0.8, 1.0)), None, None, None
         if not isinstance(material, trimesh.visual.material.PBRMaterial):
-            rgba = (1.0, 1.0, 1.0, rgba[3])  # of OBJ: exporters write a gray Kd beside the texture, or none
+            rgba = (1.0, 1.0, 1.0, rgba[3])  # of OBJ: exporters write a gray Kd in addition to the texture, or no Kd
         picture = image.convert("RGB")
         picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
         return rgba, np.asarray(picture), np.nan_to_num(np.asarray(uv, dtype=np.float64)), None

@@ -63,7 +63,7 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
     try:
         model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), assets)
     except ValueError as error:
-        problem = f"MuJoCo refuses it ({one_line(error, most=200)})"
+        problem = f"MuJoCo rejects it ({one_line(error, most=200)})"
         raise InvalidInputError(where, problem, _CURE) from error
     notes = _require_rigid(model, where, freeze=freeze)
     return _Compiled(model, where).mesh(root.get("model", ""), notes, states_mass=states_mass)

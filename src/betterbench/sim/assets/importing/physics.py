@@ -107,20 +107,22 @@ def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
     if stated is None or not stated.hulls:
         return [], ()
     if len(stated.hulls) > MOST_HULLS:
-        return [], (f"{len(stated.hulls)} collision shapes in the file, more than {MOST_HULLS}: made anew",)
+        return [], (f"{len(stated.hulls)} collision shapes in the file, more than {MOST_HULLS}: new shapes were made",)
     found = [hull_corners(points) for points in stated.hulls]
     hulls = [corners for corners in found if corners is not None]
     if not hulls:
-        return [], ("the collision shapes of the file are flat: made anew",)
+        return [], ("the collision shapes of the file are flat: new shapes were made",)
     # Touching pieces share a face inside the object; slightly enlarged pieces overlap there.
     grown = [corners + 0.01 * (corners - corners.mean(axis=0)) for corners in hulls]
     fit = fit_of(grown, placed.solid.points)
     near = max(_CLOSE_M, _CLOSE_SHARE * float(np.ptp(placed.solid.points, axis=0).max()))
     farthest = max(fit.outside_m, fit.inside_m)
     if farthest > near:
-        return [], (f"the collision shapes of the file are {1000 * farthest:.0f} mm off the surface: made anew",)
+        return [], (
+            f"the collision shapes of the file are {1000 * farthest:.0f} mm off the surface: new shapes were made",
+        )
     if _filled(hulls, placed) > _MOST_FILLED:
-        return [], ("the collision shapes of the file fill its hollow: made anew",)
+        return [], ("the collision shapes of the file fill its hollow: new shapes were made",)
     return hulls, (f"{plural(len(hulls), 'collision shape')} of the file",)
 
 

@@ -53,7 +53,7 @@ def imported(
 ) -> None:
     """Register the object of a file as a category of assets; the file is imported when the category is first built.
 
-    All looks of the category are this one object. In a task file, a relative path starts at the folder of that file.
+    All looks of the category are this object. In a task file, a relative path starts at the folder of that file.
 
     Args:
         category: Unique name of the asset in tasks.

@@ -25,7 +25,7 @@ from betterbench.sim.assets.importing.kinds import kind_of
 _HEAD = "head"
 _CURE = "Delete the file and import the object again"
 MAX_UNPACKED_BYTES = 256 << 20
-"""Most bytes of all arrays of one file."""
+"""Largest total size of the arrays of a file [byte]."""
 _MOST_FACES, _MOST_HULLS, _MOST_CORNERS = 20_000, 64, 256
 _LARGEST_TEXTURE = 1024
 _FARTHEST_M = 10.0

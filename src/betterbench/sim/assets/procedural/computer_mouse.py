@@ -122,7 +122,7 @@ def _shell(
 
 @generator("soap_bar", colors=("gray", "white", "green"), family="computer_mouse")
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a bar of soap with the size and about the outline of a computer mouse, with some lather on one end.
+    """Make a bar of soap with the size and the approximate outline of a computer mouse, with lather on one end.
 
     A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It has three quarters of that, like a
     used bar, so that it is hardly heavier than the mouse that it resembles.

@@ -97,7 +97,7 @@ def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[
 
 
 def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
-    """Return the shell along x, its lid at +x; its texture rows are those of the full can."""
+    """Return the shell along x, its lid at +x; its texture rows are the same as for the full can."""
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
     # Radius [m], share of the length, texture row, from the bottom to the lid, which is pushed in.
@@ -143,6 +143,6 @@ def _wear(rng: np.random.Generator, canvas: Canvas, *, at: float) -> None:
         points = [(x, y), (x + rng.uniform(-0.02, 0.02), y + rng.uniform(-0.018, 0.018))]
         canvas.line(points, 0.0022, (0.90, 0.91, 0.92), strength=0.85)
         canvas.line([(a + 0.0022, b + 0.0015) for a, b in points], 0.0020, (0.15, 0.04, 0.04), strength=0.45)
-    # The hole from which one drinks, on one side of the lid.
+    # The drinking hole, on one side of the lid.
     hole = canvas.between(lid + 0.15 * (end - lid), lid + 0.72 * (end - lid)) & (canvas.x > 0.72 * canvas.width)
     canvas.paint(hole, (0.10, 0.10, 0.11))

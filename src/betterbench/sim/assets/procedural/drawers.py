@@ -3,7 +3,7 @@
 The three are separate assets: a scene connects each drawer to the carcass by a slide along +x, whose frame is a region
 of the cabinet. The two drawers of a look differ only in the side of their handle, so that a gripper at one handle
 clears the other. The upper handle is at -y: seen from above and from +y, as in the suite, it is then clearly above the
-lower one in the image. With the sides exchanged both would be at one height.
+lower one in the image. With the sides exchanged, both handles would be at the same height in the image.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def draw_keys(
     """Draw six rows of keys into a field of a picture, as the user sees them: the space bar in the lowest row.
 
     The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and the enter key,
-    ``edges`` that of the wide keys at the edge and of the far row, if they stand out.
+    ``edges`` the color of the wide keys at the edge and of the far row, if it differs.
     """
     pitch = size_m[1] / len(ROWS)
     gap, last = 0.075 * pitch, len(ROWS) - 1

@@ -14,8 +14,8 @@ from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittere
 FLOOR_M = 0.0105
 """Height of a plate's floor, on which the next plate stands [m]; the same for all, so that stacks are equally high.
 
-It is also the height at which the rim begins. The rim of a plate on another one therefore begins above the rim of the
-lower one, and plates of any two radii stack with room to the sides."""
+It is also the height at which the rim begins. In a stack, the rim of each plate therefore begins above the rim of the
+plate below, and plates of any two radii stack with room to the sides."""
 
 RIM_M = 0.0205
 """Height of the rim [m]: pads that reach 9 mm down its upright edge of 10 mm hold a plate at half of their force with a
@@ -141,7 +141,7 @@ def _lip(radius: float, low: float, high: float) -> list[CollisionPart]:
 def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
     """Return the ways to pinch the lip from above, every 45 degrees, the fingers opening along the radius.
 
-    They share the name "rim", so that a search by name gives the one at +x and a planner can choose any.
+    They share the name "rim", so that a search by name gives the grasp at +x and a planner can choose any of them.
     """
     away, height = radius - 0.5 * _LIP, rim + _GRIP_ABOVE_RIM
     angles = [k * math.pi / 4.0 for k in range(8)]

@@ -17,7 +17,8 @@ JAR_RADIUS_M = 0.0215
 jar's own radius differs by 0.3 mm at most."""
 
 JAR_HEIGHT_M = 0.085
-"""Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. They differ by 4 mm."""
+"""Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. The heights of the looks differ by 4
+mm."""
 
 _SIDES = 24
 _NAMES = {"white": "salt", "black": "pepper", "red": "paprika"}

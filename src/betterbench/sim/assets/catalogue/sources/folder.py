@@ -189,7 +189,7 @@ register(
     SourceKind(
         scheme="folder",
         shown="folder:PATH",
-        summary="GLB, glTF, OBJ, STL, URDF and MJCF files of a folder, with assets.json or assets.csv beside them.",
+        summary="GLB, glTF, OBJ, STL, URDF and MJCF files of a folder, with an optional assets.json or assets.csv.",
         open=_open,
     )
 )

@@ -19,7 +19,7 @@ from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M
 
 HEAVIEST_KG = 20.0
 LONGEST_TEXT = 500
-"""Most characters of a reason."""
+"""Largest length of a reason [characters]."""
 
 _Length = Annotated[float, Field(ge=LEAST_M, le=MOST_M)]
 _Mass = Annotated[float, Field(gt=0.0, le=HEAVIEST_KG)]
@@ -119,7 +119,7 @@ class NameChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The judgment of a person: accept as imported, fix (accept with the changes), or reject with a reason."""
+    """The verdict of a person: accept as imported, fix (accept with the changes), or reject with a reason."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""

@@ -24,7 +24,7 @@ from betterbench.sim.assets.importing.review.changes import Change, Decision, Un
 from betterbench.sim.assets.names import shown_name
 
 SHOWN = 16
-"""Digits of a content hash in messages."""
+"""Number of digits of a content hash shown in messages."""
 _CURE = "Restore the file from a copy, or review into a new file"
 
 
@@ -75,7 +75,7 @@ class History:
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict, None if there is none or something was changed after it."""
+        """The verdict, None if there is none or a change was made after it."""
         found = None if self.last is None else self.last[1].decision
         return found if isinstance(found, Verdict) else None
 
