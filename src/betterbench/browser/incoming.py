@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, TypeAdapter
 MAX_MESSAGE_BYTES = 1 << 16
 """Largest message of a page [byte]; a connection that sends a larger message is closed."""
 LARGEST = 1e6
-"""Largest number of a message: a length [m], a size [pixel] or a share."""
+"""Largest accepted number in a message: a length [m], a size [pixel] or a share."""
 LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]

@@ -284,8 +284,7 @@ def answer_requests(
 def _limit_time(cpu_s: float) -> None:
     """Set the processor time limit for the next answer; SIGPROF ends this process when it is used up.
 
-    RLIMIT_CPU, a limit on the total processor time, cannot be advanced exactly: the kernel compares it with ticks,
-    which for a rendering process are up to 6 % more than :func:`time.process_time`, a minute after a quarter of an
-    hour.
+    RLIMIT_CPU limits the total processor time and cannot be advanced exactly. The kernel compares it with ticks, which
+    exceed :func:`time.process_time` by up to 6 % for a rendering process: by a minute after 15 minutes.
     """
     signal.setitimer(signal.ITIMER_PROF, cpu_s)

@@ -111,7 +111,7 @@ def certify_target(target: Target) -> AssetCertificate:
 
     Raises:
         UnknownNameError: If there is no such registered asset.
-        MissingDependencyError: If a package that the format needs is not installed.
+        MissingDependencyError: If a package for the file format is not installed.
     """
     kind = kind_of(target.wishes.name or "")
     if target.file is None:

@@ -61,7 +61,7 @@ BALL_DEPTH_SHARE = 0.45
 BALL_BELOW_M = 0.004
 """Largest depth of the ball below the visible floor [m]; beyond it, the ball has fallen through."""
 BLOCK_M, BLOCK_KG = 0.015, 0.05
-"""Half side and mass of the block that a support carries."""
+"""Half side [m] and mass [kg] of the block that a support must carry."""
 CARRY_DRIFT_MM, CARRY_TILT_DEGREES = 6.0, 10.0
 """Largest displacement and turn of the block on the support in two seconds."""
 

@@ -19,7 +19,7 @@ from betterbench.sim.scenes import add_asset
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Rest of an asset on a table.
+    """Pose at rest and residual movement of an asset on a table.
 
     Attributes:
         pose: Pose ``T_table_object`` at the end.

@@ -75,7 +75,7 @@ class Subject:
 
     @functools.cached_property
     def rest(self) -> Rest:
-        """Rest of the asset on a table."""
+        """Simulated rest pose of the asset on a table, with its residual movement."""
         return settled(self.asset)
 
     @property

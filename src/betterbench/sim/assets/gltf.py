@@ -16,15 +16,15 @@ _CURE = "Export the object again, or leave it out"
 
 
 def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any]:
-    """Return the JSON description of a glTF file that is open at its start.
+    """Read the JSON description from an open glTF file, positioned at its start.
 
     Args:
         file: The file.
-        where: Its name, for messages.
-        binary: Whether it is a GLB file.
+        where: Name of the file, for messages.
+        binary: Whether the file is GLB.
 
     Raises:
-        InvalidInputError: If the file is cut off, is of another version, or its description cannot be read.
+        InvalidInputError: If the file is truncated, has another version, or its JSON cannot be read.
     """
     size = file.seek(0, 2)
     file.seek(0)

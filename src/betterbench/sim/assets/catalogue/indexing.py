@@ -287,7 +287,7 @@ def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> 
 
 
 def vector_files(folder: Path) -> tuple[Path, ...]:
-    """Return the files of the vectors of a catalogue."""
+    """Return the vector files of a catalogue."""
     return tuple(folder / f"{name}.npy" for name in FILES)
 
 

@@ -67,7 +67,7 @@ class Filters:
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """An asset that was found.
+    """A search result.
 
     Attributes:
         entry: Row of the catalogue.

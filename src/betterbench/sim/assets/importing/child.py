@@ -61,7 +61,7 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
     Raises:
         InvalidInputError: If the file cannot be read, is not an object of tabletop size, or exceeds the limits of
             memory or time.
-        MissingDependencyError: If a package that its format needs is not installed.
+        MissingDependencyError: If a package for the file format is not installed.
     """
     where = one_line(path.name, most=120)
     place = cache_folder() / _key(path, _digest(path, where), wishes)

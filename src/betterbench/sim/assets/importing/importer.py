@@ -90,7 +90,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
 
     Raises:
         InvalidInputError: If the file cannot be read, or is not an object of tabletop size.
-        MissingDependencyError: If a package that its format needs is not installed.
+        MissingDependencyError: If a package for the file format is not installed.
     """
     where = one_line(path.name, most=120)
     whole = path.absolute()

@@ -83,7 +83,7 @@ def _cereal(rng: np.random.Generator, *, kind: str) -> Canvas:
 def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a salt shaker of porcelain or brushed steel with a large S and a chrome top with large holes.
 
-    A shaker of this size, half full, weighs 0.1 to 0.14 kg.
+    A half-full shaker of this size weighs 0.1 to 0.14 kg.
     """
     size, height, neck, waist = uniforms(rng, (0.92, 1.08), (0.070, 0.080), (0.016, 0.022), (0.72, 1.0))
     radius, shoulder, facets = 0.0205 * size, height - neck, rng.random() < 0.4

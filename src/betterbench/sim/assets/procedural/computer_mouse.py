@@ -22,7 +22,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
     Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery:
-    430 kg/m^3 of their box.
+        430 kg/m^3 times the volume of the bounding box.
     """
     length, width, height = _size(rng)
     # The back is highest behind the middle by the hump; the sides are drawn in by the waist.

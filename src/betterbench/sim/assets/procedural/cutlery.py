@@ -94,7 +94,7 @@ def _piece(
     sizes: Mapping[str, float],
     rim: CollisionPart | None = None,
 ) -> Draft:
-    """Put a head on a handle.
+    """Return the draft of a piece of cutlery from its head, with a handle added.
 
     The head has visual parts and ``sizes``, rests on a half width of ``reach`` and leaves the table at x = ``head_end``
     [m]. The ``rim`` is a wider part of the head above the contact surface.

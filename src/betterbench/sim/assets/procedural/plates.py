@@ -91,7 +91,7 @@ def _plate(
 
 
 def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
-    """Draw the edge in between ``count`` scallops, by a share ``depth`` of the radius [m]; the middle stays round."""
+    """Indent the edge of a mesh between ``count`` scallops by a share ``depth`` of its distance from the center."""
     if not count:
         return mesh
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])

@@ -17,8 +17,7 @@ JAR_RADIUS_M = 0.0215
 jar's own radius differs by 0.3 mm at most."""
 
 JAR_HEIGHT_M = 0.085
-"""Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. The heights of the looks differ by 4
-mm."""
+"""Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. Looks differ by 4 mm."""
 
 _SIDES = 24
 _NAMES = {"white": "salt", "black": "pepper", "red": "paprika"}
@@ -126,7 +125,7 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
 
 
 class _Wrap(Canvas):
-    """A texture wrapped once around each half of a turned body, so that its print is correct on both.
+    """A texture wrapped once around each half of a turned body, so that the print appears on both halves.
 
     Attributes:
         solid: The body.
@@ -134,7 +133,7 @@ class _Wrap(Canvas):
     """
 
     def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb, *, sides: int = _SIDES) -> None:
-        """Start a picture for the body turned from a profile [m]; with few ``sides`` it has flat faces."""
+        """Create the texture of a body turned from a profile [m]; with few ``sides`` it has flat faces."""
         self.solid, self._sides = Turned(radii, heights), sides
         super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
         self.height_on_wall = np.interp(self.y, self.solid.rows, heights)
@@ -178,7 +177,7 @@ class _Shape:
         self.cap = Turned(radii, heights)
 
     def wrap(self, color: Rgb) -> _Wrap:
-        """Start the picture of the body."""
+        """Create the texture of the body."""
         return _Wrap(self._radii, self._heights, color, sides=self.sides)
 
 
