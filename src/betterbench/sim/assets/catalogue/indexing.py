@@ -213,7 +213,7 @@ class _Vectors:
         self.close()
 
     def close(self) -> None:
-        """Close the files; harmless when closed."""
+        """Close the files; a second call has no effect."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None

@@ -28,7 +28,7 @@ VERSION = 4
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
-"""Longest time of an import [s]; much longer than the processor time, because a busy machine is slow."""
+"""Limit of the wall-clock time of an import [s], well above the limit of processor time for busy machines."""
 
 MOST_STORED_BYTES = 64 << 20
 """Largest file of an imported object."""

@@ -42,9 +42,7 @@ def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | 
 
 
 def returns_upright(corners: np.ndarray, center: np.ndarray) -> bool:
-    """Return whether an object with these corners (n, 3) returns upright from a lean of up to 12 degrees to any
-    side.
-    """
+    """Return whether an object with these corners (n, 3) returns upright from any lean of up to 12 degrees."""
     arms = corners - center
     least = -_LEAST_LEVER * float(arms[:, 2].min())
     for turn in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):

@@ -18,7 +18,7 @@ _INERTIA_FACTOR = 5.0
 """Largest ratio between a stated principal moment and the moment of the solid; a shell of the same size has up to 3
 times the moment of a solid body."""
 _CLOSE_M, _CLOSE_SHARE = 0.003, 0.03
-"""Largest distance of stated collision shapes from the visible surface [m], and as a share of the size."""
+"""Largest distance of stated collision shapes from the visible surface: a length [m], and a share of the size."""
 _MOST_FILLED = 0.02
 """Fraction of a hollow that stated collision shapes may fill."""
 

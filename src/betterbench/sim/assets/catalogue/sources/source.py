@@ -1,4 +1,4 @@
-"""Sources of assets as values, and the registry of all kinds of sources."""
+"""Interface of asset sources, and the registry of all kinds of sources."""
 
 from __future__ import annotations
 

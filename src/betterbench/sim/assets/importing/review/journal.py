@@ -113,8 +113,8 @@ class ReviewJournal(LineJournal):
     """The file of a review, open for appending by one process.
 
     Raises:
-        RunConflictError: If another process writes to it.
-        RecordError: If it was changed by hand, or is not the file of a review. An unfinished last line is cut off.
+        RunConflictError: If another process writes to the file.
+        RecordError: If the file was changed by hand, or is not a review file. An unfinished last line is cut off.
     """
 
     def __init__(self, path: Path) -> None:
