@@ -4,14 +4,13 @@
     .venv/bin/python tools/planted_assets.py --seed 0 --out runs/planted [--meshes FOLDER] --measure  # and measure
 
 Good assets are meshes that ``made_meshes.py`` makes, assets of the procedural library and, if given, meshes of a
-folder (``*.glb``, and ``NAME/*.obj``). A bad asset is a good one with one fault (``planted_faults.py``), planted in the
-file, in the options of the import, or in the asset after the import. The plan is ``plan.json``; each result is a line
-of ``journal.jsonl``, and the same command goes on after an interruption.
+folder (``*.glb``, and ``NAME/*.obj``). A bad asset is a good asset with one fault (``planted_faults.py``), planted in
+the file, in the options of the import, or in the asset after the import. The plan is ``plan.json``; each result is a
+line of ``journal.jsonl``, and the same command goes on after an interruption.
 
-False accepts are bad assets that the importer made and the certificate passed. A fault of a file that the importer
-mends leaves a good asset: whether it did is told from the known up axis and volume of the original, and these items are
-listed separately. Accepted assets are dropped once more, in a simulation of this script, to tell whether they lie
-still.
+False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs the fault of
+a file, the result is a good asset; the known up axis and volume of the original show whether it did. These items are
+listed separately. Accepted assets are dropped once more, in a separate simulation, to check that they lie still.
 """
 
 from __future__ import annotations
@@ -51,16 +50,16 @@ class Item:
     """One asset to be judged.
 
     Attributes:
-        id: Its number and name.
+        id: Number and name of the item.
         origin: "made", "library" or "mesh".
-        name: Name that a user would give; tells the kind.
+        name: Name that a user would give, which determines the kind.
         file: Mesh file, or category and look of the library.
-        fault: Planted fault, None for a good one.
-        stage: Where it is planted: "file" or "asset".
+        fault: Planted fault, None for a good item.
+        stage: Stage at which the fault is planted: "file" or "asset".
         size_m: True longest side, None if it is not known.
         up: True up axis of the file, None if it is not known.
         wishes: Options of the import.
-        seed: Of the fault.
+        seed: Seed of the fault.
     """
 
     id: str
@@ -78,7 +77,7 @@ class Item:
 def make_plan(seed: int, out: Path, meshes: Path | None, *, each: int = 4) -> list[Item]:
     """Write the mesh files and return the items.
 
-    There are ``each`` bad ones per fault of an asset, half as many per fault of a file, and as many good ones. Faults
+    There are ``each`` bad items per fault of an asset, half as many per fault of a file, and as many good items. Faults
     of assets are planted in good items.
     """
     rng = np.random.default_rng([seed, 45])
@@ -112,7 +111,7 @@ def _is_victim(item: Item, fault: str) -> bool:
 
 
 def _good_items(count: int, rng: Rng, out: Path, meshes: Path | None) -> list[Item]:
-    """Return good items: two of each made kind at least, a fifth from the library, and meshes of the folder."""
+    """Return good items: at least two of each generated kind, a fifth from the library, and meshes of the folder."""
     folder = [] if meshes is None else sorted([*meshes.glob("**/*.glb"), *meshes.glob("**/*.obj")])
     from_library = count // 5
     from_folder = min(len(folder), max(0, count - from_library - 2 * len(SHAPES)))
@@ -154,7 +153,7 @@ def _bad_file(number: int, fault: str, rng: Rng, out: Path) -> Item:
 
 
 def _made(number: int, kind: str, fault: str | None, rng: Rng, out: Path) -> Item:
-    """Write a mesh of this script, perhaps with a fault in the file or in the options of its import."""
+    """Write a generated mesh, with or without a fault in the file or in the options of its import."""
     mesh = SHAPES[kind](rng)
     size = float(np.ptp(mesh.bounds, axis=0).max())
     suffix = str(rng.choice([".glb", ".stl", ".ply"]))
@@ -167,7 +166,7 @@ def _made(number: int, kind: str, fault: str | None, rng: Rng, out: Path) -> Ite
     if fault == "wrong axis given":
         wishes["up"] = "-" + up if kind in OPEN_KINDS else "x"
     elif suffix != ".glb" and fault not in ("upside down", "on its side"):
-        wishes["up"] = up  # these formats do not tell it
+        wishes["up"] = up  # these formats do not define the up axis
     return Item(
         _id(number, fault, kind),
         "made",
@@ -212,8 +211,8 @@ class Judged:
     Attributes:
         outcome: "refused" by the importer, "rejected" by the certificate, or "accepted".
         failed: Names of the failed checks, or the message of the importer.
-        mended: Whether the importer made a good asset of a bad file.
-        still: Whether an accepted asset lies still in a simulation of this script.
+        mended: Whether the importer made a good asset from a bad file.
+        still: Whether an accepted asset lies still in the separate simulation of this script.
     """
 
     id: str
@@ -251,7 +250,7 @@ def judge(item: Item, *, out: Path) -> Judged:
 
 
 def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
-    """Import a file in this process, or take what an earlier item made of it."""
+    """Import a file in this process, or use the result of an earlier item."""
     key = hashlib.sha256(f"{VERSION} {file} {wishes}".encode() + file.read_bytes()).hexdigest()[:24]
     stored = kept / f"{key}.npz"
     if not stored.is_file():
@@ -261,7 +260,7 @@ def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
 
 
 def _is_mended(item: Item, asset: Asset) -> bool:
-    """Tell whether the import of a bad file is a good asset, from what is known about the original."""
+    """Return whether the import of a bad file is a good asset, from the known properties of the original."""
     if item.fault in ("leaking", "far parts"):
         return False
     if item.fault == "inverted faces":
@@ -281,7 +280,7 @@ def _opens_upward(asset: Asset) -> bool:
 
 
 def lies_still(asset: Asset, rng: Rng) -> bool:
-    """Drop an asset by 3 mm, turned at random, and tell whether it moves less than 2 mm and 2 degrees from 2 to 5 s."""
+    """Drop an asset by 3 mm at a random yaw, and return whether it moves less than 2 mm and 2 degrees from 2 to 5 s."""
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -315,7 +314,7 @@ class _Results(LineJournal):
 
 
 def measure(items: list[Item], out: Path, *, workers: int) -> list[Judged]:
-    """Judge all items; those of an earlier command are not judged again."""
+    """Judge all items that an earlier command has not judged."""
     with _Results(out / "journal.jsonl") as journal:
         run_items(
             items,
@@ -369,7 +368,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--seed", type=int, required=True, help="seed of shapes, victims and faults")
     parser.add_argument("--out", type=Path, required=True, help="folder of the items and their results")
-    parser.add_argument("--meshes", type=Path, help="folder of good meshes besides those that this script makes")
+    parser.add_argument("--meshes", type=Path, help="folder of good meshes, in addition to generated meshes")
     parser.add_argument("--each", type=int, default=4, help="bad assets per fault")
     parser.add_argument("--measure", action="store_true", help="import and certify all items")
     parser.add_argument("--workers", type=int, default=2, help="processes")

@@ -1,4 +1,4 @@
-"""Faults that ``planted_assets.py`` plants in good assets, and the kinds of objects in which each is a fault."""
+"""Faults that ``planted_assets.py`` plants in good assets, and the kinds of objects to which each fault applies."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _six(matrix: np.ndarray) -> Inertia:
 
 
 def _turned(asset: Asset, rotation: tuple[float, float, float]) -> Asset:
-    """Return an asset turned by a rotation vector [rad] and set back onto z = 0."""
+    """Return an asset rotated by a rotation vector [rad] and set back onto z = 0."""
     q = from_axis_angle(rotation)
     turn = np.array([Pose((0.0, 0.0, 0.0), q).apply(axis) for axis in np.eye(3).tolist()]).T
     corners = np.concatenate([part.vertices for part in asset.visual]) @ turn.T
@@ -62,7 +62,7 @@ def _turned(asset: Asset, rotation: tuple[float, float, float]) -> Asset:
 
 
 def _scaled(asset: Asset, factors: tuple[float, float, float]) -> Asset:
-    """Return an asset with its shape and places stretched, its mass unchanged; hulls take the place of primitives."""
+    """Return an asset with stretched shape and regions and unchanged mass; hulls replace primitives."""
     s = np.array(factors)
     parts = tuple(
         CollisionPart("hull", (0.0, 0.0, 0.0), vertices=(corners_of(p) * s).astype(np.float32), friction=p.friction)
@@ -112,7 +112,7 @@ def _disc(center: Sequence[float], low: float, high: float, half_x: float, half_
 
 
 def _leaking(asset: Asset, rng: Rng) -> Asset:  # noqa: ARG001
-    """Take away the parts that a plumb line through the middle of the opening meets."""
+    """Remove the parts on the vertical line through the middle of the opening."""
     inside = asset.region("inside")
     x, y = inside.position[:2]
     kept = []
@@ -147,7 +147,7 @@ def _too_heavy(asset: Asset, rng: Rng) -> Asset:
 
 
 def _too_wide(asset: Asset, rng: Rng) -> Asset:
-    """Stretch what is narrow until no jaw takes it; the longest side stays usual for the kind."""
+    """Stretch the narrow side until the object does not fit a jaw; the longest side stays usual for the kind."""
     x, y, z = asset.size_m
     wide = float(rng.uniform(0.09, 0.11))
     wide = min(wide, 0.98 * max(x, y, z)) if max(x, y, z) > 0.085 else wide
@@ -178,7 +178,7 @@ def _jittering(asset: Asset, rng: Rng) -> Asset:
 
 
 def _far_parts(asset: Asset, rng: Rng) -> Asset:
-    """Move a part, or the faces of one half, away."""
+    """Move a part, or the faces of one half, away from the rest."""
     away = float(rng.uniform(0.05, 0.2)) + max(asset.size_m)
     if len(asset.visual) > 1 and rng.random() < 0.5:
         part = asset.visual[-1]
@@ -234,14 +234,14 @@ def _sinking(asset: Asset, rng: Rng) -> Asset:
 
 
 def _fat(asset: Asset, rng: Rng) -> Asset:
-    """Let the collision parts stand out to the sides."""
+    """Make the collision parts extend beyond the sides."""
     factor = 1.0 + max(0.3, 2.0 * 0.012 / min(asset.size_m[:2])) * float(rng.uniform(1.0, 1.5))
     parts = tuple(_hull(corners_of(part) * (factor, factor, 1.0), part) for part in asset.collision)
     return replace(asset, collision=parts)
 
 
 def _thin(asset: Asset, rng: Rng) -> Asset:
-    """Let the collision parts cover half of the object only."""
+    """Make the collision parts cover only half of the object."""
     share = float(rng.uniform(0.3, 0.5))
     x, y, _ = asset.size_m
     parts = tuple(
@@ -271,7 +271,7 @@ def _scale(factor: float) -> Callable[[Asset, Rng], Asset]:
         f = factor if rng.random() < 0.5 else 1.0 / factor
         kind = kind_of(str(asset.parameters.get("kind", "")))
         if kind is not None and kind.low_m <= f * max(asset.size_m) <= kind.high_m:
-            f = 1.0 / f  # the other way the size is not one of its kind
+            f = 1.0 / f  # in the other direction, the size would be unusual for the kind
         return _scaled(asset, (f, f, f))
 
     return plant
@@ -327,4 +327,4 @@ VICTIMS: dict[str, frozenset[str]] = {
     "scale x2.54": frozenset({"mug", "glass", "can", "jar", "block", "marker", "soap", "orange", "spoon", "candle"}),
     "scale x1000": frozenset(SHAPES),
 }
-"""Kinds in which a fault is a fault: an orange upside down is an orange, and a box may be 2.54 times as large."""
+"""Kinds to which a fault applies: an orange has no wrong side up, and a box may be 2.54 times as large."""

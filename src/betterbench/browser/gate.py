@@ -1,4 +1,4 @@
-"""Access control of the page: requests without the token of its address, or from another site, are refused.
+"""Access control of the page: the gate rejects requests without the token of the address, or from another site.
 
 The token is the first part of the path. The page's own connection uses the same address and therefore also contains the
 token. A cookie, which a server on another port could read, is not needed.
@@ -39,7 +39,7 @@ def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: An
     """
     try:
         return None if inner is None else inner(connection, request)
-    except Exception:  # noqa: BLE001 - whatever viser does not expect
+    except Exception:  # noqa: BLE001 - any error of viser for an unexpected request
         return connection.respond(HTTPStatus.BAD_REQUEST, _UNREADABLE)
 
 
@@ -52,7 +52,7 @@ class Gate:
     """
 
     def __init__(self, host: str, incoming: IncomingMessages, *, verb: str) -> None:
-        """Draw a token for a server of a verb that listens on an interface and accepts only some messages."""
+        """Draw a random token for the server of a CLI verb, with its interface and its accepted messages."""
         self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
         self._refused = _REFUSED.format(verb=verb)
         self._incoming = incoming

@@ -14,9 +14,9 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, Field, TypeAdapter
 
 MAX_MESSAGE_BYTES = 1 << 16
-"""Largest message of a page; a connection that sends a larger one is closed."""
+"""Largest message of a page [byte]; a connection that sends a larger message is closed."""
 LARGEST = 1e6
-"""Largest number of a message: a length [m], a size [pixel] or a share."""
+"""Largest accepted number in a message: a length [m], a size [pixel] or a share."""
 LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]
@@ -89,12 +89,12 @@ class IncomingMessages:
         self._kinds[uuid] = kind
 
     def admits(self, raw: object) -> bool:
-        """Tell whether viser may read a message."""
+        """Return whether viser may read a message."""
         if not isinstance(raw, bytes) or len(raw) > MAX_MESSAGE_BYTES:
             return False
         try:
             sent = _SENT.validate_python(importlib.import_module("msgspec.msgpack").decode(raw))
-        except Exception:  # noqa: BLE001 - whatever is in it
+        except Exception:  # noqa: BLE001 - a message can cause any error
             return False
         if not isinstance(sent, _Update):
             return True
@@ -120,7 +120,7 @@ class IncomingMessages:
 
 
 class _Filtered:
-    """Wrapper of a connection without refused messages."""
+    """Wrapper of a connection that yields only accepted messages."""
 
     def __init__(self, connection: Any, incoming: IncomingMessages) -> None:  # noqa: ANN401
         self._connection, self._incoming = connection, incoming

@@ -36,7 +36,7 @@ _KEYS = TypeAdapter(PageKeys)
 
 
 def read_keys(text: str) -> PageKeys:
-    """Return a message of the script; InvalidInputError if it is not one."""
+    """Parse a message of the script; raise InvalidInputError if the text has another form."""
     data = text.removeprefix(MARK).encode(errors="replace")
     return read_form(_KEYS, data, where="page", cure="Reload the page")
 

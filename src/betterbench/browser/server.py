@@ -1,4 +1,4 @@
-"""A viser server on this machine that only the page of its printed address can use."""
+"""A viser server that accepts only the page at its printed address."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.installation import missing_extra
 
 STOP_S = 0.5
-"""Longest wait for pages to close at the end [s]."""
+"""Longest wait for pages to close when the server stops [s]."""
 
 
 def load_viser() -> Any:  # noqa: ANN401 - a module
@@ -48,7 +48,7 @@ class PageServer:
     """A viser server behind a gate (:mod:`betterbench.browser.gate`).
 
     Attributes:
-        viser: The server of viser.
+        viser: The viser server.
         port: Port on which it listens.
     """
 
@@ -59,7 +59,7 @@ class PageServer:
             host: Interface.
             port: Port; any free one for 0.
             verb: Command of the page ("better teleop").
-            complain: Gets reports of refused messages.
+            complain: Receives reports of rejected messages.
 
         Raises:
             MissingDependencyError: If viser is not installed.
@@ -80,7 +80,7 @@ class PageServer:
                 f"this version of viser ({viser.__version__}) starts its server in a way that {verb} does not "
                 "support, so that access could not be controlled. Install the version of the extra 'teleop'"
             )
-        if self.port != wanted:  # the port was taken in the meantime, and viser chose the next one
+        if self.port != wanted:  # the port was taken in the meantime, and viser chose the next port
             self.viser.stop()
             raise InvalidInputError("--port", f"{wanted} was taken meanwhile", "Run the same command again")
         self._stopping = threading.Thread(target=self.viser.stop, name="page", daemon=True)
@@ -93,7 +93,7 @@ class PageServer:
 
     @property
     def is_local(self) -> bool:
-        """Whether it listens on this machine only."""
+        """Whether the server listens on this machine only."""
         return self._host in ("127.0.0.1", "localhost", "::1")
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
@@ -108,5 +108,5 @@ class PageServer:
 
     @property
     def is_busy(self) -> bool:
-        """Whether it still waits for a page to close."""
+        """Whether the server still waits for a page to close."""
         return self._stopping.is_alive()

@@ -1,7 +1,7 @@
-"""Child processes with limits of memory and time that read files from strangers and answer with bytes.
+"""Child processes with limits of memory and time that read untrusted files and answer with bytes.
 
-Readers of meshes, images and binary models are C++ that a forged file can crash, hang or let fill the memory. They run
-in such a process; its answers are bytes or a text, never an object.
+A malicious file can crash C++ readers of meshes, images and binary models, make them hang, or make them fill the
+memory. These readers run in a limited process, whose answers are bytes or text, never objects.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any, BinaryIO
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError, one_line
 
 LONGEST_REASON = 2000
-"""Longest text of a refusal [characters]."""
+"""Longest text of a rejection [characters]."""
 
 _ANSWER, _REFUSED, _WRONG_INPUT, _MISSING = range(4)
 _QUESTION = struct.Struct("!QQ")
@@ -41,11 +41,11 @@ _PIPE_BYTES = 1 << 20
 
 
 class LimitedProcessError(BetterError):
-    """A limited process has not answered; the message is a clause that says why ("it took more than 60 s")."""
+    """A limited process has not answered; the message gives the reason as a clause ("it took more than 60 s")."""
 
 
 class ProcessEndedError(LimitedProcessError):
-    """The process has ended without a request to end: it crashed, used up a limit or was killed."""
+    """The process has ended unexpectedly: it crashed, exceeded a limit or was killed."""
 
 
 class ProcessLateError(LimitedProcessError):
@@ -57,7 +57,7 @@ class RefusedError(LimitedProcessError):
 
 
 class LimitedProcess:
-    """A process of ours that answers one request after the other within limits; its parent talks to it by pipes."""
+    """A child process that answers requests in order within limits; parent and child communicate by pipes."""
 
     def __init__(
         self, main: str, *arguments: object, cpu_s: float, environment: Mapping[str, str] | None = None
@@ -68,8 +68,8 @@ class LimitedProcess:
             main: Function that the process calls with the arguments as texts ("module:function"); it ends with
                 :func:`answer_requests`.
             arguments: Its arguments.
-            cpu_s: Processor time of an answer, for messages [s]; :func:`answer_requests` sets the limit.
-            environment: Variables besides those of this process.
+            cpu_s: Processor time limit of an answer, for messages only [s]; :func:`answer_requests` sets the limit.
+            environment: Environment variables added to those of this process.
         """
         module, _, function = main.partition(":")
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
@@ -98,7 +98,7 @@ class LimitedProcess:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended, or was asked to end."""
+        """Whether the process has ended or was requested to end."""
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:
@@ -132,8 +132,8 @@ class LimitedProcess:
         """Return an answer of at most ``most`` bytes, which comes within a time [s].
 
         Raises:
-            LimitedProcessError: If the process has ended, is late, refuses the request or sends too much; it is closed
-                then unless it has refused.
+            LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. Except after
+                a rejection, the process is then closed.
             InvalidInputError: If the process has raised this error.
             MissingDependencyError: The same.
         """
@@ -169,7 +169,7 @@ class LimitedProcess:
         return answer
 
     def _ended(self) -> LimitedProcessError:
-        """Return the error for an ended process: it can be restarted, unless it was asked to end."""
+        """Return the error for an ended process, which can be restarted unless it was requested to end."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_ENDS_WITHIN_S)
         said = _end_in_words(self._process.returncode, self._cpu_s)
@@ -184,8 +184,8 @@ _MAIN = "import sys; from {module} import {function}; {function}(*sys.argv[1:])"
 class _Patience:
     """Remaining time to wait for a process [s].
 
-    It waits in slices, and a slice counts no more than its nominal duration: Ctrl-Z stops both processes for any time
-    while the clock continues.
+    The wait is divided into slices, each counted with at most its nominal duration: after Ctrl-Z, both processes are
+        stopped while the clock continues.
     """
 
     left_s: float
@@ -244,12 +244,12 @@ def answer_requests(
 
     Args:
         answers: Yields the answers to a request and its data.
-        memory_bytes: Most address space of this process [byte].
-        cpu_s: Most processor time of each answer [s].
-        unexpected: Returns the reason that is sent for an error that is not a BetterError.
+        memory_bytes: Largest address space of this process [byte].
+        cpu_s: Largest processor time of each answer [s].
+        unexpected: Returns the reason to send for an error that is not a BetterError.
     """
     written = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print must not mix with the answers
+    os.dup2(2, 1)  # output printed by libraries must not mix with the answers
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGPROF, signal.SIG_DFL)  # independent of the parent's handler
@@ -277,15 +277,14 @@ def answer_requests(
             send(_MISSING, [str(problem).encode()[:LONGEST_REASON]])
         except BetterError as problem:
             send(_REFUSED, [str(problem).encode()[:LONGEST_REASON]])
-        except Exception as problem:  # noqa: BLE001 - whatever a forged file breaks is told to the parent
+        except Exception as problem:  # noqa: BLE001 - any error is reported to the parent
             send(_REFUSED, [unexpected(problem).encode("utf-8", "replace")[:LONGEST_REASON]])
 
 
 def _limit_time(cpu_s: float) -> None:
     """Set the processor time limit for the next answer; SIGPROF ends this process when it is used up.
 
-    RLIMIT_CPU, a limit on the total processor time, cannot be advanced exactly: the kernel compares it with ticks,
-    which for a rendering process are up to 6 % more than :func:`time.process_time`, a minute after a quarter of an
-    hour.
+    RLIMIT_CPU limits the total processor time and cannot be advanced exactly. The kernel compares it with ticks, which
+    exceed :func:`time.process_time` by up to 6 % for a rendering process: by a minute after 15 minutes.
     """
     signal.setitimer(signal.ITIMER_PROF, cpu_s)

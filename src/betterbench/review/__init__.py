@@ -1,8 +1,8 @@
 """Review of imported objects by a person in the browser, and the agreement of two reviewers.
 
-- ``queue``: the objects to review, and what is known of each.
-- ``desk``: one review without any page: the object at hand, the edit in progress, and decisions into the journal.
-- ``page``: the page in the browser; ``drawing`` makes what it shows.
+- ``queue``: the objects to review, with the state of each.
+- ``desk``: the review without the browser page: current object, edit in progress, and decisions.
+- ``page``: the page in the browser; ``drawing``: rulers and texts of the page.
 - ``agreement``: Cohen's kappa of two journals.
 
 The decisions themselves and their replay are in :mod:`betterbench.sim.assets.importing.review`.

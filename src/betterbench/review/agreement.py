@@ -1,4 +1,4 @@
-"""Agreement of two reviewers over the objects that both judged."""
+"""Agreement of two reviewers on the objects that both judged."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class ReviewAgreement:
     Attributes:
         all: Table over accept, fix and reject.
         usable: Table over use (accept or fix) and reject.
-        only_first, only_second: Numbers of objects that one of them judged alone; they are not in the tables.
-        apart: Names and verdicts of the objects on which they disagree, in the order of the first.
+        only_first, only_second: Numbers of objects that only one reviewer judged, which are not in the tables.
+        apart: Names and verdicts of the objects on which the reviewers disagree, in the order of the first review.
     """
 
     all: AgreementTable
@@ -48,7 +48,7 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
 
     Raises:
         RecordError: If a file is missing or was changed by hand.
-        InvalidInputError: If they have no judged object in common.
+        InvalidInputError: If the files have no judged object in common.
     """
     a, b = (_verdicts(read_reviews(path), str(path)) for path in (first, second))
     both = [content for content in a if content in b]
@@ -67,7 +67,7 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
 
 
 def _verdicts(reviews: Sequence[Review], where: str) -> dict[str, tuple[str, str]]:
-    """Return the name and the verdict of each object that has one, by content hash."""
+    """Return the name and the verdict of each judged object, by content hash."""
     names = {review.content: review.asset for review in reviews}
     found = histories(reviews, where)
     return {content: (names[content], h.verdict.verdict) for content, h in found.items() if h.verdict is not None}

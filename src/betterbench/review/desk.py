@@ -1,7 +1,7 @@
-"""One review by one person, without any page: the object at hand, the edit in progress, and decisions.
+"""State of one person's review, without the browser page: current object, edit in progress, and decisions.
 
-An edit is a change that was not kept yet. It is kept by :meth:`ReviewDesk.keep`, by another kind of edit, and by a
-verdict; then it is a line of the journal.
+An edit is a change that is not yet kept. :meth:`ReviewDesk.keep`, another kind of edit, or a verdict keeps the edit,
+which becomes a line of the journal.
 """
 
 from __future__ import annotations
@@ -48,23 +48,23 @@ MODES: tuple[Mode, ...] = ("pose", "support", "grasp", "frame")
 TURN_DEGREES, FINE_DEGREES = 90.0, 5.0
 SIZE_STEP = 1.05
 FRAME_NAMES = ("opening", "inside", "floor", "top", "rim", "base", "slot")
-"""Names that a new placement frame gets, the first that is free."""
+"""Names for a new placement frame; the first free name is used."""
 
 
 @dataclass(slots=True)
 class ReviewDesk:
-    """The desk of one reviewer.
+    """State of one review.
 
     Attributes:
         queue: Objects to review.
         journal: File of the decisions.
         author: Name of the reviewer.
-        index: Number of the object at hand.
-        mode: What the gizmo moves.
-        selected: Number of the grasp or placement frame at hand.
-        edit: Change in progress, None without one.
-        message: Result of the last command, in a sentence.
-        is_problem: Whether it says that something failed.
+        index: Index of the current object.
+        mode: Target of the gizmo: pose, support plane, grasp or placement frame.
+        selected: Index of the selected grasp or placement frame.
+        edit: Change in progress, None if there is none.
+        message: Result of the last command, one sentence.
+        is_problem: Whether ``message`` reports an error.
     """
 
     queue: Sequence[QueuedObject]
@@ -79,17 +79,17 @@ class ReviewDesk:
 
     @property
     def at_hand(self) -> QueuedObject:
-        """The object at hand."""
+        """The current object."""
         return self.queue[self.index]
 
     @property
     def state(self) -> ReviewState | None:
-        """The object at hand with its kept changes, None if it cannot be imported."""
+        """The current object with its kept changes, None if it cannot be imported."""
         return self.at_hand.state
 
     @property
     def history(self) -> History:
-        """The decisions about the object at hand."""
+        """The decisions about the current object."""
         return self.journal.history(self.at_hand.content)
 
     @property
@@ -99,13 +99,13 @@ class ReviewDesk:
 
     @property
     def asset(self) -> Asset | None:
-        """The object at hand as an asset."""
+        """The current object as an asset."""
         state = self.state
         return None if state is None else asset_of(state.imported.draft, "reviewed", color="gray")
 
     @property
     def grasp(self) -> Grasp | None:
-        """The grasp at hand, as edited."""
+        """The selected grasp, as edited."""
         if isinstance(self.edit, GraspChange):
             return self.edit.after
         grasps = () if self.state is None else self.state.imported.draft.grasps
@@ -113,7 +113,7 @@ class ReviewDesk:
 
     @property
     def region(self) -> Region | None:
-        """The placement frame at hand, as edited."""
+        """The selected placement frame, as edited."""
         if isinstance(self.edit, RegionChange):
             return self.edit.after
         regions = () if self.state is None else self.state.imported.draft.regions
@@ -126,7 +126,7 @@ class ReviewDesk:
 
     @property
     def turn(self) -> Quaternion:
-        """The rotation in progress, from the kept state (w, x, y, z)."""
+        """The rotation of the edit, relative to the kept state (w, x, y, z)."""
         if not isinstance(self.edit, PoseChange):
             return IDENTITY_QUATERNION
         w, x, y, z = self.edit.before
@@ -150,30 +150,30 @@ class ReviewDesk:
         self._say("")
 
     def choose(self, mode: Mode) -> None:
-        """Choose what the gizmo moves; an edit in progress is kept first."""
+        """Choose the target of the gizmo; an edit in progress is kept first."""
         if mode != self.mode and self.keep():
             self.mode, self.selected = mode, 0
 
     def select_next(self) -> None:
-        """Take the next grasp or placement frame in hand; an edit in progress is kept first."""
+        """Select the next grasp or placement frame; an edit in progress is kept first."""
         if self.keep():
             self.selected += 1
 
     # ------------------------------------------------------------------------------------------------------- editing
 
     def turn_by(self, axis: Sequence[float], degrees: float) -> None:
-        """Turn the object further, about an axis of the world."""
+        """Rotate the object further, about a world axis."""
         step = from_axis_angle([math.radians(degrees) * v for v in axis])
         self.turn_to(normalize(multiply(step, self.turn)))
 
     def turn_to(self, turn: Quaternion) -> None:
-        """Turn the object from its kept state."""
+        """Rotate the object relative to its kept state."""
         state = self._begin(PoseChange)
         if state is not None:
             self.edit = PoseChange(state.turned, normalize(multiply(turn, state.turned)))
 
     def size(self, longest_m: float) -> None:
-        """Give the object another longest side [m]."""
+        """Set the longest side of the object [m]."""
         state = self._begin(ScaleChange)
         if state is not None:
             self.edit = ScaleChange(max(state.size_m), longest_m)
@@ -185,19 +185,19 @@ class ReviewDesk:
             self.size(round(factor * longest, 4))
 
     def weigh(self, mass_kg: float) -> None:
-        """Give the object another mass."""
+        """Set the mass of the object."""
         state = self._begin(MassChange)
         if state is not None:
             self.edit = MassChange(state.imported.draft.mass_kg, mass_kg)
 
     def call(self, name: str) -> None:
-        """Give the object another name."""
+        """Set the name of the object."""
         state = self._begin(NameChange)
         if state is not None:
             self.edit = NameChange(state.name, name.strip())
 
     def drag(self, pose: Pose) -> None:
-        """Move what the gizmo moves to a pose in the object frame; the object itself is only turned."""
+        """Move the target of the gizmo to a pose in the object frame; the object itself is only rotated."""
         if self.mode == "pose":
             self.turn_to(pose.quaternion)
         elif self.mode == "support" and self._begin(SupportChange) is not None:
@@ -233,7 +233,7 @@ class ReviewDesk:
             self._say("Choose grasps (3) or frames (4) first.", problem=True)
 
     def remove(self) -> None:
-        """Remove the grasp or the placement frame at hand."""
+        """Remove the selected grasp or placement frame."""
         if self.mode == "grasp" and self.grasp is not None:
             former = self.edit.before if isinstance(self.edit, GraspChange) else self.grasp
             self.edit = None if former is None else GraspChange(former, None)
@@ -246,12 +246,12 @@ class ReviewDesk:
         self.keep()
 
     def drop_edit(self) -> None:
-        """Forget the edit in progress."""
+        """Drop the edit in progress."""
         self.edit = None
         self._say("The edit was dropped.")
 
     def keep(self) -> bool:
-        """Write the edit in progress as a change; False if it is not possible, which the message explains."""
+        """Write the edit in progress as a change; False if this fails, with the reason in ``message``."""
         edit, state, item = self.edit, self.state, self.at_hand
         if edit is None or state is None:
             return True
@@ -289,7 +289,7 @@ class ReviewDesk:
             self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
 
     def undo(self) -> None:
-        """Forget the edit in progress, or else undo the last standing decision about the object at hand."""
+        """Drop the edit in progress, or else undo the last active decision about the current object."""
         if self.edit is not None:
             self.drop_edit()
             return
@@ -327,7 +327,7 @@ class ReviewDesk:
         return None if asset is None else self._told(try_drop(asset))
 
     def try_lift(self) -> Tryout | None:
-        """Lift the object by the grasp at hand, or the first one, in simulation; an edit in progress is kept first."""
+        """Lift the object by the selected or first grasp in simulation; an edit in progress is kept first."""
         if not self.keep():
             return None
         asset = self.asset
@@ -344,7 +344,7 @@ class ReviewDesk:
     # -------------------------------------------------------------------------------------------------------- helpers
 
     def _begin(self, kind: type[Change]) -> ReviewState | None:
-        """Return the state to edit, after keeping an edit of another kind; None if there is none or that failed."""
+        """Return the state to edit, after keeping an edit of another kind; None if there is none or keeping failed."""
         if self.edit is not None and not isinstance(self.edit, kind) and not self.keep():
             return None
         return self.state
@@ -354,5 +354,5 @@ class ReviewDesk:
 
 
 def _free(stem: str, taken: Sequence[str]) -> str:
-    """Return a name that is not taken ("grasp", "grasp2")."""
+    """Return a free name ("grasp", "grasp2")."""
     return next(name for k in range(1, len(taken) + 2) if (name := stem if k == 1 else f"{stem}{k}") not in taken)

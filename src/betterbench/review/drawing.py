@@ -1,4 +1,4 @@
-"""What the page of a review shows beside the meshes: rulers along a box, and the texts of the panel."""
+"""Rulers along the bounding box and texts of the panel, which the review page shows in addition to the meshes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HULL_COLORS = (
 def ruler(size: Vector) -> np.ndarray:
     """Return the lines of a bounding box that stands on z = 0, with ticks every centimeter, (n, 2, 3) [m].
 
-    The ticks are at the front edges, toward +x and -y, and every fifth is longer.
+    The ticks are at the front edges, toward +x and -y; every fifth tick is longer.
     """
     x, y, z = size
     a, b = 0.5 * x, 0.5 * y
@@ -54,7 +54,7 @@ def _tick(number: int) -> float:
 
 
 def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
-    """Return the lengths of a box with the places of their labels [m]: width, depth, height."""
+    """Return the labels of width, depth and height of a box, with their positions [m]."""
     x, y, z = size
     off = 0.018
     return [
@@ -65,7 +65,7 @@ def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
 
 
 def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
-    """Return the pose in which an asset is shown when it is turned about the middle of its box and set down."""
+    """Return the displayed pose of an asset that is rotated about the middle of its box and set down."""
     middle = (0.0, 0.0, 0.5 * asset.size_m[2])
     x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply([-v for v in middle])
     placed = Pose((x, y, z + middle[2]), pose.quaternion)
@@ -128,7 +128,7 @@ def _facts(desk: ReviewDesk) -> list[tuple[str, str]]:
 
 
 def foot(desk: ReviewDesk) -> str:
-    """Return the lower part of the panel: the edit in progress, the last message, and the standing decisions."""
+    """Return the lower part of the panel: the edit in progress, the last message, and the active decisions."""
     color = "#eb3b5a" if desk.is_problem else "#20bf6b"
     edit = "" if desk.edit is None else f"{said(desk.edit)} — Enter keeps it, Escape drops it"
     decisions = "".join(
@@ -160,11 +160,11 @@ def _sign(decision: object) -> str:
 def _said(decision: object) -> str:
     if isinstance(decision, Verdict):
         return f"{decision.verdict}{f': {decision.reason}' if decision.reason else ''}"
-    return said(decision)  # type: ignore[arg-type]  # an undo does not stand in a history
+    return said(decision)  # type: ignore[arg-type]  # a history contains no undo
 
 
 def queue_list(queue: Sequence[QueuedObject], verdicts: Sequence[str], index: int) -> str:
-    """Return the queue as a list around the object at hand."""
+    """Return the part of the queue around the current object, as a list."""
     first = max(0, min(index - 4, len(queue) - 9))
     rows = "".join(
         f'<div style="padding:1px 4px;border-radius:3px;'

@@ -1,6 +1,6 @@
-"""The page of a review: the object as it is seen and as it is touched, the gripper, gizmos, and the panel.
+"""The page of a review: visual shape, collision shape, gripper, gizmos, and panel.
 
-Callbacks of the page only put commands into a queue; :meth:`ReviewPage.run` obeys them one after the other.
+Callbacks of the page only put commands into a queue; :meth:`ReviewPage.run` executes them in order.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ PANEL_PX, SIDE_PX = 380, 250
 EYE_M, LOOK_AT_M = (0.38, -0.06, 0.25), (0.0, 0.0, 0.085)
 """Initial position and target of the view [m]."""
 OPEN_M = 0.08
-"""Opening of the gripper that is shown for size [m]."""
+"""Opening of the gripper that is drawn for scale [m]."""
 MOST_WAITING = 200
-"""Commands that wait at most; more cannot come from a person."""
+"""Most queued commands; a person does not send more."""
 
 TAP_KEYS: dict[str, str] = {
     "ArrowLeft": "previous",
@@ -88,7 +88,7 @@ KEY_ROWS = (
     ("T", "next grasp or frame"),
     ("N, Delete", "new grasp or frame; remove it"),
     ("Enter, Escape", "keep or drop the edit"),
-    ("D, G", "drop test; lift test with the grasp at hand"),
+    ("D, G", "drop test; lift test with the selected grasp"),
     ("A", "accept (a fix if something was changed)"),
     ("R", "reject, with the reason above"),
     ("Backspace", "undo the last decision"),
@@ -113,7 +113,7 @@ class ReviewPage:
         self._shown: tuple[object, ...] = ()
         self._nodes: list[Any] = []
         self._marks: list[Any] = []
-        self._version = 0  # part of the names of nodes, because a page keeps the pose of a removed node for its name
+        self._version = 0  # part of the node names, because a page remembers the pose of a removed node under its name
         self._visual: Any = None
         self._asset: Asset | None = None
         self._gripper: dict[str, Any] = {}
@@ -123,7 +123,7 @@ class ReviewPage:
         self._build_panel()
 
     def run(self, stopped: threading.Event) -> None:
-        """Obey the commands of the page until the event is set."""
+        """Execute the commands of the page until the event is set."""
         self._desk.open_first()
         self.show()
         while not stopped.is_set():
@@ -131,7 +131,7 @@ class ReviewPage:
                 command, value = self._commands.get(timeout=0.1)
             except queue.Empty:
                 continue
-            while command == "drag" and not self._commands.empty():  # only the newest pose of a drag counts
+            while command == "drag" and not self._commands.empty():  # only the newest pose of a drag is used
                 following, newest = self._commands.queue[0]
                 if following != "drag":
                     break
@@ -140,7 +140,7 @@ class ReviewPage:
             self.obey(command, value, stopped)
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
-        """Do what a command says, and show the result."""
+        """Execute a command, and show the result."""
         tryout: Tryout | None = None
         if command == "drag":
             pose, is_over = value
@@ -148,7 +148,7 @@ class ReviewPage:
             self.show(is_dragging=not is_over)
             return
         if command in ("next", "previous", "accept", "reject", "keep", "drop test", "lift test"):
-            self._status.content = _WORKING  # importing and finding shapes take seconds
+            self._status.content = _WORKING  # import and computation of shapes take seconds
         if command in ("drop test", "lift test"):
             tryout = self._desk.try_drop() if command == "drop test" else self._desk.try_lift()
         elif command == "complain":
@@ -244,7 +244,7 @@ class ReviewPage:
             self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Show the desk; while the gizmo is dragged, its own pose is left to the page."""
+        """Show the state of the review; while the gizmo is dragged, the page controls the pose of the gizmo."""
         desk = self._desk
         key = (desk.index, len(desk.at_hand.states), desk.history.last)
         with self._viser.atomic():
@@ -286,7 +286,7 @@ class ReviewPage:
                 )
             )
         front = 0.5 * asset.size_m[0] + 0.05
-        for name, text in ((seen, "what is seen"), (touched, "what is touched")):
+        for name, text in ((seen, "visual shape"), (touched, "collision shape")):
             label = scene.add_label(
                 f"{name}_title", text, position=(front, 0.0, 0.0), anchor="top-center", font_screen_scale=1.1
             )
@@ -304,7 +304,7 @@ class ReviewPage:
         self._name.value = "" if self._desk.state is None else self._desk.state.name
 
     def _show_edit(self, *, is_dragging: bool) -> None:
-        """Show what the gizmo moves, and the edit in progress."""
+        """Show the target of the gizmo, and the edit in progress."""
         desk, asset = self._desk, self._asset
         for node in self._marks:
             node.remove()
@@ -364,7 +364,7 @@ class ReviewPage:
         return pose
 
     def _mark_regions(self, asset: Asset) -> Pose:
-        """Show the placement frames, and return the pose of the one at hand."""
+        """Show the placement frames, and return the pose of the selected frame."""
         chosen = self._desk.region
         others = [region for region in asset.regions if chosen is None or region.name != chosen.name]
         for k, region in enumerate([*others, *([] if chosen is None else [chosen])]):
@@ -403,7 +403,7 @@ class ReviewPage:
             self._gripper[name].position, self._gripper[name].wxyz = pose.position, pose.quaternion
 
     def _play(self, tryout: Tryout, stopped: threading.Event) -> None:
-        """Show the motion of a trial at its own speed; frames that are late are left out."""
+        """Show the motion of a trial in real time; late frames are skipped."""
         if self._visual is None:
             return
         self._turn.visible = self._frame.visible = False
@@ -441,8 +441,8 @@ class ReviewPage:
         self._reason = self._input(gui.add_text("reason", ""), "text", None)
         self._button("Reject  R", "reject", "red", "Rejects the object, with the reason above.")
         self._button("Undo  ⌫", "undo", "orange", "Undoes the last decision about this object.")
-        self._button("Drop test  D", "drop test", "blue", "Drops it on a table, in simulation.")
-        self._button("Lift test  G", "lift test", "blue", "Lifts it by the grasp at hand, in simulation.")
+        self._button("Drop test  D", "drop test", "blue", "Drops the object on a table, in simulation.")
+        self._button("Lift test  G", "lift test", "blue", "Lifts the object by the selected grasp, in simulation.")
         self._size = self._input(gui.add_number("longest side [cm]", 10.0, step=0.1), "number", "size")
         self._mass = self._input(gui.add_number("mass [g]", 100.0, step=1.0), "number", "mass")
         self._name = self._input(gui.add_text("name", ""), "text", "name")
@@ -478,12 +478,12 @@ class ReviewPage:
         self.server.expect(button, "button")
 
     def _input(self, element: Any, kind: InputKind, command: str | None) -> Any:  # noqa: ANN401
-        """Accept what is typed into a field; with a command, each new value is one."""
+        """Accept typed values of a field; with a command, each new value sends it."""
         self.server.expect(element, kind)
         if command is not None:
 
             async def typed(event: Any) -> None:  # noqa: ANN401
-                if event.client_id is not None:  # not set by this program
+                if event.client_id is not None:  # not a value set by this program
                     self._put(command, event.target.value)
 
             element.on_update(typed)
@@ -494,13 +494,13 @@ _WORKING = '<div style="padding:4px 10px;font-size:13px"><b>working …</b></div
 
 
 def _closer(pose: Pose, opened_m: float) -> Pose:
-    """Return the pose of a body of the gripper for a smaller opening [m]: the fingers open along y of the tool."""
+    """Return the pose of a body of the gripper for a smaller opening [m]; the fingers open along the y axis."""
     x, y, z = pose.position
     return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)
 
 
 def _ignore(_: bool) -> None:
-    """Drop a result that the message tells, too."""
+    """Ignore the result, which ``message`` already reports."""
 
 
 def _choosing(desk: ReviewDesk, mode: Mode) -> Callable[[Any], None]:

@@ -1,4 +1,4 @@
-"""The objects to review: mesh files, each imported when it is first looked at."""
+"""The objects to review: mesh files, each imported when it is first shown."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class QueuedObject:
     """One object of a review.
 
     Attributes:
-        path: Its mesh file.
-        content: Hash of its content.
-        states: The object as imported, then after each standing change; empty before it is imported.
-        problem: Why it cannot be imported, "" if it can.
-        wishes: Options of its import.
+        path: Mesh file of the object.
+        content: Hash of the content of the file.
+        states: The object as imported, then after each active change; empty before the import.
+        problem: Reason why the import failed, "" if it did not.
+        wishes: Options of the import.
     """
 
     path: Path
@@ -37,16 +37,16 @@ class QueuedObject:
 
     @property
     def name(self) -> str:
-        """Its name for people."""
+        """Displayed name."""
         return asset_name(self.path)
 
     @property
     def state(self) -> ReviewState | None:
-        """The object with its standing changes; None if it is not imported."""
+        """The object with its active changes; None if it is not imported."""
         return self.states[-1] if self.states else None
 
     def load(self, history: History) -> None:
-        """Import the object and apply its standing changes; what fails is noted in ``problem``."""
+        """Import the object and apply its active changes; ``problem`` gets the reason of a failure."""
         if self.states or self.problem:
             return
         try:
@@ -58,10 +58,10 @@ class QueuedObject:
 
 
 def mesh_files(given: Sequence[Path]) -> list[Path]:
-    """Return the mesh files among files and in folders, each once, those of a folder in the order of their names.
+    """Return the distinct mesh files among files and in folders; files of a folder are sorted by name.
 
     Raises:
-        InvalidInputError: If there are none, a file does not exist or has another format, or there are too many.
+        InvalidInputError: If there are no mesh files or too many, or a file is missing or has an unknown format.
     """
     found: dict[Path, None] = {}
     for path in given:
@@ -82,11 +82,11 @@ def mesh_files(given: Sequence[Path]) -> list[Path]:
 
 
 def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> list[QueuedObject]:
-    """Return the queue of some files and folders; files of the same content are one object.
+    """Return the queue of files and folders; files with the same content are one object.
 
     Args:
         given: Files and folders; if none are given, the registered files are the queue.
-        registered: Files that task files import; one of the queue is imported with the options there.
+        registered: Files that task files import; the options in the task file apply to such a file in the queue.
 
     Raises:
         InvalidInputError: As for :func:`mesh_files`, or if a registered file does not exist.

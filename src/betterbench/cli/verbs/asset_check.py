@@ -1,4 +1,4 @@
-"""``better assets check``: the certificate of mesh files, folders of them, and registered assets."""
+"""``better assets check``: the certificate of mesh files, folders of mesh files, and registered assets."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_assets(
     """Certify assets and print the results; exit with status 1 if one fails.
 
     Raises:
-        InvalidInputError: If nothing is given, or the picture has another format.
+        InvalidInputError: If no asset is given, or the format of the picture is not supported.
         UnknownNameError: If an asset is neither a file nor registered.
     """
     from betterbench.sim.asset_checks.job import certify_targets, targets_of
@@ -96,7 +96,7 @@ def _write_pictures(judged: Sequence[tuple[Target, AssetCertificate]], out: Path
             continue
         try:
             images = asset_pictures(target.asset(), pixels=_PIXELS)
-        except (BetterError, ValueError) as error:  # MuJoCo refuses a mesh that the checks have failed already
+        except (BetterError, ValueError) as error:  # MuJoCo rejects a mesh that has already failed the checks
             say(f"no picture of {certificate.asset}: {error}")
             continue
         failed = ", ".join(check.name for check in certificate.failed)

@@ -1,4 +1,4 @@
-"""``better assets import``: files and rows of the catalogue become a folder of assets."""
+"""``better assets import``: import of files and of rows of the catalogue into a folder of assets."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportOptions:
-    """Options that say something about the imported objects; None where nothing is said."""
+    """Options about the imported objects; None if not given."""
 
     name: str | None
     kind: str | None
@@ -46,13 +46,13 @@ def import_command(
     """Import files and ids of the catalogue into the folder ``out``.
 
     Raises:
-        InvalidInputError: If an option does not fit, or no file could be imported.
+        InvalidInputError: If an option is invalid, or no file could be imported.
     """
     from betterbench.sim.assets.folders.job import import_assets
     from betterbench.sim.assets.folders.manifest import manifest_of
 
     if out is None:
-        raise InvalidInputError("--out", "the folder for the assets is missing", "Write --out my_assets")
+        raise InvalidInputError("--out", "the folder for the assets is missing", "Add --out my_assets")
     if not given:
         raise InvalidInputError("assets import", "no file is given", "Name mesh, URDF or MJCF files")
     one_only = {
@@ -88,14 +88,14 @@ def import_command(
 def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> list[ImportRequest]:
     from betterbench.sim.assets.importing.object_file import FORMATS
 
-    # The id of a row ends as a file does ("kitchen/mug.glb"); a name without a slash can be a file alone.
+    # The id of a row looks like a file path ("kitchen/mug.glb"); a name without a slash can only be a file.
     ids = [text for text in given if not Path(text).exists() and ("/" in text or Path(text).suffix not in FORMATS)]
     rows = _rows(catalogue, ids)
     return [_of_row(rows[text], options) if text in rows else _of_file(Path(text), options) for text in given]
 
 
 def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
-    """Return rows of the catalogue by id; a path that does not exist is told as such if there is no catalogue."""
+    """Return rows of the catalogue by id; without a catalogue, report that the path does not exist."""
     from betterbench.sim.assets.catalogue.search import Catalogue
 
     if not ids:
@@ -131,14 +131,14 @@ def _of_file(path: Path, options: ImportOptions) -> ImportRequest:
 
 
 def _of_row(entry: CatalogueEntry, options: ImportOptions) -> ImportRequest:
-    """Return the request for a row of the catalogue, which knows name, license and author; options come first."""
+    """Return the request for a row of the catalogue; given options override its name, license and author."""
     from dataclasses import replace
 
     from betterbench.sim.assets.licenses import license_name
 
     if entry.source == "procedural":
         name = entry.id.removeprefix("procedural/").rpartition("-")[0]
-        raise InvalidInputError(entry.id, "it is in the library already", f"Use the category {name} in your task")
+        raise InvalidInputError(entry.id, "it is already in the library", f"Use the category {name} in your task")
     if not entry.path:
         cure = "Download it first, with objaverse.load_objects, then index the source again"
         raise InvalidInputError(entry.id, "its mesh is not on this machine", cure)

@@ -52,11 +52,12 @@ def assets_command(
 ) -> None:
     """Index sources of assets, search them by words and meaning, show one, list licenses, import or check assets.
 
-    index reads sources into the catalogue: procedural (our generators, the default), a folder of meshes, objaverse.
-    search takes a description, show the id of an asset. Assets whose license forbids commercial use or changes, or is
-    not known, are left out unless --license any is given. import makes assets of GLB, glTF, OBJ, STL, PLY, URDF and
-    MJCF files, or of ids of the catalogue, in the folder --out, which --asset-dir of other verbs loads. check certifies
-    files, folders of them and registered assets, and exits with status 1 if one fails.
+    index reads sources into the catalogue: procedural (built-in generators, the default), a folder of meshes,
+        objaverse.
+    search takes a description; show takes the id of an asset. Assets whose license forbids commercial use or changes,
+    or is not known, are left out unless --license any is given. import makes assets of GLB, glTF, OBJ, STL, PLY, URDF
+    and MJCF files, or of ids of the catalogue, in the folder --out, which --asset-dir of other verbs loads. check
+    certifies files, folders of files and registered assets, and exits with status 1 if one fails.
 
     Example: better assets search "a shiny red apple" --out sheet.png
 
@@ -64,30 +65,31 @@ def assets_command(
         what: index, search, show, licenses, import or check.
         given: Sources to index, the description to search, the id to show, the files and ids to import, or the files,
             folders and assets to check.
-        catalogue: Folder of the catalogue; in the user's cache if not given.
-        name: With index: name of the source in the catalogue. With import: name of the one asset in tasks.
-        kind: With import and check: name or description that tells its kind, as "coffee mug"; by the file name if not
-            given.
-        color: With import and check: word for its color; that of most of its surface if not given.
-        size_m: With import and check: longest side in meters; by its format and kind if not given.
-        mass_kg: With import and check: mass in kilograms; as the file states or by its kind if not given.
-        up: With import and check: axis of the file that points up, as --up=-z; auto decides by format and kind.
-        freeze: With import and check: fix the movable joints of a URDF or MJCF file, which are refused otherwise.
-        license: With index, import and check: license of files that name none. With search: free (the default) or any.
-        any_license: With import: also import what forbids commercial use or changes, or whose license is not known.
-        author: With index and import: author of files that name none.
-        encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words alone.
-        limit: Most assets to list.
+        catalogue: Folder of the catalogue; by default in the user's cache.
+        name: With index: name of the source in the catalogue. With import: name of the asset in tasks, for a single
+            file.
+        kind: With import and check: name or description that determines the kind, such as "coffee mug"; by default, the
+            file name.
+        color: With import and check: color word; by default, the color of most of the surface.
+        size_m: With import and check: longest side in meters; by default from the format and the kind.
+        mass_kg: With import and check: mass in kilograms; by default from the file or the kind.
+        up: With import and check: axis of the file that points up, such as --up=-z; auto decides from format and kind.
+        freeze: With import and check: fix the movable joints of a URDF or MJCF file, which are an error otherwise.
+        license: With index, import and check: license of files without one. With search: free (the default) or any.
+        any_license: With import: also import files with a restricted or unknown license.
+        author: With index and import: author of files without one.
+        encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words only.
+        limit: Largest number of assets to list.
         num: Number of assets to choose for one description, which differ in shape and color.
         seed: Seed of the choice of --num.
-        source: Search this source alone.
-        max_faces: Most triangles of an asset.
+        source: Search only this source.
+        max_faces: Largest number of triangles of an asset.
         max_size: Largest extent of an asset in meters.
         min_size: Least extent of the largest side in meters.
         picture: With check: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.
         workers: With import: number of files imported at once.
         out: PNG or JPEG file for a sheet of pictures with scores and licenses. With import: folder of the assets. With
-            check: folder that keeps the certificates; the same command goes on with those that are left.
+            check: folder that keeps the certificates; the same command resumes with the remaining assets.
         overwrite: Replace files that better assets did not write.
         json: Print one JSON document instead of a table.
     """
@@ -128,7 +130,7 @@ def assets_command(
         return
     if license not in (None, "free", "any"):
         raise InvalidInputError(
-            "--license", f"{license!r} is not a choice of --license", "Write --license any to include all licenses"
+            "--license", f"{license!r} is not a choice of --license", "Add --license any to include all licenses"
         )
     filters = Filters(
         license="any" if license == "any" else "free",
@@ -188,7 +190,7 @@ def _index(folder: Path, given: Sequence[str], options: SourceOptions, *, encode
 
 
 def _encoder(name: str) -> tuple[TextEncoder | None, str]:
-    """Return the encoder of a name, and a message about what the default encoder lacks."""
+    """Return an encoder by name, and a message if the default encoder is not available."""
     from betterbench.sim.assets.catalogue.encoders import DEFAULT, open_encoder
 
     if name == "none":
@@ -217,7 +219,7 @@ def _index_document(folder: Path, report: IndexReport, encoder: TextEncoder | No
 def _found(
     opened: Catalogue, query: str, *, limit: int, num: int | None, seed: int, filters: Filters
 ) -> list[tuple[str, Hit]]:
-    """Return ids and hits for a query, or the choice of ``--num``."""
+    """Return ids and hits for a query, or the selection for ``--num``."""
     from betterbench.sim.assets.catalogue.variety import choose_different
 
     if num is not None:

@@ -24,21 +24,21 @@ def review_command(
     port: int = 8080,
     json: bool = False,
 ) -> None:
-    """Review imported meshes in the browser: right them, fix their grasps, accept or reject them.
+    """Review imported meshes in the browser: correct pose and grasps, accept or reject.
 
-    The page shows one object after the other, as it is seen and as it is touched, with a ruler and the gripper. Pose,
-    size, support plane, grasps, placement frames, mass and name can be changed; a drop and a lift are simulated on a
-    key. Every decision is appended to the file of --out, which imported(..., review=FILE) in a task file applies. The
-    same command goes on where it was stopped. The command listens on this machine only: from elsewhere, forward the
-    port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
+    The page shows one object at a time, with its visual and collision shapes, a ruler and the gripper. Pose,
+    size, support plane, grasps, placement frames, mass and name can be changed; keys start a simulated drop or lift.
+    Every decision is appended to the file of --out, which imported(..., review=FILE) in a task file applies. The same
+    command resumes where it was stopped. The command listens on this machine only: from elsewhere, forward the port
+    (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
 
-    "better review agree A.jsonl B.jsonl" prints how far two reviews agree, with Cohen's kappa.
+    "better review agree A.jsonl B.jsonl" prints the agreement of two reviews, with Cohen's kappa.
 
     Example: better review meshes --author ada --out reviews.jsonl
 
     Args:
-        given: Mesh files and folders of them, by default those that --task-file imports; or agree and two files of
-            reviews.
+        given: Mesh files and folders of mesh files, by default the meshes that --task-file imports; or agree and two
+            review files.
         author: Name of the reviewer in the file; the user's name if not given.
         out: File to which decisions are appended.
         host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
@@ -86,7 +86,7 @@ def _agree(files: tuple[Path, ...], *, json: bool) -> None:
 
     if len(files) != 2:
         problem = f"{len(files)} files are given"
-        raise InvalidInputError("review agree", problem, "Name two: better review agree ada.jsonl bob.jsonl")
+        raise InvalidInputError("review agree", problem, "Give two files: better review agree ada.jsonl bob.jsonl")
     found = agreement(*files)
     if json:
         print_json(found.to_json())

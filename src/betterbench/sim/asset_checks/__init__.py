@@ -1,8 +1,8 @@
-"""The asset certificate: checks that any asset, imported or generated, has to pass before a task should use it.
+"""The asset certificate: checks that any asset, imported or generated, should pass before a task uses it.
 
-- ``certificate``: all checks of one asset; ``result`` is its value, with a JSON form.
+- ``certificate``: all checks of one asset; ``result``: the results, with a JSON form.
 - ``check``, ``subject``: the register of checks, and the measurements that they share.
-- ``checks``: one subject per file: license, surfaces, size, upright, mass, collision, lying, holding, lifting.
+- ``checks``: one topic per file: license, surfaces, size, upright, mass, collision, lying, holding, lifting.
 - ``rest``, ``lift``: the simulations of one asset on a table and in a gripper.
 - ``limits``: every limit with its unit and its reason.
 """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.sim.asset_checks import checks as _checks  # noqa: F401 - imported for what it registers
+from betterbench.sim.asset_checks import checks as _checks  # noqa: F401 - imported to register the checks
 from betterbench.sim.asset_checks.check import check_names, run_check
 from betterbench.sim.asset_checks.result import AssetCertificate
 from betterbench.sim.asset_checks.subject import Subject
@@ -15,9 +15,9 @@ def certify_asset(asset: Asset, *, name: str | None = None, kind: Kind | None = 
 
     Args:
         asset: The asset, from a generator or a mesh file.
-        name: Name for the certificate; the identity of the asset if not given.
-        kind: Kind that size, mass and use are judged by; the one that the asset declares if not given. Checks that
-            need a kind do not apply without one.
+        name: Name in the certificate; by default, the identity of the asset.
+        kind: Kind that determines the limits of size, mass and pose; by default, the kind that the asset declares.
+            Without a kind, checks that need one do not apply.
     """
     judged = kind or kind_of(str(asset.parameters.get("kind", "")))
     subject = Subject(asset, judged)

@@ -16,15 +16,15 @@ MEASURED_DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a check found.
+    """Finding of a check.
 
     Attributes:
         measured: The measured number, None if there is nothing to measure.
-        limit: The number that it is compared with, None likewise.
+        limit: The number that ``measured`` is compared with, None if nothing is measured.
         unit: Unit of both.
         fails: Whether the check fails; None if it does not apply.
-        said: What was found, one sentence.
-        cure: What to do if it fails, one sentence.
+        said: Description of the finding, one sentence.
+        cure: Remedy for a failed check, one sentence.
     """
 
     measured: float | None
@@ -41,14 +41,14 @@ _CHECKS: dict[str, CheckFunction] = {}
 
 
 def check(function: CheckFunction) -> CheckFunction:
-    """Register a function as the check of its own name.
+    """Register a function as a check under its own name.
 
     Raises:
-        InvalidInputError: If there is such a check already.
+        InvalidInputError: If a check with this name exists.
     """
     name = function.__name__
     if name in _CHECKS:
-        raise InvalidInputError(f"check {name!r}", "the name is taken", "Name the function otherwise")
+        raise InvalidInputError(f"check {name!r}", "the name is taken", "Rename the function")
     _CHECKS[name] = function
     return function
 
@@ -59,7 +59,7 @@ def check_names() -> tuple[str, ...]:
 
 
 def run_check(name: str, subject: Subject) -> CheckResult:
-    """Run a check by name; a check that cannot measure the asset fails."""
+    """Run a check by name; the check fails if the asset cannot be measured."""
     try:
         with np.errstate(all="ignore"):  # a number that is not finite fails its check
             found = _CHECKS[name](subject)
@@ -74,15 +74,15 @@ def run_check(name: str, subject: Subject) -> CheckResult:
 
 
 def at_most(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding of a number that may not exceed a limit; a number that is not finite exceeds it."""
+    """Return the finding for a number that must not exceed a limit; a non-finite number fails."""
     return Finding(measured, limit, unit, not measured <= limit, said, cure)
 
 
 def at_least(measured: float, limit: float, unit: str, said: str, cure: str) -> Finding:
-    """Return the finding of a number that may not fall below a limit."""
+    """Return the finding for a number that must not fall below a limit."""
     return Finding(measured, limit, unit, not measured >= limit, said, cure)
 
 
 def not_applicable(why: str) -> Finding:
-    """Return the finding of a check that does not apply."""
+    """Return the finding for a check that does not apply."""
     return Finding(None, None, "", None, why)

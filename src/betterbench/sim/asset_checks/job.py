@@ -33,8 +33,8 @@ class Target:
     Attributes:
         name: Name in the certificate.
         file: Mesh file, None for a registered asset.
-        wishes: Options of the import; ``name`` also tells the kind of a registered asset.
-        color: Color word; of a registered asset its default if None.
+        wishes: Options of the import; ``name`` also determines the kind of a registered asset.
+        color: Color word; None selects the default color of a registered asset.
         look: Look of a registered asset.
     """
 
@@ -45,7 +45,7 @@ class Target:
     look: int = 0
 
     def key(self) -> str:
-        """Return a digest of what the certificate depends on, besides this version of the checks."""
+        """Return a digest of the inputs of the certificate."""
         digest = hashlib.sha256(
             f"{SCHEMA_VERSION}|{VERSION}|{self.name}|{asdict(self.wishes)}|{self.color}|{self.look}".encode()
         )
@@ -67,7 +67,7 @@ class Target:
 
 
 def targets_of(given: Sequence[str], wishes: Wishes, *, color: str | None = None) -> list[Target]:
-    """Return the targets that names, mesh files and folders of mesh files stand for.
+    """Return the targets for names, mesh files and folders of mesh files.
 
     A registered asset is a category ("mug"), or with color and look "mug-red#3".
 
@@ -107,11 +107,11 @@ def _registered(text: str, wishes: Wishes, color: str | None) -> Target:
 
 
 def certify_target(target: Target) -> AssetCertificate:
-    """Import and certify one target; a file that the importer refuses gets a certificate without checks.
+    """Import and certify one target; a file that cannot be imported gets a certificate without checks.
 
     Raises:
         UnknownNameError: If there is no such registered asset.
-        MissingDependencyError: If a package that the format needs is not installed.
+        MissingDependencyError: If a package for the file format is not installed.
     """
     kind = kind_of(target.wishes.name or "")
     if target.file is None:
@@ -128,7 +128,7 @@ def certify_target(target: Target) -> AssetCertificate:
 
 
 class CertificateJournal(LineJournal):
-    """Certificates in a file ``certificates.jsonl``, by the key of their target."""
+    """Certificates in the file ``certificates.jsonl``, indexed by the key of the target."""
 
     def _take_in(self, lines: list[bytes]) -> None:
         self.found: dict[str, AssetCertificate] = {}
@@ -146,7 +146,7 @@ class CertificateJournal(LineJournal):
 def certify_targets(
     targets: Sequence[Target], folder: Path | None = None, *, on_progress: OnCertificate | None = None
 ) -> list[AssetCertificate]:
-    """Certify targets, in order; with a folder, the same call goes on after an interruption."""
+    """Certify targets in order; with a folder, the same call resumes after an interruption."""
     keys = {target: target.key() for target in targets}
 
     def work(waiting: list[Target]) -> Iterator[tuple[str, AssetCertificate]]:

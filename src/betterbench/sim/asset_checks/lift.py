@@ -17,13 +17,13 @@ from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes import add_asset
 
 _CLOSE_S = 0.9
-"""From fully open at 0.1 m/s to the thinnest object, and a moment to press [s]."""
+"""Time to close from fully open at 0.1 m/s onto the thinnest object, plus a moment to press [s]."""
 _APPROACH_M = 0.10
-"""Way of the open jaw along its approach before it closes [m]; a grasp that the object obstructs shows here."""
+"""Travel of the open jaw along its approach before it closes [m]; reveals a grasp that the object obstructs."""
 _APPROACH_SPEED = 0.12
 _TIPS_ABOVE_M = 0.001
 _PUSHED_M = 0.012
-"""Most way that the object is pushed while the open jaw approaches [m]."""
+"""Largest displacement of the object while the open jaw approaches [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,8 @@ class LiftTrial:
 
     Attributes:
         succeeded: Whether the object was lifted, held and carried.
-        slip_mm: Way of the object against the gripper after the jaw closed.
-        swing_degrees: Turn of the object against the gripper after the jaw closed.
+        slip_mm: Displacement of the object relative to the gripper after the jaw closed.
+        swing_degrees: Rotation of the object relative to the gripper after the jaw closed.
         reason: Why the trial failed, empty if it succeeded.
     """
 
@@ -79,7 +79,7 @@ class _Bench:
         self.data.ctrl[self._gripper] = self.width
 
     def move(self, to: np.ndarray, speed: float) -> None:
-        """Move the gripper straight to a point [m] with a smooth start and end; ``speed`` is the mean [m/s]."""
+        """Move the gripper straight to a point [m] with a smooth start and end, at a mean ``speed`` [m/s]."""
         start = self.at.copy()
         steps = max(1, round(float(np.linalg.norm(to - start)) / speed / PHYSICS.timestep_s))
         for k in range(1, steps + 1):
@@ -96,7 +96,7 @@ class _Bench:
             mujoco.mj_step(self.model, self.data)
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance the simulation."""
         mujoco.mj_step(self.model, self.data, nstep=round(seconds / PHYSICS.timestep_s))
 
     def asset_pose(self) -> Pose:
@@ -145,6 +145,6 @@ def try_grasp(asset: Asset, grasp: Grasp, rest: Pose) -> LiftTrial:
 
 
 def _slip(before: Pose, after: Pose) -> float:
-    """Return the way [m] of the point of the asset that was between the pads, so that swinging does not count."""
+    """Return the displacement [m] of the point of the asset between the pads, which excludes swinging."""
     between = before.inverse().position
     return math.dist(before.apply(between), after.apply(between))

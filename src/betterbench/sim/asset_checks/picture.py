@@ -1,4 +1,4 @@
-"""Pictures of one asset for its certificate: what is seen, what is touched, and how it comes to rest."""
+"""Pictures of one asset for its certificate: visual shape, collision shape, and pose at rest."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def asset_pictures(asset: Asset, *, pixels: int) -> tuple[np.ndarray, np.ndarray
     """Return three pictures (pixels, pixels, 3) uint8: the visible parts, the collision parts, and the pose at rest.
 
     Raises:
-        MissingDependencyError: If no off-screen OpenGL works here.
+        MissingDependencyError: If off-screen OpenGL does not work on this machine.
     """
     touched = tuple(_colored(k, *convex_surface(corners_of(part))) for k, part in enumerate(asset.collision))
     pose = settled(asset).pose

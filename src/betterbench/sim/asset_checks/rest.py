@@ -1,4 +1,4 @@
-"""The asset alone on a table: how it settles, and whether it lies still then."""
+"""Simulation of one asset on a table: pose at rest, and movement after it has settled."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from betterbench.sim.scenes import add_asset
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """How an asset rests.
+    """Pose at rest and residual movement of an asset on a table.
 
     Attributes:
         pose: Pose ``T_table_object`` at the end.
-        drift_mm: Way of the center of mass while it is watched.
+        drift_mm: Displacement of the center of mass in the observation time.
         tilt_degrees: Turn of the vertical axis from the start to the end.
-        jitter_mm_s: Root mean square speed of the surface while it is watched.
-        lowest_mm: Height of the lowest visible point above the table at the end; negative in it.
+        jitter_mm_s: Root mean square speed of the surface in the observation time.
+        lowest_mm: Height of the lowest visible point above the table at the end; negative below the surface.
     """
 
     pose: Pose
@@ -37,13 +37,13 @@ class Rest:
 
 
 def pose_of(numbers: Iterable[float]) -> Pose:
-    """Return the pose of seven numbers, as a free joint has them: position [m] and quaternion."""
+    """Return the pose from the seven numbers of a free joint: position [m] and quaternion."""
     x, y, z, *quaternion = (float(v) for v in numbers)
     return Pose((x, y, z), normalize(quaternion))
 
 
 def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
-    """Return a model with a table top at z = 0 in the physics of the scenes; nothing in it falls asleep."""
+    """Return a model with a table top at z = 0 and the physics of the scenes, without MuJoCo's sleeping."""
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
     # Sleeping would hide that an object never comes to rest.
@@ -59,7 +59,7 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
 
 
 def settled(asset: Asset) -> Rest:
-    """Let an asset settle from just above the table, and watch it."""
+    """Let an asset settle from just above the table, and measure its movement."""
     spec = table_model()
     add_asset(spec, "asset", asset)
     model = spec.compile()

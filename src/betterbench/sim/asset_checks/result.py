@@ -21,9 +21,9 @@ class CheckResult:
         name: Name of the check ("rest_tilt").
         outcome: "passed", "failed" or "not_applicable".
         measured: The number that was compared, None if nothing was measured.
-        limit: The number that it was compared with, None likewise.
+        limit: The number that ``measured`` was compared with, None if nothing was measured.
         unit: Unit of both ("mm", "degrees", "share").
-        sentence: What was found; for a failed check also what to do.
+        sentence: Description of the finding; for a failed check with a remedy.
     """
 
     name: str
@@ -41,11 +41,11 @@ class AssetCertificate:
     Attributes:
         asset: Name or file of the asset.
         content_hash: Hash of the data that affect physics or images.
-        kind: Kind by which size, mass and use were judged, None if it is not known.
+        kind: Kind that determined the limits of size, mass and pose, None if unknown.
         source: Source of the asset.
         license: License of the asset.
         checks: One result per registered check, in order.
-        refused: Message of the importer that made no asset of a file; there are no checks then.
+        refused: Error of the importer for a file that it could not import; there are then no checks.
     """
 
     asset: str
@@ -58,7 +58,7 @@ class AssetCertificate:
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed and the importer did not refuse the file."""
+        """Whether the import succeeded and no check failed."""
         return self.refused is None and not self.failed
 
     @property
@@ -67,7 +67,7 @@ class AssetCertificate:
         return tuple(check for check in self.checks if check.outcome == "failed")
 
     def check(self, name: str) -> CheckResult:
-        """Return the result of a check by name; an unknown one raises a KeyError."""
+        """Return the result of a check by name; an unknown name raises a KeyError."""
         return {check.name: check for check in self.checks}[name]
 
     def to_json(self) -> dict[str, Any]:
@@ -76,10 +76,10 @@ class AssetCertificate:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any], where: str = "asset certificate") -> AssetCertificate:
-        """Return the certificate of a JSON form.
+        """Return the certificate from its JSON form.
 
         Raises:
-            InvalidInputError: If the form is not that of a certificate of this version.
+            InvalidInputError: If the JSON is not a certificate of this version.
         """
         try:
             fields = {name: form[name] for name in cls.__dataclass_fields__ if name != "checks"}

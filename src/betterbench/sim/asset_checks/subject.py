@@ -22,7 +22,7 @@ from betterbench.sim.assets.importing.solid import Solid, solid_of
 
 
 class Subject:
-    """An asset and its kind; each measurement is made when a check first asks for it."""
+    """An asset and its kind; each measurement is computed when a check first uses it."""
 
     def __init__(self, asset: Asset, kind: Kind | None) -> None:
         self.asset, self.kind = asset, kind
@@ -70,12 +70,12 @@ class Subject:
 
     @functools.cached_property
     def distances(self) -> Distances:
-        """Distances between what is touched and what is seen."""
+        """Distances between the collision shape and the visual shape."""
         return collision_distances(self.hulls, self.solid, filled=None if self.holds else self.cavity)
 
     @functools.cached_property
     def rest(self) -> Rest:
-        """How the asset comes to rest on a table."""
+        """Simulated rest pose of the asset on a table, with its residual movement."""
         return settled(self.asset)
 
     @property
@@ -85,11 +85,11 @@ class Subject:
 
     @property
     def holds(self) -> bool:
-        """Whether tasks may put objects into it: it declares an inside and an opening."""
+        """Whether tasks may put objects into the asset: it declares an inside and an opening."""
         return {"inside", "opening"} <= self.region_names
 
     @property
     def is_open(self) -> bool:
-        """Whether its kind is hollow and open at the top, and nothing says that this one is full or covered."""
+        """Whether the kind is hollow and open at the top, unless a tag or the name says that it is full or covered."""
         words = " ".join((self.asset.description, *self.asset.tags)).lower()
         return self.kind is not None and self.kind.is_open and not any(word in words for word in CLOSED_WORDS)

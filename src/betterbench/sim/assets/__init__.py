@@ -3,12 +3,12 @@
 - ``asset``: the frozen description of one object: visual parts, collision parts, mass, grasps, regions.
 - ``authoring``: meshes, solids, paint and the registry, with which generators are written.
 - ``procedural``: the generators, one file per category.
-- ``importing``: from the mesh, URDF or MJCF file of another program to an asset; ``folders``: such assets as files.
+- ``importing``: conversion of mesh, URDF and MJCF files to assets; ``folders``: folders of imported assets.
 - ``catalogue``: rows over several sources, searched by description.
-- ``licenses``, ``names``, ``gltf``, ``xml_file``: licenses, words of file names, and checks of files.
+- ``licenses``, ``names``, ``gltf``, ``xml_file``: licenses, words in file names, and checks of files.
 """
 
-from betterbench.sim.assets import folders, procedural  # noqa: F401  (imported for what they register)
+from betterbench.sim.assets import folders, procedural  # noqa: F401  (imported to register the assets)
 from betterbench.sim.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
 from betterbench.sim.assets.authoring.registry import build, categories, colors, family_of, looks, unseen_looks
 

@@ -13,7 +13,7 @@ from betterbench.interface.state import Region
 
 LIBRARY_SOURCE = "betterbench procedural library"
 LIBRARY_LICENSE = "Apache-2.0"
-"""License of the project, and so of what its generators make."""
+"""License of the project, which also covers the generated assets."""
 
 CollisionShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
 
@@ -108,7 +108,7 @@ class Asset:
     Attributes:
         category: Kind of object ("mug").
         look: Number of the look within the generator's family.
-        color: Color word a person would use.
+        color: Usual color word.
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").
         description: One sentence of free text, used for retrieval.
         size_m: Extents of the bounding box [m].
@@ -116,7 +116,7 @@ class Asset:
         inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
         visual: Colored meshes; at most 600 faces in all, 1,200 for imported thin walls.
         collision: Convex geometries; at most about 12.
-        regions: Named regions of it (opening, ring, handle, top).
+        regions: Named regions of the object (opening, ring, handle, top).
         parameters: Parameters drawn by the generator, for the record.
     """
 

@@ -1,4 +1,4 @@
-"""Header and description of glTF files (glTF 2.0, sections 3 and 4.4), which are checked before a file is read."""
+"""Checks of the header and the JSON description of a glTF file (glTF 2.0, sections 3 and 4.4) before it is read."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import parse_json
 
 MAX_JSON_BYTES = 32 << 20
-"""Largest description in a glTF file."""
+"""Largest JSON description in a glTF file [byte]."""
 
 _HEAD = struct.Struct("<4sIII4s")
 _CURE = "Export the object again, or leave it out"
 
 
 def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any]:
-    """Return the JSON description of a glTF file that is open at its start.
+    """Read the JSON description from an open glTF file, positioned at its start.
 
     Args:
         file: The file.
-        where: Its name, for messages.
-        binary: Whether it is a GLB file.
+        where: Name of the file, for messages.
+        binary: Whether the file is GLB.
 
     Raises:
-        InvalidInputError: If the file is cut off, is of another version, or its description cannot be read.
+        InvalidInputError: If the file is truncated, has another version, or its JSON cannot be read.
     """
     size = file.seek(0, 2)
     file.seek(0)
@@ -32,7 +32,7 @@ def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any
     if binary:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size or head[:4] != b"glTF":
-            raise InvalidInputError(where, "it does not begin as a GLB file does", _CURE)
+            raise InvalidInputError(where, "it does not have the header of a GLB file", _CURE)
         _, version, total, length, kind = _HEAD.unpack(head)
         if version != 2 or kind != b"JSON":
             raise InvalidInputError(where, f"it is GLB version {version}, and version 2 is expected", _CURE)

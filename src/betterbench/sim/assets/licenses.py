@@ -1,4 +1,4 @@
-"""Names of licenses and what they allow."""
+"""Names of licenses and the use that they allow."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 from betterbench.errors import InvalidInputError
 
 LicenseKind = Literal["free", "restricted", "unknown"]
-"""Use that a license allows: commercial use and changes (free), less than that (restricted), or not known."""
+"""Kind of license: commercial use and changes allowed (free), one of them forbidden (restricted), or unknown."""
 
 LicenseFilter = Literal["free", "any"]
 """Licenses that a search admits."""
@@ -20,7 +20,7 @@ _SPOKEN = (
     (r"attribution", "by"),
     (r"creative commons", "cc"),
 )
-"""Long form of a condition of Creative Commons in small letters, and its letters."""
+"""Conditions of Creative Commons licenses: lower-case long form and abbreviation."""
 
 _CONDITIONS = ("by", "nc", "sa", "nd")
 _FREE = re.compile(r"(apache|mit|bsd|isc|zlib|odc by|public domain|unlicense)\b.*")
@@ -29,7 +29,7 @@ LONGEST_LICENSE = 80
 
 
 def _plain(text: str) -> str:
-    """Return the words of a license in small letters, its conditions by their letters."""
+    """Return the lower-case words of a license, with its conditions abbreviated."""
     plain = " ".join(re.sub(r"[^a-z0-9.]+", " ", text.lower()).split())
     for pattern, letters in _SPOKEN:
         plain = re.sub(rf"\b{pattern}\b", letters, plain)
@@ -37,9 +37,9 @@ def _plain(text: str) -> str:
 
 
 def license_name(text: str) -> str:
-    """Return the usual name of a license: "by-nc" gives "CC-BY-NC-4.0". Names that are not known stay as they are.
+    """Return the usual name of a license: "by-nc" gives "CC-BY-NC-4.0". Unknown names stay unchanged.
 
-    Without a version, a license of Creative Commons is taken for version 4.0, which Objaverse means.
+    A Creative Commons license without a version gets version 4.0, the version that Objaverse uses.
     """
     said = " ".join(text.split())[:LONGEST_LICENSE]
     plain = _plain(said)
@@ -54,7 +54,7 @@ def license_name(text: str) -> str:
 
 
 def license_kind(name: str) -> LicenseKind:
-    """Return the kind of a license by the name that :func:`license_name` gives."""
+    """Return the kind of a license from its usual name (:func:`license_name`)."""
     plain = _plain(name)
     if {"nc", "nd"} & set(plain.split()):
         return "restricted"
@@ -78,7 +78,7 @@ def require_license(where: str, name: str, *, any_license: bool, option: str) ->
         f"its license ({name}) forbids commercial use or changes"
         if kind == "restricted"
         else (
-            f"its license ({name}) is not a known free one"
+            f"its license ({name}) is not a known free license"
             if name not in ("", "unknown")
             else "its license is not known"
         )

@@ -1,4 +1,4 @@
-"""Words of names as files and folders have them."""
+"""Words in the names of files and folders."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 LONGEST_WORD = 40
-"""Longest word of a name; longer ones are not words [characters]."""
+"""Longest accepted word of a name [characters]."""
 
 _WORD = re.compile(r"[^\W\d_]+")
 _NUMBER = re.compile(r"\d{1,40}")
@@ -17,20 +17,20 @@ asset base base_link collision google_16k google_512k google_64k main mesh meshe
 poisson scene textured textured_simple textured_vhacd texture tsdf untitled urdf visual visuals
 """
 _WITHOUT_A_NAME = frozenset(_GENERIC.split())
-"""Names of files and folders that say nothing about the object; the folder around them names it."""
+"""Generic names of files and folders; the parent folder then names the object."""
 
 
 def words_of(text: str) -> tuple[str, ...]:
-    """Return the words of a name in small letters: "burgerCheese", "025_mug" and "red-mug" have two, one and two.
+    """Return the lower-case words of a name: "burgerCheese", "025_mug" and "red-mug" have two, one and two.
 
-    Digits separate words and are left out, as single letters are, unless there is nothing else.
+    Digits separate words. Digits and single letters are left out unless the name has nothing else.
     """
     words = [word.lower() for word in _WORD.findall(_CASE.sub(" ", text)) if len(word) <= LONGEST_WORD]
     return tuple(word for word in words if len(word) > 1) or tuple(words) or tuple(_NUMBER.findall(text))
 
 
 def named_by(file: Path, root: Path) -> tuple[Path, str | None]:
-    """Return the folder and the stem that name the object of a file; no stem where a folder above it names it.
+    """Return the folder and the stem that name the object of a file; the stem is empty if only the folder names it.
 
     The folder ``root`` and those above it never name an object.
     """
@@ -49,7 +49,7 @@ def file_words(file: Path, root: Path) -> tuple[str, ...]:
 
 
 def shown_name(file: Path) -> str:
-    """Return the name of a file for people, with its folder where that names the object ("025_mug/textured.obj")."""
+    """Return the displayed name of a file, with its folder if the folder names the object ("025_mug/textured.obj")."""
     whole = file.absolute()
     place, stem = named_by(whole, Path(whole.anchor))
     return file.name if stem is not None else f"{place.name}/{file.name}"

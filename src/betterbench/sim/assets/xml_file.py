@@ -1,4 +1,4 @@
-"""Reading of XML files from strangers: no entities, no document type, and limits for size and depth."""
+"""Reading of untrusted XML files: no entities, no document type, and limits for size and depth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CURE = "Export the object again, or leave it out"
 def parse_xml(text: bytes, where: str) -> ET.Element:
     """Return the root of an XML document.
 
-    Entities and document types are refused as soon as the parser meets them, in whatever encoding they are written.
+    Entities and document types raise an error as soon as the parser meets them, in any encoding.
 
     Args:
         text: The document.

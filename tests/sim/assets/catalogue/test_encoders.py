@@ -42,7 +42,7 @@ def test_without_its_weights_the_command_is_named(monkeypatch):
 
 def test_other_weights_are_refused(tmp_path):
     (tmp_path / "model.safetensors").write_bytes(b"other")
-    with pytest.raises(InvalidInputError, match="is not the file of all-MiniLM-L6-v2 that is expected"):
+    with pytest.raises(InvalidInputError, match="is not the expected file of all-MiniLM-L6-v2"):
         minilm.MiniLm(tmp_path / "model.safetensors", tmp_path / "vocab.txt")
 
 

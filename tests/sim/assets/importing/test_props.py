@@ -233,8 +233,8 @@ def test_a_joint_that_moves_is_named_in_mjcf_too(folder):
     ("text", "said"),
     [
         (mjcf(""), "none of its bodies has a shape"),
-        (mjcf('<body><geom type="blob"/></body>'), "MuJoCo refuses it"),
-        (mjcf('<body pos="nan 0 0"><geom size="0.1"/></body>'), "MuJoCo refuses it|not finite"),
+        (mjcf('<body><geom type="blob"/></body>'), "MuJoCo rejects it"),
+        (mjcf('<body pos="nan 0 0"><geom size="0.1"/></body>'), "MuJoCo rejects it|not finite"),
         (mjcf('<body><freejoint/><geom size=".1"/></body><body><freejoint/><geom size=".1"/></body>'), "two objects"),
         (mjcf('<replicate count="9999999"><body><geom size="0.1"/></body></replicate>'), "element replicate"),
         (mjcf('<body><composite type="cable" count="9999999 1 1"/></body>'), "element composite"),
@@ -297,7 +297,7 @@ def test_physics_that_does_not_fit_is_replaced_and_told(folder):
     text = urdf(f'<link name="a">{inertial}{visual}{collision}</link>')
     found = import_mesh(write(folder / "block.urdf", text), Wishes())
     assert any("center of mass is outside" in note for note in found.notes)
-    assert any("off the surface: made anew" in note for note in found.notes)
+    assert any("off the surface: new shapes were made" in note for note in found.notes)
     assert found.draft.body.center_of_mass == pytest.approx((0, 0, 0.05), abs=0.002)
     assert found.draft.body.inertia[0] == pytest.approx(0.3 / 12 * 0.0116, rel=0.1)
     (hull,) = hulls_of(found)
@@ -328,4 +328,4 @@ def test_collision_shapes_that_fill_a_hollow_are_made_anew(folder):
     text = mjcf(f"<body>{seen}{touched}</body>", MESH.format("cup.stl"))
     found = import_mesh(write(folder / "mug.xml", text), Wishes())
     assert len(hulls_of(found)) > 8
-    assert any("made anew" in note for note in found.notes)
+    assert any("new shapes were made" in note for note in found.notes)

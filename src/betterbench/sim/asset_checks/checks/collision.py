@@ -1,4 +1,4 @@
-"""What is touched against what is seen."""
+"""Comparison of the collision shape with the visual shape."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _CURE = "Add or move collision parts; of an imported mesh close holes and remove
 
 @check
 def collision_outside(subject: Subject) -> Finding:
-    """Check that collision parts do not stand out of the visible surface."""
+    """Check that collision parts do not extend beyond the visible surface."""
     found = 1000.0 * subject.distances.outside_m
     limit = max(limits.OUTSIDE_MM, 1000.0 * limits.OUTSIDE_SHARE * subject.middle_m)
     return at_most(found, limit, "mm", f"contacts up to {found:.2g} mm off the visible surface", _CURE)
@@ -19,7 +19,7 @@ def collision_outside(subject: Subject) -> Finding:
 
 @check
 def collision_inside(subject: Subject) -> Finding:
-    """Check that the visible surface cannot be passed through."""
+    """Check that collision parts cover the whole visible surface."""
     found = 1000.0 * subject.distances.inside_m
     limit = max(limits.INSIDE_MM, 1000.0 * limits.INSIDE_SHARE * subject.middle_m)
     return at_most(found, limit, "mm", f"visible surface up to {found:.2g} mm without contact", _CURE)
@@ -31,7 +31,7 @@ def opening_free(subject: Subject) -> Finding:
     if not subject.holds:
         return not_applicable("it is not a container")
     if subject.cavity is None:
-        return Finding(0.0, limits.OPENING_SHARE, "share", True, "no hollow is seen in this container", _CURE)
+        return Finding(0.0, limits.OPENING_SHARE, "share", True, "no hollow was found in this container", _CURE)
     touched = subject.touched_cavity
     share = 0.0 if touched is None else touched.volume_m3 / subject.cavity.volume_m3
     said = f"collision parts leave {100 * share:.3g} % of its hollow"

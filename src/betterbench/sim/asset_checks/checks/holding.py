@@ -1,4 +1,4 @@
-"""Whether a container holds a ball, and whether a support carries a block."""
+"""Checks that a container holds a ball and that a support carries a block."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SECONDS = 2.0
 
 @check
 def holds_ball(subject: Subject) -> Finding:
-    """Check that a ball that is dropped into a container comes to rest near its floor."""
+    """Check that a ball dropped into a container comes to rest near its floor."""
     asset = subject.asset
     if not subject.holds:
         return not_applicable("it is not a container")
@@ -48,14 +48,14 @@ def _judged(height: float, aside: float, radius: float, depth: float) -> Finding
     if aside > 0.0 or height < -limits.BALL_BELOW_M:
         where = "beside it" if aside > 0.0 else f"{-1000 * height:.2g} mm below its floor"
         return Finding(1000 * height, -1000 * limits.BALL_BELOW_M, "mm", True, f"a dropped ball lies {where}", cure)
-    # A ball that is larger than the hollow is deep cannot lie lower than the floor.
+    # A ball larger than the depth of the hollow cannot be below the floor.
     limit = max(limits.BALL_DEPTH_SHARE * depth, 0.5 * radius)
     said = f"a dropped ball rests {1000 * height:.2g} mm above its floor, {1000 * depth:.3g} mm below the rim"
     return at_most(1000 * height, 1000 * limit, "mm", said, cure)
 
 
 def _dropped(subject: Subject, *, ball: tuple[float, float, float], radius: float) -> Pose:
-    """Return the pose ``T_object_ball`` of a ball that was dropped into the asset, held without a table below."""
+    """Return the pose ``T_object_ball`` of a ball dropped into the asset, which is held in the air."""
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
     add_asset(spec, "asset", subject.asset, pose=subject.rest.pose)
@@ -87,7 +87,7 @@ def _after(spec: mujoco.MjSpec, free: list[Pose], held: Pose | None) -> Pose:
 
 @check
 def carries_block(subject: Subject) -> Finding:
-    """Check that a block that is put onto the top of a support stays there."""
+    """Check that a block placed on top of a support stays there."""
     top = next((region for region in subject.asset.regions if region.name == "top"), None)
     if top is None:
         return not_applicable("it declares no top")

@@ -1,4 +1,4 @@
-"""Whether the license of an asset is known."""
+"""Check of the license."""
 
 from betterbench.sim.asset_checks.check import Finding, check
 from betterbench.sim.asset_checks.subject import Subject

@@ -1,4 +1,4 @@
-"""Whether a parallel jaw can take, lift, hold and carry an asset at its proposed grasps."""
+"""Check that a parallel jaw can grasp, lift, hold and carry an asset at its proposed grasps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether an asset lies still on a table, in the pose in which it was described."""
+"""Checks that an asset lies still on a table in its described pose."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def rest_tilt(subject: Subject) -> Finding:
 
 @check
 def rest_drift(subject: Subject) -> Finding:
-    """Check that the asset does not move when it has come to rest."""
+    """Check that the asset does not move after it has come to rest."""
     found = subject.rest.drift_mm
     said = f"moves {found:.2g} mm in {limits.WATCH_S:g} s"
     return at_most(found, limits.DRIFT_MM, "mm", said, _CURE)
@@ -28,7 +28,7 @@ def rest_drift(subject: Subject) -> Finding:
 
 @check
 def rest_jitter(subject: Subject) -> Finding:
-    """Check that the asset does not tremble."""
+    """Check that the asset does not jitter."""
     found = subject.rest.jitter_mm_s
     said = f"its surface moves at {found:.2g} mm/s at rest"
     return at_most(
@@ -38,7 +38,7 @@ def rest_jitter(subject: Subject) -> Finding:
 
 @check
 def rest_depth(subject: Subject) -> Finding:
-    """Check that the asset neither sinks into the table nor stands above it."""
+    """Check that the asset neither sinks into the table nor floats above it."""
     found = subject.rest.lowest_mm
     said = f"lowest point {abs(found):.2g} mm {'above' if found > 0.0 else 'in'} the table"
     cure = "Its collision parts end elsewhere than its visible surface: import it again"

@@ -1,4 +1,4 @@
-"""Whether center of mass and inertia fit the shape."""
+"""Checks that center of mass and inertia fit the shape."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def inertia(subject: Subject) -> Finding:
     ixx, iyy, izz, ixy, ixz, iyz = subject.asset.inertia
     own = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
     if not np.isfinite(own).all() or own[0] <= 0.0 or own[0] + own[1] < own[2] * (1.0 - 1e-6):
-        said = "its principal moments of inertia are not those of any body"
+        said = "its principal moments of inertia are not physically possible"
         return Finding(None, None, "", True, said, _CURE)
     usual = np.linalg.eigvalsh(mass_of_cells(subject.solid, subject.asset.mass_kg)[1])
     ratio = float(np.exp(np.abs(np.log(own / usual)).max()))

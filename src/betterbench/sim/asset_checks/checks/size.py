@@ -1,4 +1,4 @@
-"""Whether size and mass are those of the kind."""
+"""Checks that size and mass are usual for the kind."""
 
 from __future__ import annotations
 

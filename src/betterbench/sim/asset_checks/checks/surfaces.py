@@ -1,4 +1,4 @@
-"""What is seen: triangles, the side they face, textures, and parts that belong together."""
+"""Checks of the visual shape: triangles, their orientation, textures, and gaps between parts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def triangles(subject: Subject) -> Finding:
 
 @check
 def faces_outward(subject: Subject) -> Finding:
-    """Check that one does not look through the surface, because its triangles face inward."""
+    """Check that triangles do not face inward, which makes a surface invisible from outside."""
     share = share_from_behind(*subject.surface)
     return at_most(
         share,
@@ -41,7 +41,7 @@ def faces_outward(subject: Subject) -> Finding:
 
 @check
 def textures(subject: Subject) -> Finding:
-    """Check that every part can be seen and that no texture is missing, black or a placeholder."""
+    """Check that every part is visible and that no texture is missing, black or a placeholder."""
     for part in subject.asset.visual:
         problem = _problem(part)
         if problem:
@@ -70,7 +70,7 @@ def _problem(part: VisualPart) -> str:
 
 
 def _shown(part: VisualPart, texture: Texture) -> np.ndarray | None:
-    """Return the colors (k, 3) at the middle of each triangle, None if the texture coordinates are of no use."""
+    """Return the colors (k, 3) at the middle of each triangle, None if the texture coordinates are not usable."""
     corners = part.faces if texture.corners is None else texture.corners
     if len(corners) != len(part.faces) or corners.max(initial=0) >= len(texture.uv):
         return None

@@ -1,4 +1,4 @@
-"""Whether an asset stands the way its kind does."""
+"""Check that an asset has the usual upright pose of its kind."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _CURE = "Give the axis of the file that points up with --up"
 
 @check
 def upright(subject: Subject) -> Finding:
-    """Check the use of the kind: open at the top, tall, flat, not round about a horizontal axis, on its broader end."""
+    """Check that the pose fits the kind: open at the top, tall, flat, round about the vertical, or broad end down."""
     kind = subject.kind
     if kind is None:
         return not_applicable("its kind is not known")
@@ -63,7 +63,7 @@ def _round(subject: Subject) -> Finding:
     vertical = _uneven(points, np.array([0.0, 0.0, 1.0]))
     turns = np.pi * np.arange(12) / 12.0
     lying = min(_uneven(points, np.array([np.cos(t), np.sin(t), 0.0])) for t in turns)
-    # Round across both is a ball; only what is round about a horizontal axis alone lies on its side.
+    # An object that is round about both axes is a ball; one round only about a horizontal axis lies on its side.
     ratio = vertical / lying if lying < limits.ROUND_RATIO else 1.0
     across = [f"{100 * (each - 1):.2g} %" for each in (vertical, lying)]
     said = f"its widths across the vertical differ by {across[0]}, across a horizontal axis by {across[1]}"

@@ -14,7 +14,7 @@ FORMS: Mapping[str, tuple[float, float, float]] = {
     "round foot": (0.80, 0.98, 1.0),
     "step": (0.93, 0.93, 1.0),
 }
-"""Forms of a mug: relative radius at the foot, at a third and at two thirds of its height."""
+"""Forms of a mug: relative radius at the foot, at one third and at two thirds of the height."""
 
 DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
 """Names of the decorations of a mug."""
@@ -49,10 +49,10 @@ def glazed(
         rng: Random generator of the speckles.
         vessel: Profile of the vessel.
         shade: Color of the outside.
-        decoration: A key of ``bands``, "speckled" or "dots"; any other word means no decoration.
+        decoration: A key of ``bands``, "speckled" or "dots"; any other value means no decoration.
         rows: Indices of the profile points where the unglazed foot ends, and where wall, rim, inside and inner floor
             begin.
-        lining: Color of the inside; that of the outside if None.
+        lining: Color of the inside; None for the color of the outside.
         ink: Color of the decoration; if None, cream on dark glazes and dark gray on light ones.
         bands: Painted bands by the name of their decoration.
         shadow: Brightness of the inside just below the rim, and how much it drops down to the floor.

@@ -1,4 +1,4 @@
-"""Draft of an asset, as a generator returns it, and the helpers that make its parts, grasps and regions."""
+"""Draft of an asset, which a generator returns, and helpers for its parts, grasps and regions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,10 +16,10 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb
 from betterbench.sim.assets.authoring.solids import solid_box
 
 JAW_OPENS_ALONG_Y = normalize((0.0, 1.0, 0.0, 0.0))
-"""Tool frame of a jaw that comes from above: z down (approach), y the direction in which the fingers open."""
+"""Orientation of a gripper from above: z down (approach), y along the opening direction of the fingers."""
 
 JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
-"""The same jaw, rotated so that its fingers open along x of the object."""
+"""The same orientation, rotated so that the fingers open along x of the object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -37,7 +37,7 @@ class Draft:
         material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
             the friction of all collision parts except those with their own friction (:func:`surfaced`). Without a
             material each part keeps its friction.
-        body: Mass, center of mass and inertia if they are known from elsewhere; otherwise the mass is spread over the
+        body: Mass, center of mass and inertia from another source; by default, the mass is distributed over the
             collision parts, which then must not be hulls.
         source: Origin of the shape.
         license: License of the shape.
@@ -140,7 +140,7 @@ def grip(
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
     """Return the grasp across the diameter of a body that is round at ``height``, with free yaw [m].
 
-    By default, the clearance is 12 mm or the rest of a jaw of 79 mm on each side.
+    By default, the clearance on each side is 12 mm, limited by a jaw opening of 79 mm.
     """
     free = min(0.012, 0.0395 - radius) if clearance is None else clearance
     return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)

@@ -60,7 +60,7 @@ def mass_properties(
 ) -> MassProperties:
     """Distribute a mass over primitives, rounded to nine digits so that the last bits of a sine do not matter.
 
-    Densities are relative, one for each part, zero for those after the last number; equal if not given.
+    Densities are relative, one for each part; later parts have density zero. By default, all are equal.
 
     Raises:
         InvalidInputError: If a part is a hull, or all densities are zero.

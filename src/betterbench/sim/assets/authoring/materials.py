@@ -1,11 +1,11 @@
 """Materials of objects: friction and density of each, with the sources of the numbers.
 
 A coefficient of friction belongs to a pair of surfaces, but MuJoCo uses the larger of two numbers, one per surface. The
-number of a material here is that of the material against itself or against a painted or laminated table top. The
-table's own number, 0.5, is not above any of them, so that the number of each object is used. The rubber pads of the
+coefficient of a material here is for contact with itself or with a painted or laminated table top. The coefficient of
+the table, 0.5, does not exceed any of these, so MuJoCo uses the coefficient of the object. The rubber pads of the
 gripper have 1.2, more than any material, so that a grasp holds every object equally.
 
-Tables of dry static friction differ by half of their values; those here lie inside the published ranges and are
+Published values of dry static friction differ by up to 50 %; the values here are inside the published ranges and are
 rounded to 0.05:
 
 * metals, glass, wood: Oberg et al., *Machinery's Handbook*, and the table "Friction and Friction Coefficients" of The
@@ -16,13 +16,13 @@ rounded to 0.05:
 * paper and board against themselves, by the methods ISO 15359 and TAPPI T 549: 0.4 to 0.7 if uncoated;
 * fruit: Puchalski and Brusewitz, "Relative humidity and wetting affect friction between apple and flat surfaces",
   *International Agrophysics* 16 (2002): 0.3 to 0.7 on wood, steel and plastic, by kind and moisture;
-* other food, soap and sponge: no table is common; they are placed by comparison, as their reason says.
+* other food, soap and sponge: no common table; values are estimated by comparison, as ``reason`` explains.
 
-The torsional number [m] is the sliding one times two thirds of the radius of a contact patch of 15 mm, as for the pads
-of the gripper: a flat object resists being turned about the vertical axis as much as being pushed. The rolling number
-[m] is 1 mm for what yields and 0.5 mm for what is hard: half the width over which a contact is pressed flat. Densities
-[kg/m^3] are handbook values of the solid material; those of food and foam include the pores and are estimates to a
-tenth.
+The torsional coefficient [m] is the sliding coefficient times two thirds of the radius of a 15 mm contact patch, as for
+the pads of the gripper: a flat object resists being turned about the vertical axis as much as being pushed. The rolling
+coefficient [m] is 1 mm for soft and 0.5 mm for hard materials: half the width of the flattened contact. Densities
+[kg/m^3] are handbook values of the solid material; those of food and foam include the pores and are estimates to within
+10 %.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class Material:
 
     Attributes:
         sliding: Coefficient of sliding friction, against itself or a table.
-        density: Of the solid material [kg/m^3].
-        soft: Whether it yields at contacts.
-        reason: Source of the number of sliding friction.
+        density: Density of the solid material [kg/m^3].
+        soft: Whether the material yields at contacts.
+        reason: Source of the coefficient of sliding friction.
     """
 
     name: str

@@ -46,7 +46,7 @@ class Mesh:
         return Mesh(self.vertices * np.stack([factor, factor, np.ones_like(factor)], axis=1), self.faces, self.uv)
 
     def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
-        """Return the mesh with a texture projected from above, with the texture's edge at ``radius`` [m].
+        """Return the mesh with a texture projected from above; the edge of the texture is at ``radius`` [m].
 
         The texture is stretched per vertex by ``share`` (n,), 0.5 for none.
         """
@@ -121,13 +121,13 @@ def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
 
 
 def _last_joined(mesh: Mesh, limit: float) -> np.ndarray:
-    """Return (3 m,) for each corner the last corner at the same vertex to which smooth edges lead.
+    """Return (3 m,) for each corner the last corner at the same vertex that is connected by smooth edges.
 
     An edge is smooth if the cosine between its faces is above ``limit``.
     """
     normals = face_normals(mesh.vertices, mesh.faces)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # Each side of a face is a pair of its corners, the one of the smaller vertex first; equal sides become neighbors.
+    # Each edge of a face is a pair of its corners, the corner of the smaller vertex first; equal edges are neighbors.
     ends = np.arange(mesh.faces.size).reshape(-1, 3)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     vertices = mesh.faces.reshape(-1)[ends]
     ends = np.take_along_axis(ends, np.argsort(vertices, axis=1), axis=1)
@@ -260,7 +260,7 @@ def box(
     corner: float = 0.0,
     steps: int = 1,
 ) -> Mesh:
-    """Return a creased box with bevelled horizontal edges and with vertical ones rounded in ``steps`` segments [m]."""
+    """Return a creased box with bevelled horizontal edges and vertical edges rounded in ``steps`` segments [m]."""
     hx, hy, hz = (0.5 * s for s in size)
     heights = [(-hz, bevel), (-hz + bevel, 0.0), (hz - bevel, 0.0), (hz, bevel)] if bevel > 0.0 else [(-hz, 0), (hz, 0)]
     rings = [rectangle(hx - e, hy - e, z, corner=max(corner - e, 0.3 * corner), steps=steps) for z, e in heights]

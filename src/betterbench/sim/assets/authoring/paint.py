@@ -1,4 +1,4 @@
-"""Textures for visual parts, drawn with numpy: bands, discs, waves, noise. No file is loaded."""
+"""Textures for visual parts, drawn with numpy: bands, discs, waves, noise. No image files are used."""
 
 import itertools
 import math
@@ -56,7 +56,7 @@ class Canvas:
         image[:] = image * (1.0 - weight) + np.asarray(color) * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
-        """Return the rows and columns of the samples within reach, to keep textures with hundreds of pores cheap."""
+        """Return the rows and columns of the samples within reach; speeds up textures with hundreds of pores."""
         rows = np.abs(self.y[:, 0] - center[1]) <= reach_y
         return _run(rows), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
@@ -69,7 +69,7 @@ class Canvas:
         self.shade(dark + (1.0 - dark) * np.clip(self.y / top, 0.0, 1.0))
 
     def shadow(self, start: float, end: float, light: float, loss: float) -> None:
-        """Darken the area above row ``start``, by ``light`` there and falling by ``loss`` until row ``end``."""
+        """Darken the area above row ``start``: brightness ``light`` there, lower by ``loss`` at row ``end``."""
         down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
         self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
@@ -100,7 +100,7 @@ class Canvas:
         self.paint(mask, color, strength=strength)
 
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
-        """Multiply by smooth noise with mean 1 and a standard deviation, with a number of cells across and up."""
+        """Multiply by smooth noise of mean 1, with a standard deviation and a number of cells across and up."""
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
         u = np.linspace(0.0, columns, self.x.shape[1], endpoint=False)
@@ -162,9 +162,9 @@ def uniforms(rng: np.random.Generator, *ranges: tuple[float, float]) -> list[flo
 def scattered(
     rng: np.random.Generator, *, tries: int, gap: float, reach: float, count: int | None = None
 ) -> Iterator[tuple[float, float]]:
-    """Yield up to ``count`` random points in a disc about (1, 1), none nearer to another than ``gap``.
+    """Yield up to ``count`` random points in a disc about (1, 1), at least ``gap`` apart.
 
-    The caller may draw from ``rng`` between two points; without ``count`` all tries are made.
+    The caller may draw from ``rng`` between two points; without ``count``, the number of tries is the only limit.
     """
     placed: list[tuple[float, float]] = []
     for _ in range(tries):

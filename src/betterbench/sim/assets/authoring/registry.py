@@ -1,4 +1,4 @@
-"""The registry of generators: a category is one decorated function, from which all other data are derived."""
+"""The registry of generators: a category is one decorated function, and all other data are derived from it."""
 
 import functools
 import hashlib
@@ -35,12 +35,12 @@ _folders_read: set[str] = set()
 
 
 def read_folders_with(reader: Callable[[TaskFile], None]) -> None:
-    """Let a function register the assets of each loaded folder, which is given by its manifest."""
+    """Set the function that registers the assets of each loaded folder from its manifest."""
     _FOLDER_READERS.append(reader)
 
 
 def _load_declared() -> None:
-    """Load what the user has declared: plugins, task files and folders of assets."""
+    """Load the user's plugins, task files and folders of assets."""
     load_declared()
     for file in loaded_files():
         if file.is_asset_folder and file.path not in _folders_read:
@@ -83,7 +83,7 @@ def generator(
 
 
 def unregister(category: str) -> None:
-    """Remove a category, for tests that have registered one.
+    """Remove a category, for tests.
 
     Raises:
         UnknownNameError: If the category does not exist.
@@ -96,7 +96,7 @@ def unregister(category: str) -> None:
 def _origin(make: Generator) -> str:
     """Return the file and the name of a generator, for messages."""
     code = getattr(inspect.unwrap(make), "__code__", None)
-    return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'a file that it does not tell')}"
+    return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'an unknown file')}"
 
 
 def generator_of(category: str) -> Generator:
@@ -162,7 +162,7 @@ def family_of(category: str) -> str:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
-    Without a color, the category's first one is used, see :func:`colors`; the look is one of :func:`looks` or
+    Without a color, the first color of the category is used, see :func:`colors`; the look is one of :func:`looks` or
     :func:`unseen_looks`.
 
     Raises:

@@ -19,7 +19,7 @@ class Turned:
             the surface.
         heights: Height of each point [m].
         crease_degrees: Angle above which an edge is drawn sharp.
-        wrap: Whether to wrap the texture around each half of the circumference; else the texture is one column.
+        wrap: Whether to wrap the texture around each half of the circumference; otherwise the texture has one column.
         phase: Angle of the first side [rad].
     """
 
@@ -49,7 +49,7 @@ class Turned:
         return self.mesh().rotated("y", math.pi / 2).moved(x, 0.0, z)
 
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
-        """Start a texture for the surface, upward along the profile.
+        """Create an empty texture for the surface, with rows upward along the profile.
 
         By default, its horizontal extent is half of the largest circumference [m], or 1 for a texture of one column.
         """

@@ -2,9 +2,9 @@
 
 - ``entry``: the row, and the names of licenses.
 - ``sources``: the procedural library, folders of mesh files, Objaverse; one file each.
-- ``encoders``: encoders of meaning; the default one runs on numpy.
+- ``encoders``: encoders of meaning; the default encoder runs on NumPy.
 - ``indexing``: the job that brings rows and vectors up to date, in ``store`` (SQLite) and ``vectors`` (mapped files).
-- ``terms``, ``expansion``: words in one form, and queries in other words from the list ``words.txt``.
+- ``terms``, ``expansion``: normal form of words, and expansion of queries with the word list ``words.txt``.
 - ``search``: the search; ``variety``: several different assets for one description.
 
 Searching starts no simulator.

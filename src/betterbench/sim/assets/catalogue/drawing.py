@@ -17,9 +17,9 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded
 
 MAX_BYTES = 64 << 20
-"""Largest file that is drawn, and largest file that it may refer to."""
+"""Largest mesh file that is drawn, and largest file that it may refer to [byte]."""
 MAX_FACES = 400_000
-"""Most triangles that are drawn."""
+"""Largest number of triangles that are drawn."""
 _POINTS = 400_000
 _GROUND = np.array([0.80, 0.76, 0.70])
 _GRAY = np.array([0.62, 0.62, 0.64])
@@ -28,7 +28,7 @@ _LIGHT = np.array([0.45, -0.35, 0.82])
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
-    """Reads the files that a mesh refers to, from its own folder and those below alone."""
+    """Resolver of the files that a mesh refers to, restricted to its folder and the folders below."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
@@ -41,7 +41,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
         return read_bounded(path, max_bytes=MAX_BYTES, cure="Repair the mesh")
 
     def keys(self) -> list[str]:
-        """Return no names: a folder is not listed."""
+        """Return no names: folders are not listed."""
         return []
 
     def namespaced(self, namespace: str) -> _SameFolder:
@@ -49,7 +49,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
         return _SameFolder(self._folder / namespace)
 
     def write(self, name: str, data: object) -> None:
-        """Refuse to write."""
+        """Raise an error: nothing is written."""
         raise ValueError(f"{name!r} is not written ({type(data).__name__})")
 
 
@@ -64,7 +64,7 @@ def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
         kind = path.suffix.lower().removeprefix(".")
         loaded: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=_SameFolder(path.parent))
         points, normals, colors = _surface(loaded.dump())
-    except Exception as error:  # whatever a reader of damaged files raises
+    except Exception as error:  # readers raise many kinds of errors for damaged files
         raise InvalidInputError(str(path), f"cannot be drawn ({error})", "Open it in a program for meshes") from error
     if kind in ("glb", "gltf"):
         points, normals = (values[:, [2, 0, 1]] for values in (points, normals))
@@ -97,7 +97,7 @@ def _surface(geometry: Sequence[object]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Return the color of each point: of the texture, the material, or the corners and faces."""
+    """Return the color of each point, from the texture, the material, or the corners and faces."""
     visual: Any = mesh.visual
     material = getattr(visual, "material", None)
     uv = getattr(visual, "uv", None)
@@ -138,7 +138,7 @@ def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: 
     shade = 0.55 + 0.5 * np.clip(facing @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
     lit = np.clip(colors * shade[:, None], 0.0, 1.0)
     image = np.tile(_GROUND, (side, side, 1))
-    order = np.argsort(depth, kind="stable")  # of several points on a pixel, the nearest is written last
+    order = np.argsort(depth, kind="stable")  # the nearest of several points on a pixel is written last
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
             image[(rows[order] + dy).clip(0, side - 1), (columns[order] + dx).clip(0, side - 1)] = lit[order]

@@ -13,20 +13,20 @@ class CatalogueEntry:
     """One asset of a source, as a row of the catalogue.
 
     Attributes:
-        id: Name that no other row has ("procedural/mug-red", "objaverse/UID").
+        id: Unique name ("procedural/mug-red", "objaverse/UID").
         source: Name of the source ("procedural", "kenney_food").
-        name: Noun by which people would call it ("coffee mug").
+        name: Common noun for the object ("coffee mug").
         content_hash: SHA-256 of the bytes of its file (64 hex digits); of a generated asset, the hash of the asset;
             empty for a file that has not been downloaded.
         path: Absolute path of its file, empty for an asset without a file.
         description: Free text.
-        category: Kind of object, empty if the source does not say it.
+        category: Kind of object, empty if the source does not give it.
         color: Color word, empty if it is not known.
-        size_m: Extents as the file has them, read as meters; None if unknown. Few collections keep to meters.
+        size_m: Extents in the unit of the file, interpreted as meters; None if unknown. Few collections use meters.
         faces: Number of triangles, None if unknown.
         license: Name of the license, empty if unknown.
-        author: Person or group to name.
-        variants: Number of looks that the source makes of it; 1 for a file.
+        author: Author of the asset.
+        variants: Number of looks that the source generates; 1 for a file.
     """
 
     id: str
@@ -46,7 +46,7 @@ class CatalogueEntry:
 
     @property
     def text(self) -> str:
-        """Sentence from which the encoder of meaning makes a vector."""
+        """Sentence that the encoder of meaning maps to a vector."""
         said = ". ".join(part.rstrip(".") for part in (self.name, self.description, ", ".join(self.tags)) if part)
         return said[:400]
 

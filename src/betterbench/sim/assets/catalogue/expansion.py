@@ -1,4 +1,4 @@
-"""Queries in other words: synonyms, kinds of things, and descriptions of things, from a word list of our own."""
+"""Expansion of queries with synonyms, kinds of objects and descriptions, from the built-in word list."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COLOR_WORDS = """
 red blue green yellow orange purple white black brown gray silver gold golden pink cream beige turquoise
 """
 COLORS = frozenset(_COLOR_WORDS.split())
-"""Words for colors; a color alone does not say what is searched."""
+"""Words for colors; a color alone does not name an object."""
 
 _LITTLE = """
 a an the of for with without to in on at and or some any is are it its that this from by into my your our i me we you
@@ -21,31 +21,32 @@ one two three few which who what can be used use something object thing item wan
 type piece sort model 3d put holding containing contains asset mesh like as has have
 """
 _SAYS_LITTLE = frozenset(_LITTLE.split())
-"""Words of a query that are not searched."""
+"""Words of a query that are ignored."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 _AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
-"""Words before which the head of a description stands: "mug" in "a blue mug with a handle"."""
+"""Words that follow the head noun of a description: "with" after "mug" in "a blue mug with a handle"."""
 _COUNTED = """
 bar bunch bowl bottle box carton can cup glass jar leaf loaf pack packet pair piece pile plate roll set slice sheet
 stack stick tube
 """
 _MEASURES = frozenset(_COUNTED.split())
-"""Heads that may count something: in "a slice of tomato" both words matter."""
+"""Head nouns that may be measure words: in "a slice of tomato", both nouns matter."""
 _LONGEST_PHRASE = 5
 _COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
 _SYNONYM, _KIND = 0.95, 0.8
 
 Expander = Callable[[str], Sequence[str]]
-"""Returns other descriptions of the same object, as a language model may; each is searched like the query itself."""
+"""Function that returns other descriptions of the same object, for example from a language model; each is searched like
+the query."""
 
 
 @dataclass(frozen=True, slots=True)
 class Concept:
-    """Something that a query asks for.
+    """One concept of a query.
 
     Attributes:
-        weight: Its share in the score of words.
-        alternatives: Phrases that mean it, as terms, with a weight in (0, 1]; the first is what the query says.
+        weight: Share of the concept in the score of words.
+        alternatives: Phrases for the concept, as terms, with a weight in (0, 1]; the first phrase is from the query.
     """
 
     weight: float
@@ -54,12 +55,12 @@ class Concept:
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A query with what it may mean.
+    """A query with its possible meanings.
 
     Attributes:
-        text: The query as it was given.
-        concepts: What is searched by words.
-        readings: Sentences whose meaning is searched; the first is the query.
+        text: The original query.
+        concepts: Concepts for the search by words.
+        readings: Sentences for the search by meaning; the first is the query.
         colors: Colors that the query names.
     """
 
@@ -73,7 +74,7 @@ class Query:
 def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
     """Return, for each phrase of the list, the phrases that mean the same or are kinds of it, with their weights.
 
-    A line ``a = b > c, d`` gives synonyms a and b, and what is shown to whoever asks for them, in this direction only.
+    In a line ``a = b > c, d``, a and b are synonyms, and a query for either also finds c and d, but not the reverse.
     """
     found: dict[tuple[str, ...], dict[tuple[str, ...], float]] = {}
 
@@ -87,7 +88,7 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
         asked, _, shown = said.partition(">")
         same = [phrase for phrase in asked.split("=") if phrase.strip()]
         for phrase in same:
-            # What is shown stands in the catalogue; another word for what is asked may stand there too.
+            # The catalogue may contain the words after ">" as well as the synonyms of the query.
             for place, kind in enumerate(filter(None, shown.split(","))):
                 add(phrase, kind, _SYNONYM if place == 0 else _KIND)
             for other in same:
@@ -97,7 +98,7 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
 
 
 def understood(text: str, *, expander: Expander | None = None) -> Query:
-    """Return a query with its concepts; an expander adds readings of its own."""
+    """Return a query with its concepts; an expander adds further readings."""
     words = terms(text)
     known = word_list()
     head = _head(words)
@@ -135,7 +136,7 @@ def _is_phrase(
 
 
 def _head(words: Sequence[str]) -> int:
-    """Return the place of the word that names the thing, -1 if there is none."""
+    """Return the index of the noun that names the object, -1 if there is none."""
     head = -1
     for place, word in enumerate(words):
         if word in _AFTER_THE_HEAD and head >= 0:

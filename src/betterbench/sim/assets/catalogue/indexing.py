@@ -1,4 +1,4 @@
-"""The indexing job: rows of sources, and the vectors of their texts. A killed job goes on where it stopped."""
+"""The indexing job, which writes rows of sources and vectors of their texts. A killed job resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from betterbench.sim.assets.catalogue.vectors import FILES, VectorIndex, columns
 from betterbench.sim.assets.licenses import license_kind
 
 LICENSE_KINDS = ("free", "restricted", "unknown")
-"""Kinds of licenses by the number that the columns hold."""
+"""Kinds of licenses, indexed by their number in the columns."""
 
 JOURNAL = "encoded.bin"
-"""File of vectors that are made while the job is under way."""
+"""File of the vectors that a running job has computed."""
 _BATCH = 256
-"""Rows that are written, and texts that are encoded, at once."""
+"""Number of rows written, and of texts encoded, in one batch."""
 MOST_NAMED = 20
-"""Most assets that are named when they are skipped; all are counted."""
+"""Largest number of skipped assets that are listed by name; all are counted."""
 
 
 class OnProgress(Protocol):
-    """Is told how far a stage of the job is."""
+    """Callback for the progress of the job."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Take the name of the stage and its numbers; a total of 0 is not known."""
+        """Receive the name of a stage, the number done and the total (0 if unknown)."""
 
 
 @dataclass(slots=True)
@@ -48,11 +48,11 @@ class IndexReport:
     Attributes:
         added: Number of new rows.
         updated: Rows whose asset had changed.
-        kept: Rows that were there.
+        kept: Unchanged rows.
         removed: Rows whose asset is gone.
         encoded: Texts that were encoded.
         skipped: Number of assets that could not be read.
-        named: The first of them with the reason.
+        named: The first skipped assets, with the reason.
         total: Rows of the catalogue.
     """
 
@@ -78,14 +78,14 @@ def index_sources(
     """Bring the rows of some sources up to date; rows of other sources stay.
 
     Args:
-        folder: Folder of the catalogue, which is made if it is missing.
+        folder: Folder of the catalogue, created if it is missing.
         sources: Sources to read.
-        encoder: Encoder of meaning; without one, the catalogue is searched by words alone.
-        on_progress: Is told how far the job is.
+        encoder: Encoder of meaning; without an encoder, the catalogue is searched by words only.
+        on_progress: Called with the progress of the job.
 
     Raises:
         RunConflictError: If another process indexes into the folder.
-        RecordError: If the folder has a damaged or foreign catalogue.
+        RecordError: If the folder has a damaged catalogue or files of another program.
         InvalidInputError: If a source cannot be read.
     """
     report = IndexReport()
@@ -112,7 +112,7 @@ def index_sources(
 
 
 def _read_source(store: Store, source: AssetSource, report: IndexReport, on_progress: OnProgress) -> None:
-    """Write the rows of one source that are new or have changed, and remove those that are gone."""
+    """Write new and changed rows of a source, and remove rows whose asset is gone."""
     number = store.add_source(source.name, source.address)
     before, seen = store.fingerprints(number), set[str]()
     rows: list[tuple[str, CatalogueEntry]] = []
@@ -145,9 +145,9 @@ def _digest(text: str) -> bytes:
 
 
 class _Vectors:
-    """Vectors by the digest of their text: those of the last catalogue, and those that this job has made.
+    """Vectors by the digest of their text, from the last catalogue and from this job.
 
-    What is made is appended to a file at once, and a killed job finds it there.
+    New vectors are appended to a file at once, so that a killed job can resume.
     """
 
     def __init__(self, folder: Path, dimension: int) -> None:
@@ -159,13 +159,13 @@ class _Vectors:
         self._handle: int | None = None
 
     def take_index(self, index: VectorIndex) -> None:
-        """Take the vectors of a catalogue."""
+        """Add the vectors of a catalogue."""
         self._index = index
         for place, digest in enumerate(np.asarray(index.digests)):
             self._places.setdefault(digest.tobytes(), (-1, place))
 
     def open_journal(self) -> None:
-        """Take what a killed job has made, and cut off what it did not finish."""
+        """Load the vectors of a killed job, without an unfinished last entry."""
         self._handle = open_in_place(self._path)
         whole = os.fstat(self._handle).st_size // self._line.itemsize
         os.ftruncate(self._handle, whole * self._line.itemsize)
@@ -213,7 +213,7 @@ class _Vectors:
         self.close()
 
     def close(self) -> None:
-        """Close the files; harmless when closed."""
+        """Close the files; a second call has no effect."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
@@ -221,17 +221,17 @@ class _Vectors:
             self._index.close()
 
     def remove(self) -> None:
-        """Remove the file, whose vectors are in the catalogue now."""
+        """Remove the file after its vectors are in the catalogue."""
         self._path.unlink(missing_ok=True)
 
 
 def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _Vectors:
-    """Return the vectors that need not be made again; those of another encoder are dropped."""
+    """Return the vectors that can be reused; vectors of another encoder are dropped."""
     known = _Vectors(folder, 0 if encoder is None else encoder.dimension)
     if encoder is None:
         return known
     if store.fact("encoder") == encoder.name and store.fact("sealed") in ("vectors", ""):
-        with contextlib.suppress(RecordError):  # missing or damaged: they are made again
+        with contextlib.suppress(RecordError):  # missing or damaged: computed again
             known.take_index(VectorIndex(folder, count=int(store.fact("rows") or 0), dimension=encoder.dimension))
     if store.fact("journal") != encoder.name:
         (folder / JOURNAL).unlink(missing_ok=True)
@@ -241,7 +241,7 @@ def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _
 
 
 def _encode(store: Store, known: _Vectors, encoder: TextEncoder, report: IndexReport, on_progress: OnProgress) -> None:
-    """Make the vectors of all texts that have none."""
+    """Compute the vectors of all texts without one."""
     waiting: dict[bytes, str] = {}
 
     def flush() -> None:
@@ -287,7 +287,7 @@ def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> 
 
 
 def vector_files(folder: Path) -> tuple[Path, ...]:
-    """Return the files of the vectors of a catalogue."""
+    """Return the vector files of a catalogue."""
     return tuple(folder / f"{name}.npy" for name in FILES)
 
 

@@ -1,4 +1,4 @@
-"""Place of the catalogue of this user."""
+"""Location of the user's catalogue."""
 
 from pathlib import Path
 
@@ -6,5 +6,5 @@ import platformdirs
 
 
 def usual_folder() -> Path:
-    """Return the folder of the catalogue that is used unless another one is named."""
+    """Return the default folder of the catalogue."""
     return platformdirs.user_cache_path("betterbench") / "assets"

@@ -21,14 +21,14 @@ from betterbench.sim.assets.catalogue.vectors import VectorIndex
 from betterbench.sim.assets.licenses import LicenseFilter, license_kind
 
 LONGEST_QUERY = 1_000
-"""Most characters of a query."""
+"""Largest length of a query [characters]."""
 DEPTH = 60
-"""Rows that each way of searching hands to the fusion."""
+"""Number of rows that each search passes to the fusion."""
 _RANK = 8.0
-"""Constant of the reciprocal rank 1 / (constant + rank); small, because a catalogue has few good answers."""
+"""Constant of the reciprocal rank 1 / (constant + rank); small, because a catalogue has few good answers to a query."""
 _WORDS_SHARE, _MEANING_SHARE = 1.0, 1.0
 _COSTLY = 5_000
-"""Rows that words may match before they are ranked; more frequent words count among the rows that rarer ones find."""
+"""Limit of matching rows for ranking; beyond it, frequent words are only counted in the rows that rarer words match."""
 _FETCHED = 200
 """Rows whose words are compared with the query."""
 _FIELDS = (1.0, 0.75, 0.45)
@@ -37,14 +37,14 @@ _FIELDS = (1.0, 0.75, 0.45)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filters:
-    """Assets that a search admits.
+    """Filters of a search.
 
     Attributes:
         license: "free" for licenses that allow commercial use and changes, "any" for all.
         source: Name of a source, empty for all.
-        max_faces: Most triangles; assets without a number do not pass.
+        max_faces: Largest number of triangles; assets with an unknown number do not pass.
         max_size_m: Largest extent [m]; assets without a size do not pass.
-        min_size_m: Least largest extent [m]; assets without a size do not pass.
+        min_size_m: Smallest value of the largest extent [m]; assets without a size do not pass.
     """
 
     license: LicenseFilter = "free"
@@ -54,7 +54,7 @@ class Filters:
     min_size_m: float | None = None
 
     def admits(self, entry: CatalogueEntry) -> bool:
-        """Return whether an asset passes."""
+        """Return whether an asset passes the filters."""
         size = entry.largest_m
         return not (
             (self.license == "free" and license_kind(entry.license) != "free")
@@ -67,14 +67,14 @@ class Filters:
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """An asset that was found.
+    """A search result.
 
     Attributes:
         entry: Row of the catalogue.
-        score: Fused score in (0, 1]; 1 for an asset that has every word and is first by words and by meaning.
-        word_rank: Rank by words from 1, None if its words were not found.
-        meaning_rank: Rank by meaning from 1, None if meaning was not searched or it is too far down.
-        cosine: Cosine of its meaning with that of the query.
+        score: Fused score in (0, 1]; 1 for an asset that contains every word and is first by words and by meaning.
+        word_rank: Rank by words from 1, None if no word matched.
+        meaning_rank: Rank by meaning from 1, None if meaning was not searched or the rank is too low.
+        cosine: Cosine between the vectors of the asset and the query.
     """
 
     entry: CatalogueEntry
@@ -99,11 +99,11 @@ class Catalogue:
 
     Args:
         folder: Folder of the catalogue.
-        encoder: Loads the encoder by name, called once when meaning is first searched; None for words alone.
+        encoder: Loads the encoder by name, called once when meaning is first searched; None for words only.
 
     Raises:
         InvalidInputError: If there is no catalogue, or its indexing has not ended.
-        RecordError: If a file of it is damaged or foreign.
+        RecordError: If a file of the catalogue is damaged or from another program.
     """
 
     def __init__(self, folder: Path, *, encoder: Callable[[str], TextEncoder] | None = None) -> None:
@@ -134,7 +134,7 @@ class Catalogue:
 
     @property
     def has_vectors(self) -> bool:
-        """Whether meaning can be searched."""
+        """Whether the catalogue can be searched by meaning."""
         return self._index is not None
 
     @property
@@ -146,11 +146,11 @@ class Catalogue:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Names of the sources, in the order in which they were indexed first."""
+        """Names of the sources, in the order of their first indexing."""
         return tuple(self._numbers)
 
     def entry(self, asset_id: str) -> CatalogueEntry:
-        """Return an asset by id; the id of one look is answered with its row.
+        """Return an asset by id; the id of a look gives the row that represents it.
 
         Raises:
             UnknownNameError: If the catalogue has no such asset.
@@ -178,9 +178,9 @@ class Catalogue:
 
         Args:
             query: Description in plain words.
-            limit: Most assets to return.
+            limit: Largest number of assets to return.
             filters: Assets that are admitted; free licenses only if None.
-            expander: Adds other descriptions, as a language model may.
+            expander: Adds other descriptions, for example from a language model.
             words: Whether words are searched.
             meaning: Whether meaning is searched, where the catalogue has vectors.
 
@@ -209,7 +209,7 @@ class Catalogue:
         best = sum(shares) / (_RANK + 1.0)
 
         def score(row: int) -> float:
-            # A row that has only some words of the query has a smaller vote, however few rows have more.
+            # A row with only some words of the query has less weight, even if few rows contain more words.
             words = shares[0] * covered[row] / (_RANK + word_ranks[row]) if row in word_ranks else 0.0
             meaning = shares[1] / (_RANK + meaning_ranks[row]) if row in meaning_ranks else 0.0
             return (words + meaning) / best
@@ -225,7 +225,7 @@ class Catalogue:
     # -------------------------------------------------------------------------------------------------------- words
 
     def _by_words(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
-        """Return the rows that have words of the query with the share of it that they have, best first."""
+        """Return the rows that contain words of the query, with their share of the query, best first."""
         every = {word for concept in query.concepts for phrase, _ in concept.alternatives for word in phrase}
         frequencies = self._store.frequencies(sorted(every))
         expression, ranked = _expression(frequencies)
@@ -257,7 +257,7 @@ class Catalogue:
         return list(zip(index.columns.rows[places].tolist(), cosines.tolist(), strict=True))
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
-        """Return which rows the filters admit, (n,) bool; None for all."""
+        """Return which rows pass the filters, (n,) bool; None for all."""
         columns, parts = index.columns, []
         if filters.license == "free":
             parts.append(columns.licenses == LICENSE_KINDS.index("free"))
@@ -273,7 +273,7 @@ class Catalogue:
 
 
 def _sealed(store: Store, folder: Path) -> str:
-    """Return whether a catalogue has words or vectors too; an InvalidInputError if its indexing has not ended."""
+    """Return whether a catalogue has words only or also vectors; raise InvalidInputError if indexing has not ended."""
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
         problem = "its indexing has not ended, or was interrupted"
@@ -308,9 +308,9 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
 def _word_score(
     concepts: Sequence[Concept], fields: Sequence[str], frequencies: dict[str, int], count: int
 ) -> tuple[float, float]:
-    """Return how well the words of a row fit, and the share of the query that it has.
+    """Return a score for the words of a row, and the share of the query that the row contains.
 
-    Of each concept, the best of its phrases in the best field counts.
+    For each concept, the best phrase in the best field is used.
     """
     words = [field.split() for field in fields]
     sets = [set(field) for field in words]
@@ -324,7 +324,7 @@ def _word_score(
             rarity = math.log(1.0 + count / max(min(frequencies[word] for word in phrase), 1))
             for share, own in zip(_FIELDS, sets, strict=True):
                 if own.issuperset(phrase):
-                    # A name that says little besides is the thing itself: "apple" before "apple pie".
+                    # A name with few other words is the object itself: "apple" before "apple pie".
                     focus = 1.0 if share < 1.0 else 0.7 + 0.3 * len(phrase) / max(length, 1)
                     best = max(best, weight * share * rarity * focus)
                     present = max(present, weight)

@@ -17,9 +17,9 @@ from betterbench.sim.assets.catalogue.terms import terms
 
 FILE = "catalogue.sqlite"
 VERSION = 2
-"""Version of the tables; a catalogue of another version is made again."""
+"""Version of the tables; a catalogue of another version must be indexed again."""
 _APPLICATION = 0x62657474
-"""Number by which SQLite files of a catalogue are known: "bett"."""
+"""Application id of the SQLite files of a catalogue: "bett"."""
 
 _TABLES = """
 CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -46,11 +46,11 @@ class Store:
 
     Args:
         folder: Folder of the catalogue.
-        writes: Whether rows are to be written; the file is then made if it is missing.
+        writes: Whether rows are to be written; the file is then created if it is missing.
 
     Raises:
         InvalidInputError: If there is no catalogue.
-        RecordError: If the file is damaged, foreign or of another version.
+        RecordError: If the file is damaged, of another program or of another version.
     """
 
     def __init__(self, folder: Path, *, writes: bool = False) -> None:
@@ -84,7 +84,7 @@ class Store:
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:
-        """Turn an error of SQLite into one that names the file."""
+        """Convert an error of SQLite into an error that names the file."""
         try:
             yield
         except sqlite3.OperationalError as error:
@@ -127,7 +127,7 @@ class Store:
         return {name: (number, address) for name, number, address in found}
 
     def add_source(self, name: str, address: str) -> int:
-        """Return the number of a source, which is entered if it is new.
+        """Return the number of a source; a new source is added.
 
         Raises:
             InvalidInputError: If a source of that name has another address.
@@ -135,7 +135,7 @@ class Store:
         known = self.sources()
         if name in known and known[name][1] != address:
             both = f"the catalogue has it as {known[name][1]}, and it is asked for as {address}"
-            raise InvalidInputError(f"source {name}", both, "Give the new one another name with --name")
+            raise InvalidInputError(f"source {name}", both, "Give the new source another name with --name")
         if name not in known and len(known) >= 255:
             raise InvalidInputError("sources", "the catalogue has 255 of them", "Use another catalogue")
         with self.checked():
@@ -157,7 +157,7 @@ class Store:
             return dict(found.fetchall())
 
     def write(self, source: int, rows: Iterable[tuple[str, CatalogueEntry]]) -> None:
-        """Write rows with their fingerprints, in place of older ones of the same id, and commit."""
+        """Write rows with their fingerprints, replacing rows of the same id, and commit."""
         with self.checked():
             for fingerprint, entry in rows:
                 self._remove(entry.id)
@@ -270,7 +270,7 @@ class Store:
     def count_terms(self) -> None:
         """Store the number of rows of each term.
 
-        FTS5's vocabulary reads every match of a term to count them: 30 ms for a term of most of 800,000 rows.
+        FTS5's vocabulary table reads every match to count a term, which takes 30 ms for a term in most of 800,000 rows.
         """
         with self.checked():
             self._database.execute("DELETE FROM frequencies")
@@ -278,7 +278,7 @@ class Store:
             self._database.commit()
 
     def frequencies(self, words: Iterable[str]) -> dict[str, int]:
-        """Return the number of rows that have each of some terms, as last counted; terms of no row are left out."""
+        """Return the stored number of rows for each term; terms without rows are left out."""
         found = {}
         with self.checked():
             for word in dict.fromkeys(words):
@@ -288,7 +288,7 @@ class Store:
         return found
 
     def matching(self, expression: str, limit: int, *, ranked: bool) -> list[tuple[int, str, str, str]]:
-        """Return number and words of the rows that an FTS5 expression matches, the best or the first ones."""
+        """Return number and words of the best or first rows that match an FTS5 expression."""
         order = "ORDER BY bm25(words, 6.0, 3.0, 1.0), rowid" if ranked else "ORDER BY rowid"
         with self.checked():
             found = self._database.execute(

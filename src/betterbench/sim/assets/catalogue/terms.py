@@ -1,4 +1,4 @@
-"""Words of names, descriptions and queries in the one form in which they are compared."""
+"""Normal form of words in names, descriptions and queries."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ _IRREGULAR = {
     "doughnut": "donut",
     "aluminium": "aluminum",
 }
-"""Plurals that the rules miss, and spellings that mean the same."""
+"""Irregular plurals, and variants of spelling."""
 
 _KEEP = re.compile(r"(ss|us|is|as|ios)$")
 _WORD = re.compile(r"[^\W_]+")
 LONGEST_TERM = 40
-"""Most letters of a term; longer ones are no words."""
+"""Largest length of a term [characters]; longer words are ignored."""
 
 
 def terms(text: str) -> list[str]:
-    """Return the words of a text in order: small letters without accents, plurals in the singular."""
+    """Return the words of a text in order: lower case, without accents, in the singular."""
     plain = "".join(c for c in unicodedata.normalize("NFKD", text.lower()) if not unicodedata.combining(c))
     return [singular(word) for word in _WORD.findall(plain) if len(word) <= LONGEST_TERM]
 
 
 def singular(word: str) -> str:
-    """Return an English noun in the singular; a word that is none may lose its last letter, always in the same way."""
+    """Return an English noun in the singular; other words may consistently lose their last letter."""
     if word in _IRREGULAR:
         return _IRREGULAR[word]
     if len(word) < 4 or not word.endswith("s") or _KEEP.search(word):

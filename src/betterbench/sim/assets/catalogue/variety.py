@@ -14,10 +14,10 @@ from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
 from betterbench.sim.assets.catalogue.terms import terms
 
 MOST = 100
-"""Most assets for one description."""
+"""Largest number of assets for one description."""
 _SEARCHED = 60
 _NEAR = 0.35
-"""Least score, relative to the best one, of an asset of another name that answers the same description."""
+"""Smallest score, relative to the best score, of an asset with another name for the same description."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Chosen:
     """An asset for a description.
 
     Attributes:
-        id: Id of the asset; with the number of a look ("procedural/mug-red#3") where its row stands for several.
+        id: Id of the asset; with the number of a look ("procedural/mug-red#3") if the row represents several looks.
         hit: Row of the catalogue with its score.
     """
 
@@ -40,17 +40,17 @@ class Chosen:
 def choose_different(
     catalogue: Catalogue, description: str, count: int, *, seed: int = 0, filters: Filters | None = None
 ) -> list[Chosen]:
-    """Return assets for one description: all of the kind that fits best, and as different as the catalogue allows.
+    """Return assets of the best-matching kind for a description, as different as the catalogue allows.
 
-    The first one is drawn among the best; each further one is the farthest from those before in source, color, look
-    and proportions. A color that the description names is kept.
+    The first asset is drawn among the best; each further asset differs most from the previous assets in source, color,
+    look and proportions. If the description names a color, all assets have that color.
 
     Args:
         catalogue: Catalogue to search.
         description: Description in plain words.
         count: Number of assets.
-        seed: Number of the draw; the same seed gives the same assets.
-        filters: Assets that are admitted.
+        seed: Seed of the draw; the same seed gives the same assets.
+        filters: Filters of the search.
 
     Raises:
         InvalidInputError: If the number is out of range, or the catalogue has fewer assets that fit.
@@ -62,7 +62,7 @@ def choose_different(
     if len(left) < count:
         problem = f"{len(left)} assets of the catalogue fit {description!r}, and {count} are asked for"
         raise InvalidInputError("num", problem, "Ask for fewer, admit more with --license any, or index more sources")
-    # Equal assets are told apart by a hash of the seed, so that another seed gives another choice.
+    # A hash of the seed decides between equal assets, so that another seed gives another choice.
     draw = {one.id: hashlib.sha256(f"{seed} {one.id}".encode()).digest() for one in left}
     chosen: list[Chosen] = []
     while len(chosen) < count:
@@ -79,7 +79,7 @@ def _looks(entry: CatalogueEntry) -> list[str]:
 
 
 def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
-    """Return the hits that are the kind of thing that the best hit is, in the color that is asked for."""
+    """Return the hits of the same kind as the best hit, in the color of the description."""
     if not hits:
         return []
     asked = understood(description).colors
@@ -95,19 +95,19 @@ def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
 
 
 def _kind(entry: CatalogueEntry) -> str:
-    """Return the noun that the category or the name ends with ("pie" of "apple pie")."""
+    """Return the last noun of the category or the name ("pie" of "apple pie")."""
     named = [word for word in terms(entry.category or entry.name) if word not in COLORS]
     return named[-1] if named else entry.name
 
 
 def _color(entry: CatalogueEntry) -> str:
-    """Return the color of an asset: what its source says, or the first color word of its texts, or ""."""
+    """Return the color of an asset: from its source, or the first color word of its texts, or ""."""
     said = terms(f"{entry.color} {entry.name} {entry.description}")
     return next((word for word in said if word in COLORS), "")
 
 
 def _distance(one: Chosen, others: Sequence[Chosen]) -> tuple[float, float]:
-    """Return the distance of an asset to the nearest of some others, and the sum of its distances to all of them."""
+    """Return the distance of an asset to the nearest of a list of others, and the sum of its distances to all."""
     distances = [_between(one, other) for other in others]
     return min(distances, default=0.0), sum(distances)
 

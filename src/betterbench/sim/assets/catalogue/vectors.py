@@ -1,7 +1,7 @@
-"""Vectors of a catalogue: one byte a number, in files that are mapped and not read.
+"""Vectors of a catalogue, with one byte per component, in memory-mapped files.
 
-Of each row there are its vector as whole numbers of one byte with a scale, a sketch of one bit a number, and the
-columns that filters need. A search compares sketches first and vectors of the best rows after that.
+Each row has a vector (int8 components with a scale), a sketch (one bit per component), and the columns for filters. A
+search first compares sketches, and then the vectors of the best rows.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
 
 EXACT_ROWS = 20_000
-"""Largest catalogue of which every vector is compared."""
+"""Largest number of rows for which a search compares every vector."""
 RERANKED = 2_000
-"""Rows whose vectors are compared after their sketches."""
+"""Number of rows whose vectors are compared after the sketches."""
 _SPREAD = 1 << 16
-"""Rows that are handled at once when files are written."""
+"""Number of rows per batch when files are written."""
 
 FILES = ("vectors", "scales", "sketches", "rows", "digests", "licenses", "sources", "faces", "sizes")
 """Names of the files, without their ending .npy."""
@@ -30,7 +30,7 @@ FILES = ("vectors", "scales", "sketches", "rows", "digests", "licenses", "source
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns for filters, one value a row; NaN and -1 are unknown.
+    """Columns for filters, one value per row; NaN and -1 mean unknown.
 
     Attributes:
         rows: Row numbers in the catalogue, ascending, (n,) int64.
@@ -55,7 +55,7 @@ def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Return one bit a number, whether it is above the center: (words, n) uint64."""
+    """Return one bit per component, set if it is above the center: (words, n) uint64."""
     bits = np.packbits(vectors > center, axis=1)
     padded = np.zeros((len(bits), -(-bits.shape[1] // 8) * 8), np.uint8)
     padded[:, : bits.shape[1]] = bits
@@ -152,19 +152,19 @@ class VectorIndex:
         return len(self._scales)
 
     def block(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the vectors and scales of a range of places."""
+        """Return the vectors and scales of a range of indices."""
         return self._vectors[start:stop], self._scales[start:stop]
 
     def nearest(
         self, queries: np.ndarray, allowed: np.ndarray | None, limit: int, *, exact: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the places of the rows nearest to the nearer of some unit vectors, and their cosines, best first.
+        """Return the indices of the rows nearest to any of the unit vectors, and their cosines, best first.
 
         Args:
             queries: Vectors (m, dimension) float32.
-            allowed: Which rows a filter admits, (n,) bool; None for all.
-            limit: Most rows to return.
-            exact: Compare every vector, however many there are.
+            allowed: Rows that pass a filter, (n,) bool; None for all.
+            limit: Largest number of rows to return.
+            exact: Compare every vector, for any number of rows.
         """
         if exact or self.count <= EXACT_ROWS:
             places = np.arange(self.count) if allowed is None else np.flatnonzero(allowed)
@@ -181,12 +181,12 @@ class VectorIndex:
         return places[order], cosines[order]
 
     def _cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return the larger cosine of each row with one of the vectors."""
+        """Return the largest cosine of each row with any of the vectors."""
         near = (self._vectors[places].astype(np.float32) @ queries.T).max(axis=1)
         return np.asarray(near * self._scales[places])
 
     def _candidates(self, query: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
-        """Return at least the wanted number of places whose sketches differ least from that of a vector."""
+        """Return at least the requested number of indices whose sketches differ least from the sketch of a vector."""
         sketch = _sketches(query[None], self._center)[:, 0]
         differing = np.empty(self.count, np.uint16)
         middle = self.count // 2

@@ -1,7 +1,7 @@
-"""Folders of imported assets: a manifest that people can read, and one file for each asset.
+"""Folders of imported assets: a readable manifest, and one file for each asset.
 
-``better assets import`` writes such a folder, and ``--asset-dir`` registers its assets. A folder may come from a
-stranger: nothing in it is executed, and its files are checked when they are read.
+``better assets import`` writes such a folder, and ``--asset-dir`` registers its assets. A folder may come from an
+untrusted source: nothing in it is executed, and its files are checked when they are read.
 
 - ``manifest``: the list of the assets with source, license, options, size and mass.
 - ``registration``: the assets as categories that tasks can name.

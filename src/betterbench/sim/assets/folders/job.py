@@ -1,4 +1,4 @@
-"""The import job: many files become the assets of a folder. A killed job goes on where it stopped."""
+"""The import of many files into a folder of assets, as a resumable job."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ class ImportRequest:
 
     Attributes:
         path: The file.
-        wishes: What the user says about the object.
-        name: Name of the asset in tasks; by the name of the file if not given.
-        color: Word for its color; that of most of its surface if not given.
-        any_license: Whether a license that forbids commercial use or changes, or is not known, is allowed.
+        wishes: Options of the import.
+        name: Name of the asset in tasks; derived from the name of the file if not given.
+        color: Color word; by default, the color of most of the surface.
+        any_license: Whether restricted and unknown licenses are allowed.
     """
 
     path: Path
@@ -55,8 +55,8 @@ class ImportReport:
     """Outcome of an import job.
 
     Attributes:
-        made: Names of the assets that were imported now.
-        kept: Names of those that were there already.
+        made: Names of the newly imported assets.
+        kept: Names of the assets that were already in the folder.
         failed: Files that could not be imported, with the reason.
     """
 
@@ -80,18 +80,19 @@ def import_assets(
     overwrite: bool = False,
     on_progress: Callable[[JobProgress[object]], None] | None = None,
 ) -> ImportReport:
-    """Import files into a folder of assets; what is there already is kept, and files that fail are named and skipped.
+    """Import files into a folder of assets; existing assets are kept, and files that fail are reported and skipped.
 
     Args:
         requests: The files.
-        out: The folder, which is made if it is missing.
-        workers: Number of files that are imported at once.
-        overwrite: Whether files of others in the folder may be replaced.
+        out: The folder, created if it is missing.
+        workers: Number of files imported in parallel.
+        overwrite: Whether files that betterbench did not write may be replaced.
         on_progress: Called at the start and after each file.
 
     Raises:
-        InvalidInputError: If a name is given to two files, cannot name an asset, or another asset has it.
-        RunConflictError: If another process writes into the folder, or it holds files of others.
+        InvalidInputError: If two files get the same name, or a name is invalid or taken.
+        RunConflictError: If another process writes into the folder, or the folder contains files that betterbench did
+            not write.
     """
     report = ImportReport()
     with OutputFolder(out, VERB, overwrite=overwrite):
@@ -127,7 +128,7 @@ def _imported(request: ImportRequest) -> _Result:
         require_license(where, request.wishes.license, any_license=request.any_license, option=LICENSE_OPTIONS)
         return _Result(request, import_bytes(request.path, request.wishes))
     except StorageError:
-        raise  # of the cache: the next file fares no better
+        raise  # of the cache: every other file would fail too
     except (BetterError, OSError) as error:
         return _Result(request, None, one_line(error, most=400))
 
@@ -144,7 +145,7 @@ class _Folder:
         self._assets = manifest_of(path).assets
 
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
-        """Return the name of each asset: as given, as of the same file in the folder, or by the name of the file."""
+        """Return the name of each asset: as given, as for the same file in the folder, or from the file name."""
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
         found: dict[ImportRequest, str] = {}
@@ -168,17 +169,17 @@ class _Folder:
             raise InvalidInputError("--name", f"{name!r} is given to two files", "Import them one after the other")
         there = self._assets.get(name)
         if there is None and name in categories():
-            raise InvalidInputError("--name", f"{name!r} is an asset already", f"Take another one, as my_{name}")
+            raise InvalidInputError("--name", f"{name!r} is an asset already", f"Choose another, such as my_{name}")
         if there is not None and next(iter(there.source_files), "") != request.path.name:
-            problem = f"{name!r} in {self._path} was made of another file"
-            raise InvalidInputError("--name", problem, "Take another name, or another folder")
+            problem = f"{name!r} in {self._path} was made from another file"
+            raise InvalidInputError("--name", problem, "Choose another name, or another folder")
 
     @staticmethod
     def _source(asset: FolderAsset) -> tuple[str, str]:
         return next(iter(asset.source_files.items()), ("", ""))
 
     def holds(self, name: str, request: ImportRequest) -> bool:
-        """Tell whether the folder has the asset of a request, made of the same files by the same import."""
+        """Return whether the folder already has the asset of a request, from the same files and importer version."""
         asset = self._assets.get(name)
         if asset is None or asset.importer != VERSION or asset.options != _options(request):
             return False
@@ -221,7 +222,7 @@ def _listed(file: str, request: ImportRequest, made: Made, imported: Imported) -
 
 
 def _options(request: ImportRequest) -> dict[str, str | float | bool]:
-    """Return what the user said about an object, without what was left open."""
+    """Return the options that the user set."""
     said = {**asdict(replace(request.wishes)), "color": request.color}
     return {key: value for key, value in said.items() if value not in (None, False)}
 
@@ -234,7 +235,7 @@ def _digest(path: Path) -> str:
 
 
 def _free_name(path: Path, taken: set[str]) -> str:
-    """Return a name by the words of a file name: "mug", or "my_mug", "my_mug_2" if another asset has it."""
+    """Return a name from the words of a file name: "mug", or "my_mug", "my_mug_2" if the name is taken."""
     whole = path.absolute()
     plain = "_".join(word for word in file_words(whole, Path(whole.anchor)) if word.isascii())[:40]
     name = plain if is_asset_name(plain) else "object"

@@ -16,7 +16,7 @@ from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.tasks.user_files import ASSET_MANIFEST
 
 FORMAT = 1
-"""Version of the manifest."""
+"""Version of the manifest format."""
 _MAX_MANIFEST_BYTES = 64 << 20
 CURE = "Import the assets again with better assets import"
 """Remedy for a damaged folder."""
@@ -35,17 +35,17 @@ class FolderAsset:
     Attributes:
         file: Name of its file in the folder.
         sha256: Digest of this file.
-        color: Word for its color.
-        kind: Kind by which it was scaled and weighed, empty if none was known.
+        color: Color word.
+        kind: Kind that determined its size and mass, empty if unknown.
         size_m: Extents of its bounding box [m].
         mass_kg: Mass.
         license: License of its mesh.
-        author: Person or group to name, empty if unknown.
+        author: Author of the mesh, empty if unknown.
         source: Origin of its mesh.
-        source_files: SHA-256 of each file it was made of, by name; the first is the one that was named.
-        options: What the user said about it.
-        notes: What was decided for it, and by what.
-        importer: Version of the import that made it.
+        source_files: SHA-256 of each source file by name; the first is the file that the user gave.
+        options: Options of the import.
+        notes: Decisions of the importer, with reasons.
+        importer: Version of the importer.
     """
 
     file: _Text
@@ -76,10 +76,10 @@ _MANIFEST = TypeAdapter(Manifest)
 
 
 def read_manifest(text: bytes | str, where: str) -> Manifest:
-    """Return the manifest of a text.
+    """Parse a manifest.
 
     Raises:
-        InvalidInputError: If it is not a manifest, or names an asset or a file in a way that is not allowed.
+        InvalidInputError: If the text is not a manifest, or the name of an asset or a file is invalid.
     """
     found = read_form(_MANIFEST, text, where=where, cure=CURE)
     if found.format != FORMAT:
@@ -113,5 +113,5 @@ def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
 
 
 def is_asset_name(name: str) -> bool:
-    """Tell whether a name can be one of an imported asset: small letters, digits and underscores, a letter first."""
+    """Return whether a name is valid for an imported asset: lower-case letters, digits, underscores; letter first."""
     return _NAME.fullmatch(name) is not None

@@ -25,14 +25,14 @@ def asset_folder(folder: Path | str) -> tuple[str, ...]:
     line.
 
     Raises:
-        InvalidInputError: If the folder holds no imported assets, or another asset has one of their names.
+        InvalidInputError: If the folder has no imported assets, or one of their names is taken.
     """
     place = ((loading_folder() or Path.cwd()) / Path(folder).expanduser()).absolute()
     return _register(TaskFile.read_folder(place))
 
 
 def _register(file: TaskFile) -> tuple[str, ...]:
-    """Register the assets of a folder, given by its manifest as it was read."""
+    """Register the assets of a folder from its manifest."""
     folder = Path(file.path).parent
     assets = read_manifest(file.source, file.path).assets
     for name, asset in assets.items():
@@ -52,7 +52,7 @@ def _generator(path: Path, asset: FolderAsset) -> Generator:
             raise InvalidInputError(str(path), "it is not the file that the manifest lists", CURE)
         return from_bytes(data, str(path)).draft
 
-    make.__qualname__ = f"the asset {path}"  # two folders with one name are told apart by this
+    make.__qualname__ = f"the asset {path}"  # distinguishes two folders with the same name
     return make
 
 

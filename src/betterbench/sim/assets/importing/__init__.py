@@ -1,13 +1,13 @@
-"""Import of meshes: from a file that a program for three-dimensional models wrote to an asset.
+"""Import of mesh, URDF and MJCF files as assets.
 
-- ``raw``, ``object_file``: one object of a file of any format. ``mesh_file`` reads GLB, glTF, OBJ, STL and PLY with
-  what they refer to, ``urdf`` and ``mjcf`` read rigid bodies (``rigid``).
-- ``kinds``: usual size, mass and use of kinds of objects, told from their names.
+- ``raw``, ``object_file``: one object from a file of any format. ``mesh_file`` reads GLB, glTF, OBJ, STL and PLY with
+  the files that they refer to, ``urdf`` and ``mjcf`` read rigid bodies (``rigid``).
+- ``kinds``: usual size, mass and use of each kind of object; the name determines the kind.
 - ``upright``: unit, up axis and origin.
-- ``solid``, ``cavity``: what is inside, what is hollow, which surfaces are level.
-- ``appearance``, ``coloring``, ``hulls``, ``grasping``: what is seen, what is touched, how a gripper takes it.
-- ``physics``: mass and collision shapes that a file states, as far as they fit.
-- ``importer``: all of it, to the draft of an asset; ``stored`` is its form as a file.
+- ``solid``, ``cavity``: occupied volume, hollow, and level surfaces.
+- ``appearance``, ``coloring``, ``hulls``, ``grasping``: visual shape, color word, collision shape, grasps.
+- ``physics``: mass and collision shapes stated in a file, if they fit the visual shape.
+- ``importer``: the whole import, which gives the draft of an asset; ``stored`` is its file format.
 - ``child``: the same in a limited process, with a cache.
 - ``registration``: the category that a task names.
 """

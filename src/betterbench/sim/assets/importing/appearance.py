@@ -1,4 +1,4 @@
-"""Look of an imported object: few triangles, and one picture painted from the textures of the file."""
+"""Visual mesh of an imported object: few triangles, and one texture painted from the textures of the file."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from betterbench.sim.assets.importing.raw import RawMesh, RawPart
 from betterbench.sim.assets.importing.solid import spread
 
 FACE_BUDGET = 600
-"""Most triangles of an asset: software rendering takes time for each."""
+"""Largest number of triangles of an asset; each triangle costs time in software rendering."""
 THIN_FACE_BUDGET = 1_200
-"""Most triangles of an asset that 600 triangles would dent: thin walls have two sides close to each other."""
+"""Largest number of triangles of an asset with thin walls, which 600 triangles would dent."""
 DENT_SHARE = 0.006
-"""Distance between the reduced surface and the original, as a share of the longest side, above which it is dented.
+"""Distance between the reduced and the original surface, as a share of the longest side, above which dents are visible.
 Plate, bowl, mug and sponge of YCB have 0.7 to 1.9 % at 600 triangles and show it; apple, can, banana and fork at most
 0.5 %."""
 ATLAS = 512
@@ -26,14 +26,14 @@ _PAINT_POINTS = 200_000
 _MOST_PLAIN_PARTS = 12
 _SIDES_APART = 0.03
 _AGGRESSION = 2.0
-"""How fast the tolerated error grows; the default of 7 crumples thin walls of scans."""
+"""Growth of the tolerated error; the default of 7 crumples thin walls of scans."""
 
 
 def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
-    """Return what is seen of an object, at most 600 triangles, or 1,200 of thin walls.
+    """Return the visual parts of an object, at most 600 triangles, or 1,200 for thin walls.
 
-    Parts of one color each stay as they are if they are few. Otherwise the surface becomes one part, reduced and
-    painted anew: each of its triangles has its own place in a picture.
+    Parts with a single color each stay unchanged if they have few triangles in total. Otherwise the surface becomes one
+    reduced part with a new texture, in which each triangle has its own area.
     """
     plain = all(part.is_plain() for part in mesh.parts)
     if plain and mesh.face_count <= FACE_BUDGET:
@@ -49,7 +49,7 @@ def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
 
 
 def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a surface with at most so many triangles (quadric error, Garland and Heckbert, 1997)."""
+    """Return a surface reduced to a number of triangles (quadric error, Garland and Heckbert, 1997)."""
     if len(faces) <= count:
         return vertices, faces
     points, triangles = fast_simplification.simplify(
@@ -58,7 +58,7 @@ def reduced(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.nda
         target_count=count,
         agg=_AGGRESSION,
     )
-    if len(triangles) > count:  # non-manifold edges stop it early; a second pass with a free hand goes on
+    if len(triangles) > count:  # non-manifold edges stop the first pass early
         points, triangles = fast_simplification.simplify(points, triangles, target_count=count, agg=10)
     return np.asarray(points, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
 
@@ -87,7 +87,7 @@ def _painted(mesh: RawMesh) -> VisualPart:
     points, normals, colors = _colored_points(mesh)
     where, owners, weights, uv = _atlas(len(faces))
     at = np.einsum("kc,kcd->kd", weights, vertices[faces[owners]])
-    # A point takes the color of its own side of a wall: directions count as distances of two wall thicknesses.
+    # A point takes the color of its own side of a wall: differing normals are penalized by two wall thicknesses.
     apart = _SIDES_APART * float(np.ptp(points, axis=0).max())
     tree = cKDTree(np.hstack([points, apart * normals]))
     _, nearest = tree.query(np.hstack([at, apart * normals_of(vertices, faces)[owners]]), k=3)
@@ -115,7 +115,7 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray
 
 
 def _farthest(points: np.ndarray, others: np.ndarray) -> float:
-    """Return the distance from other points that 99 of 100 points do not exceed."""
+    """Return the 99th percentile of the distances to other points."""
     return float(np.percentile(cKDTree(others).query(points[:: max(1, len(points) // 5_000)])[0], 99))
 
 
@@ -143,7 +143,7 @@ def _colored_points(mesh: RawMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Lay triangles out in a square picture, two in each cell of a regular grid.
+    """Lay out triangles in a square texture, two in each cell of a regular grid.
 
     Returns:
         (k, 2) painted pixels (row, column), (k,) the triangle of each, (k, 3) barycentric coordinates there, and
@@ -151,7 +151,7 @@ def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """
     across = int(np.ceil(np.sqrt((count + 1) // 2)))
     cell = ATLAS // across
-    # Corners stand two pixels inside the half cell, so that neighbors do not show when the renderer interpolates.
+    # Corners are two pixels inside the half cell, so that neighbors do not show when the renderer interpolates.
     low, far = 2.0, cell - 4.0
     corners = np.array(
         [[(low, low), (far, low), (low, far)], [(cell - 2.0, cell - 2.0), (4.0, cell - 2.0), (cell - 2.0, 4.0)]]

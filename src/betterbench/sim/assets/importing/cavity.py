@@ -23,14 +23,14 @@ _LEVEL_M = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cavity:
-    """The hollow that keeps the most water.
+    """The hollow that holds the most water.
 
     Attributes:
         mask: (nx, ny) columns of the grid that are under water.
         tops: (nx, ny) highest surface of each column [m]; -inf where there is none.
-        rim_m: Height at which it would overflow [m].
-        floor_m: Height of its floor [m]: a twentieth of its columns are deeper, which scans have as pits.
-        volume_m3: Water that it keeps.
+        rim_m: Height at which the hollow would overflow [m].
+        floor_m: Height of the floor [m]: the 5th percentile, because scans have pits.
+        volume_m3: Volume of water that the hollow holds.
     """
 
     mask: np.ndarray
@@ -41,7 +41,7 @@ class Cavity:
 
     @property
     def depth_m(self) -> float:
-        """Distance from the rim to the deepest place."""
+        """Depth from the rim to the deepest point [m]."""
         return self.rim_m - self.floor_m
 
 
@@ -49,7 +49,7 @@ def tops_of(solid: Solid) -> np.ndarray:
     """Return the (nx, ny) height of the highest surface in each column of cells [m], -inf in empty columns."""
     nz = solid.cells.shape[2]
     tops = solid.highest.copy()
-    # A column between two points of the surface has none of its own; its highest cell stands for it.
+    # A column without a surface point gets the height of its highest cell.
     filled = solid.cells.any(axis=2) & ~np.isfinite(tops)
     highest = nz - 1 - np.argmax(solid.cells[:, :, ::-1], axis=2)
     tops[filled] = (solid.origin[2] + (highest + 0.5) * solid.pitch_m)[filled]
@@ -57,7 +57,7 @@ def tops_of(solid: Solid) -> np.ndarray:
 
 
 def cavity_of(solid: Solid) -> Cavity | None:
-    """Return the hollow of an object as it stands, or None if it keeps no water worth speaking of."""
+    """Return the hollow of an object in its present pose, or None if it holds hardly any water."""
     tops = tops_of(solid)
     level = _water(tops)
     # Empty columns are never under water: their level and their height are both -inf.
@@ -77,7 +77,7 @@ def cavity_of(solid: Solid) -> Cavity | None:
 
 
 def _water(tops: np.ndarray) -> np.ndarray:
-    """Return the level that water reaches in each column: the lowest pass on any way to the edge of the grid.
+    """Return the water level in each column: the lowest pass on any path to the edge of the grid.
 
     Priority flood (Barnes, Lehman and Mulla, 2014), from the edge inward.
     """
@@ -110,7 +110,7 @@ def columns_box(solid: Solid, mask: np.ndarray) -> tuple[float, float, float, fl
 def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, float, float] | None:
     """Return the middle (x, y) and half the side [m] of the largest square that is level at a height [m].
 
-    Of squares that are almost as large, the most central one is taken.
+    Among squares of almost the same size, the most central is chosen.
     """
     flat = np.abs(np.where(np.isfinite(tops), tops, np.inf) - height) < _LEVEL_M
     if not flat.any():
@@ -127,7 +127,7 @@ def level_square(solid: Solid, tops: np.ndarray, height: float) -> tuple[float, 
 def floor_square(solid: Solid, cavity: Cavity) -> tuple[float, float, float, float] | None:
     """Return height, middle (x, y) and half the side [m] of the largest level square on the floor of a hollow, or None.
 
-    The floor of a real plate is a little higher in the middle. The height is that on which things rest there.
+    The floor of a real plate is slightly higher in the middle; the height is the height at which objects rest there.
     """
     tops = np.where(cavity.mask, cavity.tops, -np.inf)
     heights = np.arange(cavity.floor_m, cavity.floor_m + 0.35 * cavity.depth_m + _STEP_M, _STEP_M)
@@ -148,7 +148,7 @@ def _middles(solid: Solid) -> np.ndarray:
 def highest_level(solid: Solid, tops: np.ndarray) -> tuple[float, float, float, float] | None:
     """Return height, middle (x, y) and half the side [m] of the highest level square, or None.
 
-    It has to cover a fifth of the object's footprint; the highest such one is what other things can stand on.
+    The square must cover a fifth of the object's footprint. Other objects can stand on the highest such square.
     """
     finite = np.isfinite(tops)
     least = 0.5 * float(np.sqrt(0.2 * finite.sum())) * solid.pitch_m

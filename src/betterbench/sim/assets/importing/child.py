@@ -1,6 +1,6 @@
-"""Import of a stranger's mesh in a process of its own, with limits of memory and time, and a cache of what came out.
+"""Import of an untrusted file in a separate process with limits of memory and time, and a cache of the results.
 
-Readers of meshes and images and the decomposition into convex shapes are C++ that a forged file can crash or hang.
+A malicious file can crash or hang the readers of meshes and images and the convex decomposition (all C++).
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderRes
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 4
-"""Raised when the same file would become another asset."""
+"""Version of the importer; incremented when the same file gives another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
-"""Longest time of an import [s]; much more than the processor time, because a busy machine is slow."""
+"""Limit of the wall-clock time of an import [s], well above the limit of processor time for busy machines."""
 
 MOST_STORED_BYTES = 64 << 20
 """Largest file of an imported object."""
@@ -42,8 +42,8 @@ class Made:
     """An imported object as bytes.
 
     Attributes:
-        data: Its bytes, as :func:`~betterbench.sim.assets.importing.stored.to_bytes` makes them.
-        files: SHA-256 of each file that was read, by its path in the folder of the first one.
+        data: The object in the format of :func:`~betterbench.sim.assets.importing.stored.to_bytes`.
+        files: SHA-256 of each file that was read, by its path relative to the folder of the first file.
     """
 
     data: bytes
@@ -51,17 +51,17 @@ class Made:
 
 
 def import_safely(path: Path, wishes: Wishes = Wishes()) -> Imported:  # noqa: B008 - frozen
-    """Make an asset of the object in a file; see :func:`import_bytes`."""
+    """Import the object in a file; see :func:`import_bytes`."""
     return from_bytes(import_bytes(path, wishes).data, one_line(path.name, most=120))
 
 
 def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 - frozen
-    """Make an asset of the object in a file in a limited process, or take it from the cache of the user.
+    """Import the object in a file in a limited process, or take the result from the user's cache.
 
     Raises:
-        InvalidInputError: If the file cannot be read, no object of a table can be made of it, or it takes more memory
-            or time than an import may.
-        MissingDependencyError: If a package that its format needs is not installed.
+        InvalidInputError: If the file cannot be read, is not an object of tabletop size, or exceeds the limits of
+            memory or time.
+        MissingDependencyError: If a package for the file format is not installed.
     """
     where = one_line(path.name, most=120)
     place = cache_folder() / _key(path, _digest(path, where), wishes)
@@ -78,7 +78,7 @@ def import_bytes(path: Path, wishes: Wishes = Wishes()) -> Made:  # noqa: B008 -
 
 
 def _digest(path: Path, where: str) -> str:
-    """Return the SHA-256 of a file that an import may read; the file is not held in memory."""
+    """Return the SHA-256 of a file within the size limit, without loading it whole into memory."""
     try:
         with open_ordinary(path) as file:
             size = file.seek(0, 2)
@@ -93,12 +93,12 @@ def _digest(path: Path, where: str) -> str:
 
 
 def cache_folder() -> Path:
-    """Return the folder in which imported objects are kept; deleting it loses nothing but time."""
+    """Return the folder of cached imports; it can be deleted at any time."""
     return platformdirs.user_cache_path("betterbench") / "imported"
 
 
 def _key(path: Path, digest: str, wishes: Wishes) -> str:
-    """Return a digest of what is known before an import: the file, the names that tell its kind, and the wishes."""
+    """Return a digest of the inputs of an import: the file, the names that determine its kind, and the options."""
     named = "/".join(path.absolute().parts[-4:])
     known = f"{VERSION}|{json.dumps(asdict(wishes), sort_keys=True)}|{named}|{digest}"
     return hashlib.sha256(known.encode()).hexdigest()[:32]
@@ -109,7 +109,7 @@ def _content(files: Mapping[str, str]) -> str:
 
 
 def _kept(path: Path, place: Path, where: str) -> Made | None:
-    """Return what the cache has, if the files that were read then are the same now."""
+    """Return the cached result if the files that it was made from have not changed."""
     note = place.with_suffix(".json")
     try:
         files = read_form(_FILES, read_bounded(note, max_bytes=_MOST_NOTE_BYTES, cure=""), where=where, cure="")[
@@ -120,7 +120,7 @@ def _kept(path: Path, place: Path, where: str) -> Made | None:
         stored = place.with_suffix(f".{_content(files)}.npz")
         data = read_bounded(stored, max_bytes=MOST_STORED_BYTES, cure="Delete it")
         from_bytes(data, where)
-    except (InvalidInputError, OSError):  # missing or damaged: it is made again
+    except (InvalidInputError, OSError):  # missing or damaged: import again
         return None
     return Made(data, files)
 

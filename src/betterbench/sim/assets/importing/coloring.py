@@ -1,4 +1,4 @@
-"""Word for the color of an object: the word of most of its visible surface."""
+"""Color word of an object: the word for most of its visible surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small flat foot under objects that would roll, as the fruit of the library has."""
+"""A small flat foot under objects that would roll, like the foot of the library's fruit."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 _LEANS = tuple(math.radians(lean) for lean in (3.0, 6.0, 9.0, 12.0))
-"""Leans from which an object must return by itself. Scans of fruit stand on a face of a few millimeters, and roll to
-another one while a scene settles; a task that wants them upright (within 5 degrees) cannot begin then."""
+"""Leans from which an object must return to upright. Scans of fruit stand on a face of a few millimeters and roll onto
+another face while a scene settles; a task that requires them upright (within 5 degrees) then cannot begin."""
 _LEAST_LEVER = 0.02
 """Least horizontal distance from the center of mass to the point of contact at a lean, on the side to which the object
 leans, relative to the height of the center of mass. It is 0 for a sphere."""
@@ -22,7 +22,7 @@ _BELOW_M = 0.0003
 
 
 def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | None:
-    """Return the corners (8, 3) of a foot in the frame of an object, or None if it stands well or has no room for one.
+    """Return the corners (8, 3) of a foot in the object frame, or None if no foot is needed or none fits.
 
     Args:
         hulls: Corners of its collision hulls, each (n, 3) [m], z up.
@@ -42,7 +42,7 @@ def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | 
 
 
 def returns_upright(corners: np.ndarray, center: np.ndarray) -> bool:
-    """Return whether an object with these corners (n, 3) returns when it leans by up to 12 degrees to any side."""
+    """Return whether an object with these corners (n, 3) returns upright from any lean of up to 12 degrees."""
     arms = corners - center
     least = -_LEAST_LEVER * float(arms[:, 2].min())
     for turn in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):

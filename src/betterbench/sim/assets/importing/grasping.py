@@ -17,10 +17,10 @@ from betterbench.sim.assets.importing.solid import Solid
 PAD_HALF_WIDTH_M = 0.010
 PAD_HALF_HEIGHT_M = 0.009
 FINGER_M = 0.013
-"""Room that a finger needs beside the object [m]."""
+"""Free space that a finger needs next to the object [m]."""
 LEAST_WIDTH_M, MOST_WIDTH_M = 0.004, 0.076
 DEEPEST_M = 0.045
-"""Most height of the object above the middle of the pads [m]: there the gripper's underside begins."""
+"""Largest height of the object above the middle of the pads [m], limited by the underside of the gripper."""
 LOWEST_M = 0.010
 """Least height of the middle of the pads above the table [m]."""
 
@@ -35,19 +35,19 @@ _STEEPEST = math.tan(math.radians(35.0))
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A grasp with its rank: the smaller, the better."""
+    """A grasp with its rank; smaller is better."""
 
     grasp: Grasp
     cost: float
 
 
 def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> list[Proposal]:
-    """Return grasps that the shape allows, the best first.
+    """Return the grasps that the shape allows, best first.
 
     Args:
-        solid: The object as it stands.
+        solid: The object in its upright pose.
         center_of_mass: (3,) [m].
-        count: How many, at most; they differ in place, direction or height.
+        count: Largest number of grasps, which differ in place, direction or height.
     """
     centers = solid.centers(solid.cells)
     top = float(centers[:, 2].max()) + 0.5 * solid.pitch_m
@@ -63,7 +63,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
 
 
 def _heights(top: float) -> tuple[float, ...]:
-    """Return heights of the middle of the pads [m]: as deep as the jaw reaches, and less deep."""
+    """Return candidate heights of the middle of the pads [m]: the deepest reach of the jaw, and shallower heights."""
     lowest = max(LOWEST_M, top - DEEPEST_M)
     if top - 0.004 <= lowest:
         return (max(0.5 * top, 0.004),)
@@ -97,7 +97,7 @@ def _at(centers: np.ndarray, pitch: float, middle: np.ndarray, height: float, ya
                 continue
             first, last = start + int(np.argmax(touched[start:end])), end - int(np.argmax(touched[start:end][::-1]))
             if (first - start) + (end - last) > 2:
-                continue  # the pads would meet an overhang before what is between them
+                continue  # the pads would hit an overhang before they touch the part between them
             patch = min(held[first : first + 2].any(axis=0).mean(), held[last - 2 : last].any(axis=0).mean())
             if patch < 0.3:
                 continue
@@ -119,10 +119,10 @@ def _at(centers: np.ndarray, pitch: float, middle: np.ndarray, height: float, ya
 def _leans(
     at: np.ndarray, heights: np.ndarray, rows: tuple[int, int], columns: tuple[int, int], *, pitch: float, top: float
 ) -> bool:
-    """Tell whether the pads would slip off upward: their contact is low, or its sides lean inward.
+    """Return whether the pads would slip off upward, because the contact is low or the sides lean inward.
 
     Args:
-        at: (k, 2) squares of the cells beside the pads.
+        at: (k, 2) squares of the cells next to the pads.
         heights: (k,) their heights [m].
         rows: First and end of the rows between the pads.
         columns: First and last column of the pads.
@@ -141,7 +141,7 @@ def _leans(
 
 
 def _grid(shape: tuple[int, int], i: np.ndarray, j: np.ndarray, which: np.ndarray, pitch: float) -> np.ndarray:
-    """Return a grid of which cells project into which square; gaps between coarse cells are closed."""
+    """Return the projection of cells onto a grid of squares, with gaps between coarse cells closed."""
     grid = np.zeros(shape, dtype=bool)
     grid[i[which], j[which]] = True
     closing = max(1, math.ceil(0.75 * pitch / _STEP_M))
@@ -167,7 +167,7 @@ def _free(blocked: np.ndarray, at: int, step: int) -> int:
 
 
 def _is_round(found: list[Proposal]) -> bool:
-    """Tell whether the object can be taken across its middle in every direction, with the same width."""
+    """Return whether the object can be grasped across its middle in every direction, with the same width."""
     if not found:
         return False
     best = found[0].grasp
@@ -188,7 +188,7 @@ def _free_to_turn(grasp: Grasp) -> Grasp:
 
 
 def _different(found: list[Proposal], count: int) -> list[Proposal]:
-    """Return the best of those that are alike, each with a name and a preference of its own."""
+    """Return the best grasp of each group of similar grasps, with distinct names and preferences."""
     kept: list[Proposal] = []
     for proposal in found:
         if all(_apart(proposal.grasp, other.grasp) for other in kept):
@@ -212,7 +212,7 @@ def _different(found: list[Proposal], count: int) -> list[Proposal]:
 
 
 def _apart(a: Grasp, b: Grasp) -> bool:
-    """Tell whether two grasps differ by more than a centimeter or 40 degrees."""
+    """Return whether two grasps differ by more than a centimeter or 40 degrees."""
     distance = math.dist(a.pose.position, b.pose.position)
     turn = abs(float(np.dot(a.pose.quaternion, b.pose.quaternion)))
     return distance > 0.012 or (turn < math.cos(math.radians(20.0)) and not a.symmetric_yaw)

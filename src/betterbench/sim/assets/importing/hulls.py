@@ -16,17 +16,17 @@ from betterbench.sim.assets.importing.cavity import Cavity, columns_box
 from betterbench.sim.assets.importing.solid import Solid, spread
 
 SECTORS = 12
-"""Sectors of a wall: the chord of one is 1.4 mm from a circle of 40 mm."""
+"""Sectors of a wall: the chord of a sector is up to 1.4 mm from a circle of 40 mm."""
 MOST_HULLS = 48
 _CORNERS = 40
-"""Most corners of a hull; MuJoCo's narrow phase takes time for each."""
+"""Largest number of corners of a hull; each corner costs time in MuJoCo's narrow phase."""
 _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
-"""One hull is enough if it is this close to the surface: a length, and a share of the longest side."""
+"""Distance from the surface up to which one hull is enough: a length [m], and a share of the longest side."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
 _LEAST_THICK_M = 0.0003
-"""Least thickness of a hull [m]: MuJoCo refuses flat ones, and corners are rounded to a micrometer."""
+"""Least thickness of a hull [m]: MuJoCo rejects flat hulls, and corners are rounded to a micrometer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,8 +34,8 @@ class Fit:
     """Distances between collision shapes and the visible surface [m]: 95 of 100 points are closer.
 
     Attributes:
-        outside_m: Of points on the collision shapes from the visible surface: contacts with what cannot be seen.
-        inside_m: Of points on the visible surface from the collision shapes: what can be passed through.
+        outside_m: From points on the collision shapes to the visible surface: contacts in visibly empty space.
+        inside_m: From points on the visible surface to the collision shapes: visible parts without contact.
     """
 
     outside_m: float
@@ -45,12 +45,12 @@ class Fit:
 def convex_hulls(
     solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None
 ) -> tuple[list[np.ndarray], Fit]:
-    """Return the corners (n, 3) [m] of convex shapes that together are the object, and how well they fit.
+    """Return the corners (n, 3) [m] of convex shapes that approximate the object, and how well they fit.
 
     Args:
-        solid: Its cells and points on its surface.
+        solid: Cells of the object and points on its surface.
         surface: (n, 3) vertices [m] and (m, 3) faces.
-        cavity: Its hollow, which stays open.
+        cavity: Hollow of the object, which stays open.
     """
     size = float(np.ptp(solid.points, axis=0).max())
     if cavity is None:
@@ -79,12 +79,12 @@ def convex_hulls(
 
 
 def _misfit(fit: Fit) -> float:
-    """Return one number [m] for a fit: to be passed through is worse than a contact beside the surface."""
+    """Return the cost of a fit [m]; a missing contact costs more than a contact outside the surface."""
     return fit.outside_m + 3.0 * fit.inside_m
 
 
 def hull_corners(points: np.ndarray) -> np.ndarray | None:
-    """Return the extreme points of some points, at most 40 [m]; None if they do not span a volume."""
+    """Return at most 40 extreme points of a set of points [m]; None if they do not span a volume."""
     if len(points) < 4:
         return None
     try:
@@ -111,7 +111,7 @@ def _directions() -> np.ndarray:
 
 
 def _walls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the hulls of floor and walls, and the cells that belong to neither (a handle).
+    """Return the hulls of floor and walls, and the remaining cells (such as a handle).
 
     The surface is seen from a focus in the middle of the opening: the angle from straight down to the rim runs along
     the profile, so bands of this angle are pieces of the floor and the wall, each nearly straight.
@@ -153,7 +153,7 @@ def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
 
 
 def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
-    """Return the angles between the sectors of a wall [rad], rising over one turn; a box has edges at its corners."""
+    """Return the boundary angles of the sectors of a wall [rad], ascending over one turn; for a box, its corners."""
     found = np.argwhere(mask)
     full = mask.sum() / np.prod(np.ptp(found, axis=0) + 1)
     if full < _RECTANGULAR:
@@ -164,7 +164,7 @@ def _sector_edges(mask: np.ndarray, half_x: float, half_y: float) -> np.ndarray:
 
 
 def _inner_points(solid: Solid, cavity: Cavity) -> np.ndarray:
-    """Return points in the hollow, a cell above its floor, which no shape may fill (k, 3) [m]."""
+    """Return points (k, 3) in the hollow [m], one cell above its floor, which no shape may cover."""
     columns = np.argwhere(ndimage.binary_erosion(cavity.mask, iterations=1))
     xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
     low = cavity.tops[tuple(columns.T)] + 1.2 * solid.pitch_m
@@ -177,7 +177,8 @@ def _bands(
 ) -> list[tuple[float, float, bool]]:
     """Return bands of the angle along the profile: (low, high, True if the band is one disc for all sectors).
 
-    The floor shrinks until its hull leaves the hollow open. The wall has two or three bands if one would fill it.
+    The floor shrinks until its hull leaves the hollow open. The wall has two or three bands if a single band would fill
+    the hollow.
     """
     floor = corner
     for _ in range(5):
@@ -209,17 +210,17 @@ def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
 
 
 def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
-    """Tell which of some points (k, 3) lie in a hull, deeper than a depth [m]."""
+    """Return which of the points (k, 3) are inside a hull by more than a depth [m]."""
     corners = hull.points[hull.vertices]
     inside = ((points > corners.min(axis=0)) & (points < corners.max(axis=0))).all(axis=1)
-    near = np.flatnonzero(inside)  # few points are even in the box of a hull
+    near = np.flatnonzero(inside)  # few points are inside the bounding box of a hull
     equations = np.ascontiguousarray(hull.equations)
     inside[near] = (points[near] @ equations[:, :3].T + equations[:, 3]).max(axis=1) < -depth
     return np.asarray(inside)
 
 
 def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
-    """Return the hulls of what is attached to a wall outside: handles, spouts, feet."""
+    """Return the hulls of attachments outside a wall: handles, spouts, feet."""
     labels, count = ndimage.label(rest, ndimage.generate_binary_structure(3, 3))
     at = solid.index(solid.points)
     of = labels[tuple(at.T)]
@@ -232,7 +233,7 @@ def _attached(solid: Solid, rest: np.ndarray) -> list[np.ndarray]:
 
 
 def _halved(points: np.ndarray, solid: Solid, *, most: int) -> list[np.ndarray]:
-    """Return hulls of some points, cut across their axes where this saves the most volume."""
+    """Return hulls of a set of points, split across axes where this saves the most volume."""
     parts, gains = [points], [_best_cut(points)]
     while len(parts) < most:
         which = int(np.argmax([gain for gain, _ in gains]))
@@ -300,8 +301,8 @@ def fit_of(hulls: Sequence[np.ndarray], points: np.ndarray) -> Fit:
     to_visible, _ = cKDTree(points).query(theirs)
     seen = points[:: max(1, len(points) // 20_000)]
     to_shapes, _ = cKDTree(theirs).query(seen)
-    for corners in hulls:  # what is inside a shape cannot be passed through
+    for corners in hulls:  # points inside a shape have contact
         to_shapes[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
-    # Points are apart: a distance below their spacing is none.
+    # A distance below the spacing of the points is zero.
     free = size / 120.0
     return Fit(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (to_visible, to_shapes)))

@@ -1,4 +1,4 @@
-"""From a mesh file to the draft of an asset."""
+"""Import of a mesh file as the draft of an asset."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M, Placed, pl
 from betterbench.sim.assets.names import file_words, words_of
 
 DENSITY = 500.0
-"""Mass of an object of unknown kind per volume of its solid [kg/m^3]: between foam and water."""
+"""Assumed density of an object of unknown kind [kg/m^3]: between foam and water."""
 _MOSTLY = 0.5
-"""Share of an image seen from behind, above which a mesh is inside out rather than open."""
+"""Share of back-facing surface in an image above which a mesh is inside out rather than open."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
 _THINNEST_M = 0.0005
 _FRICTION = (0.6, 0.006, 0.0008)
-"""Of glazed ceramic, painted metal and hard plastic alike; see the materials of the library."""
+"""Friction of glazed ceramic, painted metal and hard plastic; see the materials of the library."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,10 +43,10 @@ class Imported:
     """An imported object.
 
     Attributes:
-        draft: Its description, as a generator would return it.
+        draft: Description in the form that a generator returns.
         fit: Distances between its collision shapes and its visible surface.
-        kind: Kind that its name tells, None if it is not known.
-        notes: What was decided for it, and by what.
+        kind: Kind determined from the name, None if unknown.
+        notes: Decisions of the importer, with reasons.
     """
 
     draft: Draft
@@ -57,17 +57,17 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """What a person says about an object; what is None is found out.
+    """Options of an import; the importer determines values that are None.
 
     Attributes:
-        name: Name or description, from which its kind is told; the name of the file otherwise.
+        name: Name or description that determines the kind; by default, the name of the file.
         size_m: Longest side [m].
         mass_kg: Mass.
         up: Axis of the file that points up: x, y, z, -x, -y or -z.
         license: License of the mesh.
-        source: Where it comes from.
-        author: Person or group to name.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are refused.
+        source: Origin of the mesh.
+        author: Author of the mesh.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.
     """
 
     name: str | None = None
@@ -81,16 +81,16 @@ class Wishes:
 
 
 def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | None = None) -> Imported:
-    """Make an asset of the object in a file.
+    """Import the object in a file.
 
     Args:
         path: The file.
-        wishes: What the user says about it.
-        files: Resolver of its references, which notes what was read; one of its folder if not given.
+        wishes: Options of the import.
+        files: Resolver of its references, which records the files read; by default, a resolver of the file's folder.
 
     Raises:
-        InvalidInputError: If the file cannot be read, or no object of a table can be made of it.
-        MissingDependencyError: If a package that its format needs is not installed.
+        InvalidInputError: If the file cannot be read, or is not an object of tabletop size.
+        MissingDependencyError: If a package for the file format is not installed.
     """
     where = one_line(path.name, most=120)
     whole = path.absolute()
@@ -147,7 +147,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
 
 
 def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
-    """Return a mesh whose triangles face outward, and a note if they faced inward, where renderers leave them out."""
+    """Return a mesh whose triangles face outward, with a note if they faced inward, where renderers cull them."""
     if share_from_behind(*mesh.surface()) < _MOSTLY:
         return mesh, ()
     flipped = tuple(replace(part, faces=np.ascontiguousarray(part.faces[:, ::-1])) for part in mesh.parts)
@@ -155,7 +155,7 @@ def _facing_outward(mesh: RawMesh) -> tuple[RawMesh, tuple[str, ...]]:
 
 
 def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Placed:
-    """Bring a mesh to meters and upright; URDF and MJCF files state both, and are believed."""
+    """Scale a mesh to meters and set it upright; for URDF and MJCF files, use the stated unit and axis."""
     if raw.stated is None:
         return place(raw, kind, where, up=wishes.up, size_m=wishes.size_m)
     longest = float(np.ptp(raw.bounds(), axis=0).max())
@@ -167,7 +167,7 @@ def _placed(raw: RawMesh, kind: Kind | None, where: str, wishes: Wishes) -> Plac
 
 
 def _body(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[Body, tuple[str, ...]]:
-    """Return the mass of an object and where it is, and by what each was decided."""
+    """Return the mass distribution of an object, with the reason for each value."""
     mass, said = _mass(placed, kind, longest, wishes)
     body, notes = stated_body(placed, wishes.mass_kg)
     if body is not None:
@@ -226,7 +226,7 @@ def collision_part(corners: np.ndarray) -> CollisionPart:
 def with_thickness(corners: np.ndarray) -> np.ndarray:
     """Return the corners (n, 3) of a hull that is at least half a millimeter thick [m].
 
-    MuJoCo refuses a mesh whose vertices lie in a plane, and passes through one that is almost flat.
+    MuJoCo rejects a mesh whose vertices are coplanar, and misses contacts with an almost flat mesh.
     """
     _, _, axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
     normal = axes[2]
@@ -237,7 +237,7 @@ def with_thickness(corners: np.ndarray) -> np.ndarray:
 
 
 def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Region]:
-    """Return the places on an object that tasks use: base, and opening, inside, floor and rim or top."""
+    """Return the regions of an object that tasks use: base, and opening, inside, floor and rim or top."""
     low = solid.surface & (np.arange(solid.cells.shape[2]) <= 2)[None, None, :]
     x, y, half_x, half_y = columns_box(solid, np.asarray(low.any(axis=2)))
     found = [zone("base", half_x, half_y, x=x, y=y)]
@@ -255,7 +255,7 @@ def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Re
     if bottom is not None and bottom[3] > 0.005:
         height, x, y, half = bottom
         found.append(zone("floor", half, half, height, x=x, y=y))
-        if cavity.depth_m < 0.25 * float(min(size[0], size[1])):  # a plate: things are put onto it
+        if cavity.depth_m < 0.25 * float(min(size[0], size[1])):  # a plate: objects are put onto it
             found.append(zone("top", half, half, height, x=x, y=y))
     found.append(zone("rim", half_x, half_y, cavity.rim_m, x=middle_x, y=middle_y))
     return found

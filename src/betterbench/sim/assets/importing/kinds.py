@@ -1,4 +1,4 @@
-"""Usual size, mass and use of kinds of objects, by which an imported mesh is scaled, weighed and set upright."""
+"""Usual size, mass and use of each kind of object, which determine scale, mass and pose of an imported mesh."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from betterbench.sim.assets.names import words_of
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of objects.
+    """One kind of object.
 
     Attributes:
-        low_m: Longest side of the smallest usual one [m].
-        high_m: Longest side of the largest usual one [m].
-        mass_kg: Mass of one of middle size.
-        is_open: True if it is hollow and open at the top as it is used.
-        names: All its names, each in words separated by blanks.
+        low_m: Longest side of the smallest usual object [m].
+        high_m: Longest side of the largest usual object [m].
+        mass_kg: Mass of a medium-sized object.
+        is_open: Whether the object is hollow and open at the top in use.
+        names: All names, each as words separated by spaces.
     """
 
     name: str
@@ -30,11 +30,11 @@ class Kind:
 
     @property
     def middle_m(self) -> float:
-        """Longest side of one of middle size [m]."""
+        """Longest side of a medium-sized object [m]."""
         return float((self.low_m * self.high_m) ** 0.5)
 
     def mass_at(self, longest_m: float) -> float:
-        """Return the mass of one whose longest side is given [kg], by the cube of its size."""
+        """Return the mass [kg] at a longest side [m], scaled by the cube of the size."""
         return float(self.mass_kg * (longest_m / self.middle_m) ** 3)
 
 
@@ -54,9 +54,9 @@ def _kind(line: str) -> Kind:
 
 
 def kind_of(text: str) -> Kind | None:
-    """Return the kind that a name or a description names, None if it names none.
+    """Return the kind named in a name or a description, None if there is none.
 
-    The longest name that occurs counts; of two of the same length the last one, since English puts the noun last.
+    The longest matching name wins, and among names of equal length the last, because English puts the noun last.
     """
     words = words_of(text)
     best: tuple[int, int, Kind] | None = None
@@ -72,5 +72,5 @@ def kind_of(text: str) -> Kind | None:
 
 
 def _same(given: str, own: str) -> bool:
-    """Tell whether two words are the same but for the plural."""
+    """Return whether two words are equal apart from a plural ending."""
     return given == own or given in (f"{own}s", f"{own}es")

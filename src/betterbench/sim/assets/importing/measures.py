@@ -17,9 +17,9 @@ from betterbench.sim.assets.importing.hulls import inside_hull, surface_points
 from betterbench.sim.assets.importing.solid import Solid, solid_of, spread
 
 _TURNS = 32
-"""Sides of the prism that stands for a cylinder: its chord is 0.5 % of the radius off the circle."""
+"""Sides of the prism that replaces a cylinder: its chord is 0.5 % of the radius off the circle."""
 _RAYS = 48
-"""Pixels across an image in which nearest points are compared."""
+"""Width of the images used to find back-facing surfaces [pixel]."""
 _VIEWS = 8
 _MOST_POINTS = 12_000
 """Points of the visible surface whose distance is measured: enough for a percentile."""
@@ -30,8 +30,8 @@ class Distances:
     """Distances between collision parts and visible surface [m]: 95 of 100 points are closer.
 
     Attributes:
-        outside_m: Of points on the collision parts from the visible surface: contacts with what cannot be seen.
-        inside_m: Of points on the visible surface from the collision parts: what can be passed through.
+        outside_m: From points on the collision parts to the visible surface: contacts in visibly empty space.
+        inside_m: From points on the visible surface to the collision parts: visible parts without contact.
     """
 
     outside_m: float
@@ -94,30 +94,30 @@ def surface_solid(hulls: Sequence[np.ndarray]) -> Solid:
 
 
 def collision_distances(hulls: Sequence[np.ndarray], solid: Solid, *, filled: Cavity | None = None) -> Distances:
-    """Return how far apart what is touched and what is seen are.
+    """Return the distances between the collision shape and the visual shape.
 
     Args:
         hulls: (n, 3) corners of each collision part [m].
         solid: Solid of the visible surface.
-        filled: A hollow that collision parts may fill, of an object that nothing is put into.
+        filled: Hollow that collision parts may fill, if no task puts anything into the object.
     """
     size = float(np.ptp(solid.points, axis=0).max())
     touched = surface_points(hulls, size / 60.0)
     outside = cKDTree(solid.points).query(touched)[0]
     seen = solid.points[:: max(1, len(solid.points) // _MOST_POINTS)]
     i, j, k = solid.index(touched).T
-    outside[solid.cells[i, j, k]] = 0.0  # what is inside what is seen cannot be touched beside it
+    outside[solid.cells[i, j, k]] = 0.0  # points inside the visual shape cause no visibly wrong contact
     if filled is not None:
         outside[filled.mask[i, j] & (touched[:, 2] < filled.rim_m + 2.0 * solid.pitch_m)] = 0.0
     inside = cKDTree(touched).query(seen)[0]
-    for corners in hulls:  # what is inside a part cannot be passed through
+    for corners in hulls:  # points inside a part have contact
         inside[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
-    free = size / 120.0  # points are apart: a distance below their spacing is none
+    free = size / 120.0  # a distance below the spacing of the points is zero
     return Distances(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (outside, inside)))
 
 
 def depth_in_hull(point: Sequence[float], points: np.ndarray) -> float:
-    """Return how deep a point is inside the convex hull of points (k, 3) [m]; negative outside."""
+    """Return the depth of a point inside the convex hull of points (k, 3) [m]; negative outside."""
     try:
         equations = ConvexHull(points).equations
     except (QhullError, ValueError):
@@ -126,9 +126,9 @@ def depth_in_hull(point: Sequence[float], points: np.ndarray) -> float:
 
 
 def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> float:
-    """Return the largest gap [m] between one part of a surface and the rest, zero if it is in one piece.
+    """Return the largest gap [m] between a part of a surface and the rest; zero if the surface is connected.
 
-    It is the longest edge of the shortest tree that joins the parts, measured between points ``spacing`` apart.
+    The gap is the longest edge of the minimum spanning tree of the parts, measured between points ``spacing`` apart.
     """
     points, owners, _ = spread(vertices, faces, spacing)
     _, merged = np.unique(np.round(vertices / 1e-6), axis=0, return_inverse=True)
@@ -160,7 +160,7 @@ def _between(one: cKDTree, other: cKDTree) -> float:
 
 
 def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return the share of an image in which the nearest surface is seen from behind, where renderers leave it out.
+    """Return the share of an image in which the nearest surface is back-facing, where renderers cull it.
 
     Mean over eight views around the object from 35 degrees above the horizon, as cameras see a table.
     """
@@ -180,7 +180,7 @@ def share_from_behind(vertices: np.ndarray, faces: np.ndarray) -> float:
         usable = np.flatnonzero(np.abs(facing) > 0.1)  # a surface seen edge-on covers no pixel
         front = facing[usable] > 0.0
         offset = offsets[usable]
-        # A sheet of two sides lies at one depth: its front counts.
+        # The two sides of a sheet have the same depth: the front is used.
         near = offset @ toward + np.where(front, 0.01 * size, 0.0)
         column, row = (((offset @ axis) / size + 0.5) * _RAYS for axis in (right, upward))
         pixel = column.astype(int) * (_RAYS + 1) + row.astype(int)

@@ -1,7 +1,7 @@
-"""Reading of mesh files of strangers: GLB, glTF, OBJ, STL and PLY.
+"""Reading of untrusted mesh files: GLB, glTF, OBJ, STL and PLY.
 
-A file is read with trimesh. Everything that it refers to has to lie in the folder of the file; references to other
-places, links out of the folder and addresses are refused, not left out.
+Files are read with trimesh. All referenced files must be in the folder of the mesh file. References to other places,
+links out of the folder and URLs raise an error.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ MAX_FILE_BYTES = 256 << 20
 MAX_FACES = 2_000_000
 MAX_IMAGE_PIXELS = 64 << 20
 LARGEST_IMAGE = 1024
-"""Longest side of a texture as it is kept [pixel]; larger ones are scaled down."""
+"""Longest side of a stored texture [pixel]; larger textures are scaled down."""
 
 FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply": "ply"}
 _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
-"""Up axis and unit [m] that a format lays down (glTF 2.0, section 3.4); the others leave both open."""
+"""Up axis and unit [m] defined by a format (glTF 2.0, section 3.4); the other formats define neither."""
 
 _CURE = "Export the object again, or leave it out"
 _PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
@@ -51,17 +51,17 @@ _READABLE_EXTENSIONS = frozenset(
 
 
 class FolderResolver(trimesh.resolvers.Resolver):
-    """Files that a file refers to, from the folder of that file alone.
+    """Resolver of the files that a file refers to, restricted to the folder of that file.
 
-    trimesh leaves a material out whose file it cannot get; so the first refusal is kept in ``problem``.
+    trimesh silently drops a material whose file it cannot read, so the first error is kept in ``problem``.
 
     Attributes:
-        problem: The first refusal, None if there was none.
+        problem: The first error, None if there was none.
         digests: SHA-256 of each file that was read, by its path in the folder.
     """
 
     def __init__(self, folder: Path, where: str, *, at: str = "", above: FolderResolver | None = None) -> None:
-        """Resolve names against a folder, or against the folder ``at`` in that of the resolver ``above``."""
+        """Resolve names against a folder, or against the subfolder ``at`` of the folder of the resolver ``above``."""
         self._folder, self._where, self._at = folder.resolve(), where, at
         self._above = above
         self.problem: BetterError | None = None
@@ -69,7 +69,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes = 0
 
     def get(self, name: str) -> bytes:
-        """Return the bytes of a file; raise InvalidInputError if it lies elsewhere, is missing or is too large."""
+        """Return the bytes of a file; raise InvalidInputError if it is outside the folder, missing or too large."""
         try:
             return self._read(name)
         except BetterError as error:
@@ -82,10 +82,10 @@ class FolderResolver(trimesh.resolvers.Resolver):
         problem = f"it refers to {shown}, which is outside its folder"
         inside = os.path.normpath(PurePosixPath(self._at) / asked)
         if asked.is_absolute() or inside.startswith("..") or ":" in str(asked) or "\0" in str(asked):
-            raise InvalidInputError(self._where, problem, "Put the file beside the mesh and refer to it by name")
+            raise InvalidInputError(self._where, problem, "Put the file next to the mesh and refer to it by name")
         path = (self._folder / inside).resolve()
         if not path.is_relative_to(self._folder):
-            raise InvalidInputError(self._where, problem, "Put the file itself beside the mesh, not a link")
+            raise InvalidInputError(self._where, problem, "Put the file itself next to the mesh, not a link")
         if not path.is_file():
             raise InvalidInputError(self._where, f"it refers to {shown}, which does not exist", _CURE)
         found = read_bounded(path, max_bytes=MAX_FILE_BYTES - self._total(), cure=_CURE)
@@ -96,7 +96,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
         return found
 
     def holds(self, name: str) -> bool:
-        """Tell whether a name is that of a file in the folder."""
+        """Return whether a name is the name of a file in the folder."""
         inside = os.path.normpath(PurePosixPath(self._at) / name)
         return not inside.startswith(("..", "/")) and "\0" not in inside and (self._folder / inside).is_file()
 
@@ -109,16 +109,16 @@ class FolderResolver(trimesh.resolvers.Resolver):
         self._read_bytes += size
 
     def below(self, name: str, where: str) -> FolderResolver:
-        """Return the resolver for what a file in the folder refers to, relative to that file."""
+        """Return the resolver for references of a file in the folder, relative to that file."""
         at = os.path.normpath(PurePosixPath(self._at) / PurePosixPath(name).parent)
         return FolderResolver(self._folder, where, at="" if at == "." else at, above=self)
 
     def keys(self) -> list[str]:
-        """Return no names: nothing is looked for by pattern."""
+        """Return no names: files are not searched by pattern."""
         return []
 
     def write(self, name: str, data: bytes) -> None:  # noqa: ARG002 - of the base class
-        """Refuse to write: trimesh writes through a resolver when it exports, which is not done here."""
+        """Raise an error: trimesh writes through a resolver only when it exports."""
         raise InvalidInputError(self._where, f"{one_line(name, most=120)} would be written", _CURE)
 
     def namespaced(self, namespace: str) -> FolderResolver:  # noqa: ARG002 - of the base class
@@ -127,10 +127,10 @@ class FolderResolver(trimesh.resolvers.Resolver):
 
 
 def check_picture(data: bytes, name: str, where: str) -> None:
-    """Check that a picture can be unpacked; trimesh leaves out a texture that cannot, without a word.
+    """Check that an image can be decoded; trimesh silently drops a texture that cannot.
 
     Raises:
-        InvalidInputError: If it is damaged or has too many pixels.
+        InvalidInputError: If the image is damaged or has too many pixels.
     """
     try:
         with warnings.catch_warnings():
@@ -141,7 +141,7 @@ def check_picture(data: bytes, name: str, where: str) -> None:
                     opened.load()
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         large = True
-    except Exception as error:  # whatever Pillow raises about a broken picture
+    except Exception as error:  # Pillow raises many kinds of errors for broken images
         problem = f"its texture {name} cannot be read ({one_line(error, most=120)})"
         raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
     if large:
@@ -154,7 +154,7 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
     Args:
         path: The file.
-        files: Resolver of its references, which notes what was read; one of its folder if not given.
+        files: Resolver of its references, which records the files read; by default, a resolver of the file's folder.
 
     Raises:
         InvalidInputError: If the file cannot be read, holds no triangle, or refers to a file outside its folder.
@@ -166,7 +166,7 @@ def read_mesh_file(path: Path, files: FolderResolver | None = None) -> RawMesh:
 
 
 def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawMesh:
-    """Return the mesh in the bytes of a file, whose name tells its format; raises as :func:`read_mesh_file`."""
+    """Return the mesh in the bytes of a file; the format follows from the name. Errors as in :func:`read_mesh_file`."""
     kind = FORMATS.get(PurePosixPath(name).suffix.lower())
     if kind is None:
         raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
@@ -178,7 +178,7 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
     except BetterError:
         raise
     except Exception as error:
-        # Whatever trimesh or Pillow raises about a broken file is one line for the user.
+        # Any error of trimesh or Pillow about a broken file becomes one line for the user.
         if files.problem is not None:
             raise files.problem from None
         problem = f"it cannot be read ({type(error).__name__}: {one_line(error, most=200)})"
@@ -203,14 +203,14 @@ def checked(mesh: RawMesh, where: str) -> RawMesh:
             raise InvalidInputError(where, f"{part.name} has triangles of vertices that do not exist", _CURE)
     with np.errstate(over="ignore"):
         extent = np.ptp(mesh.bounds(), axis=0)
-    # Between a grain of dust and a mountain in any unit; beyond it products of lengths lose their digits.
+    # Outside this range, products of lengths lose precision.
     if not 1e-9 < float(extent.max()) < 1e9:
         raise InvalidInputError(where, f"its longest side is {float(extent.max()):.3g} units", _CURE)
     return mesh
 
 
 def _require_readable(data: bytes, kind: str, where: str) -> None:
-    """Check the header of a glTF file for what trimesh would leave out without a word."""
+    """Check the header of a glTF file for content that trimesh would silently drop."""
     form = description_of(io.BytesIO(data), where, binary=kind == "glb")
     _check_embedded_pictures(data, form, where)
     asked = form.get("extensionsRequired", [])
@@ -222,13 +222,13 @@ def _require_readable(data: bytes, kind: str, where: str) -> None:
         raise InvalidInputError(where, f"it needs the glTF extension {one_line(unknown[0], most=60)}", cure)
     if "KHR_draco_mesh_compression" in asked:
         try:
-            import DracoPy  # noqa: F401, PLC0415 - trimesh finds it by itself
+            import DracoPy  # noqa: F401, PLC0415 - trimesh uses it automatically
         except ImportError as error:
             raise missing_extra(f"{where} is compressed with Draco, which needs DracoPy", "assets") from error
 
 
 def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> None:
-    """Check the pictures that a glTF file holds itself: in its binary chunk, or in base64."""
+    """Check the images embedded in a glTF file, in its binary chunk or in base64."""
     listed = form.get("images", [])
     for number, image in enumerate(listed if isinstance(listed, list) else []):
         found = _embedded(data, form, image) if isinstance(image, dict) else None
@@ -237,7 +237,7 @@ def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> N
 
 
 def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes | None:
-    """Return the bytes of a picture in a glTF file, None if it is another file; damaged references are empty."""
+    """Return the bytes of an image embedded in a glTF file, None if it is a separate file; empty if damaged."""
     uri = image.get("uri")
     try:
         if isinstance(uri, str):
@@ -288,7 +288,7 @@ def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.nda
         if image is None or uv is None or len(uv) != len(mesh.vertices):
             return (rgba if factor is not None else (0.8, 0.8, 0.8, 1.0)), None, None, None
         if not isinstance(material, trimesh.visual.material.PBRMaterial):
-            rgba = (1.0, 1.0, 1.0, rgba[3])  # of OBJ: exporters write a gray Kd beside the texture, or none
+            rgba = (1.0, 1.0, 1.0, rgba[3])  # of OBJ: exporters write a gray Kd in addition to the texture, or no Kd
         picture = image.convert("RGB")
         picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
         return rgba, np.asarray(picture), np.nan_to_num(np.asarray(uv, dtype=np.float64)), None
@@ -299,7 +299,7 @@ def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.nda
 
 
 def _rgba(factor: np.ndarray) -> Rgba:
-    """Return a color factor in [0, 1]; trimesh keeps it as bytes or as floats."""
+    """Return a color factor in [0, 1]; trimesh stores it as bytes or as floats."""
     scaled = factor.astype(np.float64) / (255.0 if factor.dtype == np.uint8 else 1.0)
     r, g, b = (float(np.clip(v, 0.0, 1.0)) for v in scaled[:3])
     return (r, g, b, float(np.clip(scaled[3], 0.0, 1.0)) if len(scaled) > 3 else 1.0)

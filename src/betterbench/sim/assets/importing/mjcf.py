@@ -1,8 +1,8 @@
 """Reading of MJCF files: the bodies of one object, compiled by MuJoCo, as one rigid body.
 
-MuJoCo gets the document after a check and without file names: meshes and textures are given to it as bytes that the
-resolver has read. MuJoCo's parser and compiler are C++ that a forged file can crash or hang, so a stranger's file is
-read in a limited process only (``child``).
+The document is checked first. MuJoCo then gets it without file names: it gets meshes and textures as bytes from the
+resolver. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only read in a
+limited process (``child``).
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ _REFUSED = {
     "replicate": "copies",
     "skin": "a skin",
 }
-"""Elements that a prop does not need; each could grow without a bound or reads further files."""
+"""Elements that a prop does not need; each could use unlimited memory or read further files."""
 
 _GEOM = mujoco.mjtGeom
 _FLAT = (int(_GEOM.mjGEOM_PLANE), int(_GEOM.mjGEOM_HFIELD))
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _UNCOLORED = np.array([0.5, 0.5, 0.5, 1.0])
-"""Color of a geom that names none; its material then decides."""
+"""Default color of a geom; its material then determines the color."""
 _CURE = "Export the object again, or import its mesh instead"
 
 
 def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bool = False) -> RawMesh:
     """Return the bodies of an MJCF file as one rigid body in the world frame of the file.
 
-    Planes, height fields and, where the file has bodies, the geoms of the world are left out. Geoms that touch nothing
-    are what is seen; without such geoms, all are.
+    Planes and, if the file has bodies, the geoms of the world body are left out. Geoms without contacts are the visual
+    shape; without such geoms, all geoms are.
 
     Args:
         root: The element ``mujoco``.
@@ -56,21 +56,21 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
         freeze: Whether movable joints are fixed at their reference.
 
     Raises:
-        InvalidInputError: If the file is not one rigid body, MuJoCo refuses it, or something in it cannot be used.
+        InvalidInputError: If the file is not one rigid body, MuJoCo rejects it, or a part of it is not supported.
     """
     states_mass = _checked(root, where)
     assets = _with_bytes(root, files, where)
     try:
         model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), assets)
     except ValueError as error:
-        problem = f"MuJoCo refuses it ({one_line(error, most=200)})"
+        problem = f"MuJoCo rejects it ({one_line(error, most=200)})"
         raise InvalidInputError(where, problem, _CURE) from error
     notes = _require_rigid(model, where, freeze=freeze)
     return _Compiled(model, where).mesh(root.get("model", ""), notes, states_mass=states_mass)
 
 
 def _checked(root: ET.Element, where: str) -> bool:
-    """Refuse elements that are not read; return whether the file states masses."""
+    """Raise an error for unsupported elements; return whether the file states masses."""
     bodies = shapes = 0
     for element in root.iter():
         if element.tag in _REFUSED:
@@ -87,7 +87,7 @@ def _checked(root: ET.Element, where: str) -> bool:
 
 
 def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str, bytes]:
-    """Read the files of a document, and let the document refer to the bytes alone."""
+    """Read the files of a document, and replace the file names in the document by these bytes."""
     folders = {"mesh": "", "texture": ""}
     strips = False
     for compiler in root.iter("compiler"):
@@ -100,7 +100,7 @@ def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str
         for attribute in [name for name in element.attrib if name.startswith("file")]:
             if element.tag not in folders:
                 problem = f"its element {one_line(element.tag, most=40)} refers to a file"
-                raise InvalidInputError(where, problem, "Meshes and textures alone are read")
+                raise InvalidInputError(where, problem, "Only meshes and textures are read")
             given = element.attrib.pop(attribute)
             name = PurePosixPath(given).name if strips else given
             if not element.get("name"):
@@ -116,7 +116,7 @@ def _with_bytes(root: ET.Element, files: FolderResolver, where: str) -> dict[str
 
 
 def _png(data: bytes, name: str, where: str) -> bytes:
-    """Return a picture as a PNG that is not larger than a texture may be."""
+    """Return an image as PNG, scaled down to the largest size of a texture."""
     check_picture(data, one_line(name, most=80), where)
     picture = Image.open(io.BytesIO(data)).convert("RGB")
     picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
@@ -126,11 +126,11 @@ def _png(data: bytes, name: str, where: str) -> bytes:
 
 
 def _require_rigid(model: Any, where: str, *, freeze: bool) -> tuple[str, ...]:  # noqa: ANN401 - of MuJoCo
-    """Return a note for each joint that is fixed; refuse joints that move and objects that are apart."""
+    """Return a note for each fixed joint; raise an error for joints that move and for separate objects."""
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == _FREE]
     if len(free) > 1:
         first, second = (_body_name(model, model.jnt_bodyid[j]) for j in free[:2])
-        raise InvalidInputError(where, f"its bodies {first} and {second} are two objects", "Import one object a file")
+        raise InvalidInputError(where, f"its bodies {first} and {second} are two objects", "Import one object per file")
     moving = [j for j in range(model.njnt) if j not in free]
     said = [_joint_name(model, j) for j in moving]
     if moving and not freeze:
@@ -149,7 +149,7 @@ def _body_name(model: Any, body: int) -> str:  # noqa: ANN401
 
 
 class _Compiled:
-    """Shapes, looks and mass of a compiled model at its reference configuration."""
+    """Shapes, colors and mass of a compiled model at its reference configuration."""
 
     def __init__(self, model: Any, where: str) -> None:  # noqa: ANN401 - of MuJoCo
         self._model, self._where = model, where
@@ -213,7 +213,7 @@ class _Compiled:
             return vertices, faces, None
         uv = m.mesh_texcoord[m.mesh_texcoordadr[mesh] :].astype(np.float64)
         corners = uv[m.mesh_facetexcoord[rows].ravel()]
-        # MuJoCo's rows of a texture begin at the top, ours at the bottom.
+        # MuJoCo's texture rows start at the top, betterbench's at the bottom.
         return vertices, faces, np.column_stack([corners[:, 0], 1.0 - corners[:, 1]])
 
     def _placed(self, geom: int, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -226,7 +226,7 @@ class _Compiled:
         vertices, faces = self._placed(geom, vertices, faces)
         rgba, image = self._rgba(geom), self._image(geom)
         name = one_line(self._model.geom(geom).name or f"geom {geom}", most=60)
-        if image is not None and corners is None:  # MuJoCo maps it in its own way: its mean color is near enough
+        if image is not None and corners is None:  # MuJoCo's own texture mapping: the mean color is close enough
             r, g, b = (float(v) / 255.0 for v in image.reshape(-1, 3).mean(axis=0))
             rgba, image = (rgba[0] * r, rgba[1] * g, rgba[2] * b, rgba[3]), None
         if image is None or corners is None:

@@ -15,22 +15,22 @@ from betterbench.sim.assets.xml_file import MAX_XML_BYTES, parse_xml
 
 XML_FORMATS = (".urdf", ".xml", ".mjcf")
 FORMATS = (*MESH_FORMATS, *XML_FORMATS)
-"""Endings of the files that are read."""
+"""Supported file extensions."""
 
 _REFUSED = ("plugin", "extension", "include")
 
 
 def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> RawMesh:
-    """Read the object of a file.
+    """Read the object in a file.
 
     Args:
         path: The file.
-        files: Resolver of its folder, which notes what was read.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are refused.
+        files: Resolver of its folder, which records the files read.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.
 
     Raises:
         InvalidInputError: If the file cannot be read, is not one rigid object, or refers to a file outside its folder.
-        MissingDependencyError: If it is compressed with Draco and DracoPy is not installed.
+        MissingDependencyError: If the mesh is compressed with Draco and DracoPy is not installed.
     """
     if path.suffix.lower() not in XML_FORMATS:
         return read_mesh_file(path, files)
@@ -48,7 +48,7 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
 
 
 def _require_plain(root: ET.Element, where: str) -> None:
-    """Refuse elements that load code or further files, and macros."""
+    """Raise an error for elements that load code or further files, and for macros."""
     for element in root.iter():
         tag = element.tag
         if tag in _REFUSED:

@@ -1,4 +1,4 @@
-"""Physics that a URDF or MJCF file states, used as far as it fits what the object looks like."""
+"""Physics stated in a URDF or MJCF file, used if it fits the visual shape."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from betterbench.sim.assets.importing.upright import Placed
 from betterbench.statistics.wording import plural
 
 _LIGHTEST_KG, _HEAVIEST_KG = 0.001, 20.0
-"""Stated masses outside of these limits are placeholders or belong to no object on a table."""
+"""Limits of stated masses [kg]; other values are placeholders or do not fit an object on a table."""
 _INERTIA_FACTOR = 5.0
-"""Most that a stated principal moment may differ from that of the solid: a shell of the same size has up to 3 times
-the moment of the full body."""
+"""Largest ratio between a stated principal moment and the moment of the solid; a shell of the same size has up to 3
+times the moment of a solid body."""
 _CLOSE_M, _CLOSE_SHARE = 0.003, 0.03
-"""Largest distance of stated collision shapes from the visible surface [m], and as a share of the size."""
+"""Largest distance of stated collision shapes from the visible surface: a length [m], and a share of the size."""
 _MOST_FILLED = 0.02
 """Fraction of a hollow that stated collision shapes may fill."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """Mass of an object in its own frame.
+    """Mass properties of an object in its own frame.
 
     Attributes:
         mass_kg: Mass.
@@ -39,14 +39,14 @@ class Body:
 
 
 def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, tuple[str, ...]]:
-    """Return the stated mass, center and inertia of an object, and notes; None if the mass is not stated or not usable.
+    """Return the stated mass, center and inertia of an object, with notes; None if the mass is missing or not usable.
 
-    A center outside of the object or beside its base, and an inertia that no such object has, are replaced by those of
-    its solid.
+    A center outside the object or not above its base, and an inertia that does not fit the shape, are replaced by the
+    values of a solid body.
 
     Args:
         placed: The object.
-        wished_kg: Mass that the user gives instead of the stated one.
+        wished_kg: Mass given by the user, which replaces the stated mass.
     """
     stated = placed.mesh.stated
     if stated is None or stated.mass_kg is None or stated.center is None or stated.inertia is None:
@@ -58,23 +58,26 @@ def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, t
     center, inertia = mass_of_cells(placed.solid, mass)
     low, high = placed.mesh.bounds()
     if not ((stated.center > low) & (stated.center < high)).all():
-        return Body(mass, center, inertia), (said, "the stated center of mass is outside the object: that of its solid")
+        return Body(mass, center, inertia), (
+            said,
+            "the stated center of mass is outside the object: that of a solid body is used",
+        )
     if _is_over_base(center, placed) and not _is_over_base(stated.center, placed):
         return Body(mass, center, inertia), (
             said,
-            "with the stated center of mass it would tip over: that of its solid",
+            "with the stated center of mass it would tip over: that of a solid body is used",
         )
     theirs = stated.inertia * (mass / stated.mass_kg)
     if not _is_plausible(theirs, inertia):
         return Body(mass, stated.center, inertia), (
             said,
-            "the stated inertia does not fit the shape: that of its solid",
+            "the stated inertia does not fit the shape: that of a solid body is used",
         )
     return Body(mass, stated.center, theirs), (said,)
 
 
 def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
-    """Tell whether a center of mass is above the points on which the object stands."""
+    """Return whether a center of mass is above the points on which the object stands."""
     solid = placed.solid
     base = solid.points[solid.points[:, 2] < 1.5 * solid.pitch_m][:, :2]
     try:
@@ -86,7 +89,7 @@ def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
 
 
 def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
-    """Tell whether an inertia is one that a body of the solid's size can have."""
+    """Return whether an inertia is possible for a body of the solid's size."""
     moments, solid = np.linalg.eigvalsh(inertia), np.linalg.eigvalsh(of_solid)
     # No principal moment exceeds the sum of the other two.
     if moments[0] <= 0.0 or moments[2] > 1.001 * (moments[0] + moments[1]):
@@ -96,28 +99,30 @@ def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
 
 
 def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
-    """Return the corners of the stated collision shapes [m] if they fit the visible surface, and notes.
+    """Return the corners of the stated collision shapes [m] if they fit the visible surface, with notes.
 
-    They fit if neither surface is farther from the other than 3 mm or 3 % of the size, and if they leave a hollow free.
+    They fit if both surfaces are within 3 mm or 3 % of the size of each other, and if they leave a hollow free.
     """
     stated = placed.mesh.stated
     if stated is None or not stated.hulls:
         return [], ()
     if len(stated.hulls) > MOST_HULLS:
-        return [], (f"{len(stated.hulls)} collision shapes in the file, more than {MOST_HULLS}: made anew",)
+        return [], (f"{len(stated.hulls)} collision shapes in the file, more than {MOST_HULLS}: new shapes were made",)
     found = [hull_corners(points) for points in stated.hulls]
     hulls = [corners for corners in found if corners is not None]
     if not hulls:
-        return [], ("the collision shapes of the file are flat: made anew",)
-    # Pieces that touch share a face, which is inside the object: a little larger, they overlap there.
+        return [], ("the collision shapes of the file are flat: new shapes were made",)
+    # Touching pieces share a face inside the object; slightly enlarged pieces overlap there.
     grown = [corners + 0.01 * (corners - corners.mean(axis=0)) for corners in hulls]
     fit = fit_of(grown, placed.solid.points)
     near = max(_CLOSE_M, _CLOSE_SHARE * float(np.ptp(placed.solid.points, axis=0).max()))
     farthest = max(fit.outside_m, fit.inside_m)
     if farthest > near:
-        return [], (f"the collision shapes of the file are {1000 * farthest:.0f} mm off the surface: made anew",)
+        return [], (
+            f"the collision shapes of the file are {1000 * farthest:.0f} mm off the surface: new shapes were made",
+        )
     if _filled(hulls, placed) > _MOST_FILLED:
-        return [], ("the collision shapes of the file fill its hollow: made anew",)
+        return [], ("the collision shapes of the file fill its hollow: new shapes were made",)
     return hulls, (f"{plural(len(hulls), 'collision shape')} of the file",)
 
 

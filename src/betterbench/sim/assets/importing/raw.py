@@ -1,4 +1,4 @@
-"""Meshes as their files have them: parts with positions, triangles and looks, before any decision about them."""
+"""Meshes as read from files: parts with positions, triangles, colors and textures, before any processing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Rgba = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawPart:
-    """One surface of a file, in the frame and the unit of the file.
+    """One surface in the frame and the unit of its file.
 
     Attributes:
         vertices: (n, 3) float64 positions.
@@ -39,7 +39,7 @@ class RawPart:
         return RawPart(self.name, vertices, np.ascontiguousarray(faces), self.rgba, self.image, self.uv, self.colors)
 
     def is_plain(self) -> bool:
-        """Tell whether the whole part has one color."""
+        """Return whether the whole part has one color."""
         return self.image is None and self.colors is None
 
     def colors_at(self, faces: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ class RawPart:
         if self.image is not None and self.uv is not None:
             at = np.einsum("kc,kcd->kd", weights, self.uv[corners])
             height, width = self.image.shape[:2]
-            # Textures repeat outside [0, 1] (glTF and OBJ alike).
+            # Textures repeat outside [0, 1] in glTF and OBJ.
             column = np.clip((np.mod(at[:, 0], 1.0) * width).astype(int), 0, width - 1)
             row = np.clip(((1.0 - np.mod(at[:, 1], 1.0)) * height).astype(int), 0, height - 1)
             base = base * (self.image[row, column] / 255.0)
@@ -65,7 +65,7 @@ class RawPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stated:
-    """Physics of an object as a URDF or MJCF file states it, in the frame and the unit of the mesh.
+    """Physics of an object as stated in a URDF or MJCF file, in the frame and the unit of the mesh.
 
     Attributes:
         mass_kg: Mass, None if it is not stated.
@@ -73,7 +73,7 @@ class Stated:
         inertia: (3, 3) float64 inertia about the center of mass [kg unit^2].
         hulls: Points (n, 3) whose convex hulls are the collision shapes; empty if there are none.
         name: Name of the model, empty if it has none.
-        notes: What was decided about the file.
+        notes: Decisions about the file.
     """
 
     mass_kg: float | None = None
@@ -84,7 +84,7 @@ class Stated:
     notes: tuple[str, ...] = ()
 
     def moved(self, transform: np.ndarray) -> Stated:
-        """Return the same after a (4, 4) transform: a rotation, a uniform scale and a shift."""
+        """Return the physics after a (4, 4) transform: a rotation, a uniform scale and a shift."""
         linear, shift = transform[:3, :3], transform[:3, 3]
         center = None if self.center is None else linear @ self.center + shift
         inertia = None if self.inertia is None else linear @ self.inertia @ linear.T
@@ -98,7 +98,7 @@ class RawMesh:
 
     Attributes:
         up: Axis that points up by the rules of the file format, None if the format has no rule.
-        unit_m: Length of a unit in meters by the rules of the file format, None if it has no rule.
+        unit_m: Length of a unit in meters by the rules of the file format, None if the format has no rule.
         stated: Physics that the file states, None for a plain mesh.
     """
 
@@ -128,11 +128,11 @@ class RawMesh:
 
 
 def joined(parts: Sequence[RawPart]) -> tuple[np.ndarray, np.ndarray]:
-    """Return parts as one surface whose equal vertices are one; degenerate triangles are left out."""
+    """Return parts as one surface without duplicate vertices and degenerate triangles."""
     points = np.concatenate([part.vertices for part in parts])
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-    # Vertices closer than a millionth of the size are the same one, written for two texture coordinates or normals.
+    # Vertices closer than a millionth of the size are duplicates for different texture coordinates or normals.
     step = max(float(np.ptp(points, axis=0).max()), 1e-12) * 1e-6
     _, first, which = np.unique(np.round(points / step), axis=0, return_index=True, return_inverse=True)
     faces = which.ravel()[faces]

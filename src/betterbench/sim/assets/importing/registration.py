@@ -53,23 +53,23 @@ def imported(
 ) -> None:
     """Register the object of a file as a category of assets; the file is imported when the category is first built.
 
-    All looks of the category are this one object. In a task file, a relative path starts at the folder of that file.
+    All looks of the category are this object. In a task file, a relative path starts at the folder of that file.
 
     Args:
-        category: Name that tasks use, which no other asset has.
+        category: Unique name of the asset in tasks.
         path: File of the object: GLB, glTF, OBJ, STL, PLY, URDF or MJCF.
-        color: Word that a person would use for its color.
-        name: Name or description, from which its kind is told ("coffee mug"); the category if not given.
+        color: Color word.
+        name: Name or description that determines the kind ("coffee mug"); by default, the category.
         size_m: Longest side [m]; otherwise from the unit of the format and the usual sizes of its kind.
-        mass_kg: Mass; otherwise the usual one of its kind at this size.
-        up: Axis of the file that points up; otherwise by the rule of the format, or the way it stands best.
-        license: License of the mesh, for the list of sources.
-        source: Origin of the mesh, for the same; the name of the file if not given.
-        author: Person or group to name, for the same.
-        any_license: Whether a license that forbids commercial use or changes, or is not known, is allowed.
-        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are refused.
-        review: File of ``better review`` whose accepted changes are applied. An object that was rejected in it, or has
-            no verdict, is then refused when the category is first built.
+        mass_kg: Mass; otherwise the usual mass of its kind at this size.
+        up: Axis of the file that points up; otherwise from the rule of the format or the most stable pose.
+        license: License of the mesh, shown in lists of sources.
+        source: Origin of the mesh, shown in lists of sources; by default, the name of the file.
+        author: Author of the mesh, shown in lists of sources.
+        any_license: Whether restricted and unknown licenses are allowed.
+        freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.
+        review: File of ``better review`` whose accepted changes are applied. If the object was rejected or has no
+            verdict, the first build of the category raises an error.
 
     Raises:
         InvalidInputError: If another asset has the name, or the license is not free and ``any_license`` is False.
@@ -89,7 +89,7 @@ def imported(
         imported = import_safely(file, wishes)
         return (imported if reviews is None else reviewed(imported, file, reviews)).draft
 
-    # Two files under one name are told apart by this.
+    # This distinguishes two files under one name.
     make.__qualname__ = f"the import of {file}"
     generator(category, colors=(color,), looks=1, unseen_looks=1)(make)
     _IMPORTS[category] = MeshImport(category, file, wishes)

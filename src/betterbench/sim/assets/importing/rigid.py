@@ -12,16 +12,16 @@ import trimesh
 from betterbench.errors import InvalidInputError, one_line
 
 MOST_BODIES = 200
-"""Most links or bodies of one object."""
+"""Largest number of links or bodies of an object."""
 MOST_SHAPES = 500
-"""Most visual and collision shapes of one object."""
+"""Largest number of visual and collision shapes of an object."""
 _FARTHEST_M = 1000.0
 _CURE = "Correct the number in the file"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointMass:
-    """Mass of one part.
+    """Mass properties of one part.
 
     Attributes:
         mass_kg: Mass.
@@ -35,7 +35,7 @@ class PointMass:
 
 
 def combined(parts: Sequence[PointMass]) -> PointMass | None:
-    """Return the mass of rigidly connected parts by the parallel axis theorem; None if they have no mass."""
+    """Return the mass properties of rigidly connected parts (parallel axis theorem); None if they have no mass."""
     total = sum(part.mass_kg for part in parts)
     if total <= 0.0:
         return None
@@ -51,7 +51,7 @@ def numbers(text: str, count: int, where: str, field: str) -> np.ndarray:
     """Return the numbers of an attribute, (count,).
 
     Raises:
-        InvalidInputError: If there are more or fewer, or one is not a finite number.
+        InvalidInputError: If there are more or fewer numbers, or a number is not finite.
     """
     shown = one_line(repr(text), most=60)
     words = text.split()[: count + 1]

@@ -1,6 +1,6 @@
-"""Solid of a surface on a grid of small cells: what is inside, also for surfaces that are not closed.
+"""Solid of a surface on a grid of small cells, also for surfaces that are not closed.
 
-Meshes of objects are seldom closed: parts stick in each other, bottoms are missing, walls are single sheets. A cell is
+Meshes of objects are seldom closed: parts intersect, bottoms are missing, walls are single sheets. A cell is
 solid if the surface passes through it, or if no path of empty cells leads from it to the outside. So a mug is hollow, a
 closed bottle is full, and a sheet is one cell thick.
 """
@@ -28,7 +28,7 @@ class Solid:
         origin: Corner of the first cell [m].
         pitch_m: Side of a cell [m].
         points: (k, 3) points spread evenly on the surface [m].
-        highest: (nx, ny) highest point of the surface in each column of cells [m], -inf where there is none.
+        highest: (nx, ny) highest point of the surface in each column of cells [m], -inf in empty columns.
     """
 
     cells: np.ndarray
@@ -49,7 +49,7 @@ class Solid:
 
 
 def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spread points over triangles on a regular pattern: no random numbers, the same points each time.
+    """Spread points over triangles on a regular pattern; the result is deterministic.
 
     Args:
         vertices: (n, 3) positions.
@@ -86,14 +86,14 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
     surface = np.zeros(shape, dtype=bool)
     surface[tuple(at.T)] = True
     cells = ndimage.binary_fill_holes(surface)
-    # Of all points: where a wall is thinner than a cell, those that are kept below may be on its underside.
+    # Use all points here: if a wall is thinner than a cell, the points kept below may be on its underside.
     highest = np.full(tuple(shape[:2]), -np.inf)
     np.maximum.at(highest, (at[:, 0], at[:, 1]), points[:, 2])
-    # A few points in each cell are enough for hulls and for distances.
+    # A few points per cell are enough for hulls and distances.
     fine = np.floor((points - origin) / pitch * 2.0).astype(np.int64)
     _, first = np.unique(fine @ np.array([1, 4096, 4096 * 4096]), return_index=True)
     points = points[np.sort(first)]
-    # What is inside (the layers of a burger, the end of a handle in its wall) is neither seen nor touched.
+    # Points inside (the layers of a burger, the end of a handle in its wall) are neither visible nor in contact.
     outside = ndimage.binary_dilation(~cells, ndimage.generate_binary_structure(3, 3))
     points = points[outside[tuple(np.clip(np.floor((points - origin) / pitch).astype(int), 0, shape - 1).T)]]
     return Solid(np.asarray(cells, dtype=bool), surface, origin, pitch, points, highest)
@@ -102,7 +102,7 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the center of mass (3,) [m] and the inertia (3, 3) about it [kg m^2] of a uniform body in these cells.
 
-    A cell that the surface passes through counts half.
+    Cells on the surface have half weight.
     """
     centers = solid.centers(solid.cells)
     weights = np.where(solid.surface[solid.cells], 0.5, 1.0)

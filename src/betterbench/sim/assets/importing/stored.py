@@ -1,4 +1,4 @@
-"""Imported objects as files: a draft and what is known about it, in one archive of NumPy without pickle."""
+"""File format of imported objects: a draft and its metadata in one NumPy archive without pickle."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from betterbench.sim.assets.importing.kinds import kind_of
 _HEAD = "head"
 _CURE = "Delete the file and import the object again"
 MAX_UNPACKED_BYTES = 256 << 20
-"""Most bytes of all arrays of one file."""
+"""Largest total size of the arrays of a file [byte]."""
 _MOST_FACES, _MOST_HULLS, _MOST_CORNERS = 20_000, 64, 256
 _LARGEST_TEXTURE = 1024
 _FARTHEST_M = 10.0
@@ -56,7 +56,7 @@ def to_bytes(imported: Imported) -> bytes:
         else:
             collision.append({"friction": part.friction, "part": k})
             if part.vertices is None:
-                raise AssertionError("an imported object has hulls only")
+                raise AssertionError("the collision parts of an imported object must be hulls")
             arrays[f"{k}_vertices"] = part.vertices
     head = {
         "shape": draft.shape,
@@ -80,7 +80,7 @@ def to_bytes(imported: Imported) -> bytes:
 
 
 def _archive(arrays: dict[str, np.ndarray]) -> bytes:
-    """Return arrays as an archive whose bytes depend on nothing else: np.savez writes the time."""
+    """Return arrays as an archive with reproducible bytes (np.savez would write the time)."""
     written = io.BytesIO()
     with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(arrays):
@@ -91,10 +91,10 @@ def _archive(arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def from_bytes(data: bytes, where: str) -> Imported:
-    """Return the imported object that bytes of :func:`to_bytes` describe.
+    """Return the imported object from the bytes of :func:`to_bytes`.
 
     Raises:
-        InvalidInputError: If they do not.
+        InvalidInputError: If the bytes are not a valid archive.
     """
     try:
         arrays = _arrays(data)
@@ -113,8 +113,8 @@ _UNREADABLE = (
 
 
 def _arrays(data: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays of an archive, whose stated sizes are checked before anything is unpacked."""
-    if not data.startswith(b"PK\x03\x04"):  # zipfile would also find an archive behind other bytes
+    """Return the arrays of an archive; stated sizes are checked before unpacking."""
+    if not data.startswith(b"PK\x03\x04"):  # zipfile would also accept an archive after other bytes
         raise ValueError("it does not begin as an archive")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
@@ -125,10 +125,10 @@ def _arrays(data: bytes) -> dict[str, np.ndarray]:
             with archive.open(member) as file:
                 stream = io.BytesIO(file.read(member.file_size))
             if np.lib.format.read_magic(stream) != (1, 0):
-                raise ValueError("an array of another version")
+                raise ValueError("an array of an unknown version")
             shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
             if dtype.hasobject or math.prod(shape) * dtype.itemsize != member.file_size - stream.tell():
-                raise ValueError("an array of another size")
+                raise ValueError("an array of an unexpected size")
             stream.seek(0)
             array = np.lib.format.read_array(stream, allow_pickle=False)
             found[member.filename.removesuffix(".npy")] = frozen(array)
@@ -136,7 +136,7 @@ def _arrays(data: bytes) -> dict[str, np.ndarray]:
 
 
 def _check(draft: Draft) -> None:
-    """Raise ValueError if a part has another form than the simulator expects: the file may be a stranger's."""
+    """Raise ValueError if a part does not have the form that the simulator expects; the file may be untrusted."""
     visual = [part for part in draft.parts if isinstance(part, VisualPart)]
     hulls = [part for part in draft.parts if isinstance(part, CollisionPart)]
     if not visual or not hulls or len(hulls) > _MOST_HULLS or sum(len(p.faces) for p in visual) > _MOST_FACES:
@@ -144,7 +144,7 @@ def _check(draft: Draft) -> None:
     for part in draft.parts:
         points = part.vertices
         if points is None or points.dtype != np.float32 or points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:
-            raise ValueError("vertices of another form")
+            raise ValueError("vertices of an unexpected shape")
         if not np.isfinite(points).all() or np.abs(points).max() > _FARTHEST_M:
             raise ValueError("vertices that are not near the origin")
     if any(part.vertices is None or not 4 <= len(part.vertices) <= _MOST_CORNERS for part in hulls):
@@ -153,7 +153,7 @@ def _check(draft: Draft) -> None:
         _check_rows(part.faces, len(part.vertices))
         rgba = [float(v) for v in part.rgba]
         if len(rgba) != 4 or not 0.0 <= min(rgba) <= max(rgba) <= 1.0:
-            raise ValueError("a color that is none")
+            raise ValueError("an invalid color")
         if part.texture is not None:
             _check_texture(part.texture, part)
     _check_body(draft)
@@ -161,7 +161,7 @@ def _check(draft: Draft) -> None:
 
 def _check_rows(rows: np.ndarray, count: int) -> None:
     if rows.dtype != np.int32 or rows.ndim != 2 or rows.shape[1] != 3 or len(rows) == 0:
-        raise ValueError("triangles of another form")
+        raise ValueError("triangles of an unexpected shape")
     if rows.min() < 0 or rows.max() >= count:
         raise ValueError("triangles of vertices that do not exist")
 
@@ -169,18 +169,18 @@ def _check_rows(rows: np.ndarray, count: int) -> None:
 def _check_texture(texture: Texture, part: VisualPart) -> None:
     pixels, uv = texture.pixels, texture.uv
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
-        raise ValueError("a texture of another form")
+        raise ValueError("a texture of an unexpected shape")
     if not 1 <= min(pixels.shape[:2]) <= max(pixels.shape[:2]) <= _LARGEST_TEXTURE:
-        raise ValueError("a texture of another size")
+        raise ValueError("a texture of an unexpected size")
     if uv.dtype != np.float32 or uv.ndim != 2 or uv.shape[1] != 2 or not np.isfinite(uv).all():
-        raise ValueError("texture coordinates of another form")
+        raise ValueError("texture coordinates of an unexpected shape")
     if texture.corners is None:
         if len(uv) != len(part.vertices):
-            raise ValueError("texture coordinates of another number")
+            raise ValueError("an unexpected number of texture coordinates")
     else:
         _check_rows(texture.corners, len(uv))
         if len(texture.corners) != len(part.faces):
-            raise ValueError("texture coordinates of another number")
+            raise ValueError("an unexpected number of texture coordinates")
 
 
 def _check_body(draft: Draft) -> None:
@@ -191,7 +191,7 @@ def _check_body(draft: Draft) -> None:
     ixx, iyy, izz, ixy, ixz, iyz = (float(v) for v in body.inertia)
     moments = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
     if not all(map(math.isfinite, numbers)) or min(numbers[:2]) <= 0.0 or moments[0] <= 0.0:
-        raise ValueError("a mass that no body has")
+        raise ValueError("a mass that is not physical")
 
 
 def _imported(head: dict[str, Any], arrays: dict[str, np.ndarray]) -> Imported:

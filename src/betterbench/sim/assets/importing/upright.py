@@ -1,4 +1,4 @@
-"""Size and orientation of an imported mesh: which way is up, how long a unit is, where its origin lies."""
+"""Size and orientation of an imported mesh: up axis, length of a unit, and origin."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from betterbench.sim.assets.importing.kinds import Kind
 from betterbench.sim.assets.importing.raw import RawMesh
 from betterbench.sim.assets.importing.solid import GRID, Solid, mass_of_cells, solid_of
 
-# Units that mesh files are written in [m]: meters, decimeters, centimeters, millimeters, inches, feet.
+# Usual units of mesh files [m]: meters, decimeters, centimeters, millimeters, inches, feet.
 UNITS_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
 LEAST_M, MOST_M = 0.01, 0.6
-"""Longest side of an object that a table holds and a camera sees [m]."""
+"""Range of the longest side of an object that fits on a table and is visible to a camera [m]."""
 
 _TRIAL_GRID = 36
-"""Cells along the longest side when only the orientation is asked for."""
+"""Cells along the longest side when only the orientation is needed."""
 _LEAST_MARGIN_M = 0.001
 """Least distance of the center of mass from the edge of the face on which an object stays [m]."""
 _MOST_TURNS = 6
@@ -43,11 +43,11 @@ class Placed:
 
     Attributes:
         mesh: The mesh.
-        solid: Its cells.
-        cavity: Its hollow, None if it has none.
-        up: Axis of the file that points up now ("y", "-z").
+        solid: Cells of the object.
+        cavity: Hollow of the object, None if it has none.
+        up: Axis of the file that now points up ("y", "-z").
         scale: Length of a unit of the file [m].
-        notes: What was decided, and by what.
+        notes: Decisions, with reasons.
     """
 
     mesh: RawMesh
@@ -61,19 +61,19 @@ class Placed:
 def place(
     mesh: RawMesh, kind: Kind | None, where: str, *, up: str | None = None, size_m: float | None = None
 ) -> Placed:
-    """Bring a mesh to meters and upright.
+    """Scale a mesh to meters and set it upright.
 
     Args:
         mesh: The mesh in the frame of its file.
         kind: Kind of the object, None if it is not known.
         where: Name of the file for messages.
-        up: Axis of the file that points up; otherwise by the rule of the format, by the hollow that an open object
-            shows, or the way it stands best.
-        size_m: Longest side [m]; otherwise by the unit of the format if the kind can have this size, by another usual
-            unit, or the middle size of the kind.
+        up: Axis of the file that points up; otherwise from the rule of the format, from the hollow of an open object,
+            or from the most stable pose.
+        size_m: Longest side [m]; otherwise from the unit of the format if the kind can have this size, from another
+            usual unit, or from the middle size of the kind.
 
     Raises:
-        InvalidInputError: If the size cannot be told, or is not one of an object on a table.
+        InvalidInputError: If the size cannot be determined, or does not fit an object on a table.
     """
     scale, said = _scale(mesh, kind, where, size_m)
     sized = mesh.moved(np.diag([scale, scale, scale, 1.0]))
@@ -86,7 +86,7 @@ def place(
 
 
 def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tuple[str, ...]]:
-    """Return the axis of the file that points up, and what to say about it."""
+    """Return the axis of the file that points up, and a note about it."""
     if up is not None:
         return up, ()
     axes = [mesh_up] if (mesh_up := sized.up) is not None else ["z", "y"]
@@ -114,10 +114,10 @@ def _turn(rotation: np.ndarray) -> np.ndarray:
 
 
 def _at_rest(mesh: RawMesh, solid: Solid, cavity: Cavity | None) -> tuple[RawMesh, Solid, Cavity | None, float]:
-    """Return an object in the nearest pose in which it stays, up to 20 degrees away, and the angle to it [rad].
+    """Return an object in the nearest stable pose, up to 20 degrees away, and the angle to that pose [rad].
 
-    Scans of fruit lie as they were held, and would roll in every scene. Without such a pose nearby nothing is turned.
-    The search is repeated, because a hull has few corners, and others after a turn.
+    Scans of fruit keep the pose in which they were held, and would roll in every scene. If no such pose is near, the
+    object stays as it is. The search is repeated, because a hull has few corners, and other corners after a turn.
     """
     now, whole = (mesh, solid, cavity), np.eye(3)
     for _ in range(_MOST_TURNS):
@@ -136,7 +136,7 @@ def _at_rest(mesh: RawMesh, solid: Solid, cavity: Cavity | None) -> tuple[RawMes
 
 
 def _nearest_face(solid: Solid) -> tuple[float, np.ndarray] | None:
-    """Return the angle [rad] and the turn to the nearest face of the hull that has the center of mass above it."""
+    """Return the angle [rad] and the rotation to the nearest hull face that supports the center of mass."""
     middle, _ = mass_of_cells(solid, 1.0)
     corners = hull_corners(solid.points)
     if corners is None:
@@ -155,7 +155,7 @@ def _nearest_face(solid: Solid) -> tuple[float, np.ndarray] | None:
 
 
 def _is_over(foot: np.ndarray, base: np.ndarray, normal: np.ndarray) -> bool:
-    """Tell whether a point of a plane is well inside the hull of others (k, 3) in it, all seen along its normal."""
+    """Return whether a point is well inside the hull of coplanar points (k, 3), seen along their normal."""
     first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     axes = np.stack([first / np.linalg.norm(first), np.cross(normal, first / np.linalg.norm(first))], axis=1)
     try:
@@ -166,7 +166,7 @@ def _is_over(foot: np.ndarray, base: np.ndarray, normal: np.ndarray) -> bool:
 
 
 def _rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest rotation that brings a direction to another that is not opposite (Rodrigues)."""
+    """Return the smallest rotation from one direction to another, not opposite, direction (Rodrigues)."""
     v = np.cross(a, b)
     cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + a @ b))
@@ -185,7 +185,7 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
         if by_rule is None and len(fits) == 1:
             unit = UNITS_M[fits[0]]
             return unit, f"longest side {100 * longest * unit:.3g} cm, read as {fits[0]}"
-        problem = f"its longest side is {longest:.3g} units, and neither its name nor its format tells its size"
+        problem = f"its longest side is {longest:.3g} units, and neither its name nor its format determines its size"
         raise InvalidInputError(where, problem, "Give --size-m, or --kind with a known kind")
     if by_rule is None:
         for name, unit in UNITS_M.items():
@@ -195,7 +195,7 @@ def _scale(mesh: RawMesh, kind: Kind | None, where: str, size_m: float | None) -
 
 
 def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavity | None]:
-    """Return a turned mesh with its origin in the middle of its bottom, its solid and its hollow."""
+    """Return a rotated mesh with its origin in the middle of its bottom, its solid and its hollow."""
     low, high = moved.bounds()
     shift = np.eye(4)
     shift[:3, 3] = [-0.5 * (low[0] + high[0]), -0.5 * (low[1] + high[1]), -low[2]]
@@ -205,7 +205,7 @@ def _standing(moved: RawMesh, *, grid: int = GRID) -> tuple[RawMesh, Solid, Cavi
 
 
 def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) -> tuple[float, ...]:
-    """Return how well an object stands so: open at the top if it should be, then on a broad base, then as listed."""
+    """Return a sort key for a pose: open at the top if the kind is, then a broad base, then the listed order."""
     water = 0.0
     if kind is not None and kind.is_open and cavity is not None:
         water = round(cavity.volume_m3 / max(float(np.prod(np.ptp(solid.points, axis=0))), 1e-12), 1)
@@ -213,7 +213,7 @@ def _rank(solid: Solid, cavity: Cavity | None, kind: Kind | None, order: int) ->
 
 
 def footing(solid: Solid, *, upside_down: bool = False) -> float:
-    """Return how broadly an object stands: the tilt at which it would fall over, as tan(angle)."""
+    """Return the stability of a pose: the tilt at which the object would fall over, as tan(angle)."""
     height = solid.points[:, 2]
     top = float(height.max())
     base = solid.points[height > top - solid.pitch_m if upside_down else height < solid.pitch_m][:, :2]

@@ -44,13 +44,13 @@ def read_urdf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
         freeze: Whether movable joints are fixed at 0.
 
     Raises:
-        InvalidInputError: If the file is not one rigid body, or something in it cannot be used.
+        InvalidInputError: If the file is not one rigid body, or a part of it is not supported.
     """
     return _Reader(root, files, where).mesh(freeze=freeze)
 
 
 class _Reader:
-    """State while one file is read."""
+    """State while a file is read."""
 
     def __init__(self, root: ET.Element, files: FolderResolver, where: str) -> None:
         self._root, self._files, self._where = root, files, where
@@ -205,7 +205,7 @@ class _Reader:
         return self._meshes[name].moved(np.diag([*scale, 1.0])).parts
 
     def _inside(self, name: str) -> str:
-        """Return the path in the folder that a file name of URDF means."""
+        """Return the path in the folder for a file name in a URDF file."""
         scheme, separator, rest = name.partition("://")
         if not separator:
             return name
@@ -226,7 +226,7 @@ class _Reader:
         if material is None:
             return None
         own = self._color(material)
-        self._colors |= own  # a name that is given a color once stands for it in the whole file
+        self._colors |= own  # a material defined once is valid in the whole file
         return next(iter(own.values()), self._colors.get(material.get("name", "")))
 
 

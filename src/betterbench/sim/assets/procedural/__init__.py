@@ -1,6 +1,6 @@
-"""The embedded library: importing this package registers the generators of all its files.
+"""The procedural library: importing this package registers the generators in all its files.
 
-A new family of objects is one new file in this folder.
+Each file in this folder defines one family of objects.
 """
 
 import importlib

@@ -83,7 +83,7 @@ def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
         write_word(canvas, letter, (0.5, 0.5), height=0.56, ink=ink, weight=0.20)
     elif style == "star":
         angle, reach = np.arctan2(y - 0.48, x - 0.5) - 0.5 * math.pi, np.hypot(x - 0.5, y - 0.48)
-        wedge = np.abs((angle * 2.5 / math.pi + 1.0) % 2.0 - 1.0)  # 0 at a tip, 1 between two
+        wedge = np.abs((angle * 2.5 / math.pi + 1.0) % 2.0 - 1.0)  # 0 at a tip, 1 between two tips
         canvas.paint(reach < 0.34 - 0.19 * wedge, ink)
     return canvas
 
@@ -94,7 +94,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 
     Its paint is worn off along the edges and at the ends, where bare wood shows. Beech of 700 kg/m^3 would weigh 0.15
     to 0.19 kg at this size; the block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
-    stapler only visually.
+    stapler only in appearance.
     """
     length, width, height = stapler_size(rng)
     bevel, chamfer = rng.uniform(0.0022, 0.0036), float(rng.choice([0.0, 0.010, 0.018]))

@@ -15,7 +15,7 @@ _CRUMB: Rgb = (0.90, 0.74, 0.46)
 def burger(rng: np.random.Generator, _color: str) -> Draft:
     """Make a burger: bun, patty, cheese, tomato, lettuce, bun with sesame.
 
-    A small hamburger is 65 to 70 mm wide before it is bitten and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
+    A small hamburger is 65 to 70 mm wide and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
     jaw.
     """
     radius, height = rng.uniform(0.0325, 0.0340), rng.uniform(0.0490, 0.0545)

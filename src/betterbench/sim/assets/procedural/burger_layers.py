@@ -49,7 +49,7 @@ def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.nd
 
 
 def _slab(outline: np.ndarray, low: float, high: float, *, bevel: float, crease: float = 50.0) -> Mesh:
-    """Return a slab with bevelled edges over an outline that is seen whole from the origin [m], mapped from above."""
+    """Return a slab with bevelled edges over a star-shaped outline about the origin [m], textured from above."""
     reach = np.linalg.norm(outline, axis=1, keepdims=True)
     rings = []
     for z, inset in ((low, bevel), (low + bevel, 0.0), (high - bevel, 0.0), (high, bevel)):
@@ -86,7 +86,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
         canvas.paint(np.clip((0.80 - r) / 0.12, 0.0, 1.0), brown, strength=0.15)
     elif toast == "rim":
         canvas.paint(np.clip((r - 0.50) / 0.34, 0.0, 1.0) * (r < 0.84), shaded(brown, 0.9), strength=0.60)
-    # Fluffy crumb has soft clouds and no sharp holes, which would be those of a biscuit.
+    # Fluffy crumb has soft clouds and no sharp holes, which would look like a biscuit.
     canvas.grain(rng, cells=(7, 7), amount=0.045)
     canvas.grain(rng, cells=(20, 20), amount=0.025)
     canvas.paint((r > 0.80) & (r < 0.86), mixed(crust, brown, 0.5))
@@ -189,8 +189,8 @@ def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
 def sponge(rng: np.random.Generator, _color: str) -> Draft:
     """Make a kitchen sponge: yellow foam with pores and a waist, on a thick dark green scouring pad.
 
-    It is as wide and as yellow as the cheese slice and nearly twice as high. Foam sponges of 65 by 60 mm are 22 to
-    30 mm high and weigh 5 g dry; damp, as one lies beside a sink, it weighs 20 to 30 g.
+    The sponge is as wide and as yellow as the cheese slice and nearly twice as high. Foam sponges of 65 by 60 mm are 22
+    to 30 mm high and weigh 5 g dry or 20 to 30 g damp.
     """
     length, width, height = uniforms(rng, (0.0640, 0.0690), (0.0600, 0.0650), (0.0230, 0.0270))
     scour, waist, roundness = height * rng.uniform(0.34, 0.44), rng.uniform(0.0, 0.12), rng.uniform(6.0, 14.0)
@@ -230,9 +230,9 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("lettuce_leaf", colors=("green",))
 def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
-    """Make two leaves of lettuce one on the other: longer than wide, with a pale midrib and a ruffled, wavy edge.
+    """Make two stacked leaves of lettuce: longer than wide, with a pale midrib and a ruffled, wavy edge.
 
-    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box of
+    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box with
     the thickness of a filling; their soft edges extend beyond it and are only visual.
     """
     half_x, half_y, wave = uniforms(rng, (0.043, 0.050), (0.033, 0.037), (0.0035, 0.0055))

@@ -1,4 +1,4 @@
-"""Computer mice, and the bar of soap with the outline of a mouse."""
+"""Computer mice, and a bar of soap with the outline of a mouse."""
 
 import math
 
@@ -12,7 +12,7 @@ _SIDES = 24
 
 
 def _size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a mouse and of the soap with its outline: the first of its numbers."""
+    """Draw length, width and height [m] of a mouse or the matching soap; must be the first draw of a look."""
     length, width, height = uniforms(rng, (0.096, 0.114), (0.0575, 0.0645), (0.0335, 0.0395))
     return length, width, height
 
@@ -22,7 +22,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
     Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery:
-    430 kg/m^3 of their box.
+        430 kg/m^3 times the volume of the bounding box.
     """
     length, width, height = _size(rng)
     # The back is highest behind the middle by the hump; the sides are drawn in by the waist.
@@ -122,7 +122,7 @@ def _shell(
 
 @generator("soap_bar", colors=("gray", "white", "green"), family="computer_mouse")
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a bar of soap with the size and about the outline of a computer mouse, with some lather on one end.
+    """Make a bar of soap with the size and the approximate outline of a computer mouse, with lather on one end.
 
     A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It has three quarters of that, like a
     used bar, so that it is hardly heavier than the mouse that it resembles.
@@ -165,7 +165,7 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _lather(rng: np.random.Generator, length: float, width: float, height: float, *, count: int) -> Mesh:
-    """Return a heap of lather on one end of the bar, from its top over its edge, not where a jaw takes it."""
+    """Return a heap of lather on one end of the bar, from the top over the edge, away from the grasp."""
     end, side = float(rng.choice([-1.0, 1.0])), float(rng.choice([-1.0, 1.0]))
     lumps = []
     for k in range(count):

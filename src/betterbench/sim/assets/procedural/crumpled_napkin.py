@@ -17,8 +17,9 @@ _INKS: tuple[Rgb, ...] = ((0.16, 0.34, 0.72), (0.76, 0.16, 0.16), (0.16, 0.52, 0
 def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
     """Make a paper napkin crumpled to a loose ball, with protruding corners of the paper.
 
-    A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g: crumpled, 77 kg/m^3
-    of its box. It does not roll: its collision shape has corners above and below.
+    A dinner napkin of 0.40 x 0.40 m with two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g. The mass of a crumpled
+    napkin is 77 kg/m^3 times the volume of its bounding box. It does not roll, because its collision shape has corners
+    above and below.
     """
     wide, deep, high = uniforms(rng, (0.067, 0.071), (0.064, 0.068), (0.046, 0.057))
     ink, printed = _INKS[int(rng.integers(len(_INKS)))], rng.random() < 0.6

@@ -1,4 +1,4 @@
-"""Crushed beverage cans: trash that must not be confused with a full can."""
+"""Crushed beverage cans: trash, distinct from full cans."""
 
 import math
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class _Crush:
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     """Make an empty can that lies on its side, squeezed in its middle and bent.
 
-    The empty can is 13 to 14 g of aluminum. It weighs 18 to 22 g, including a rest of the drink. A jaw grasps it at its
+    An empty can has 13 to 14 g of aluminum; with a rest of the drink, it weighs 18 to 22 g. A jaw grasps it at its
     waist.
     """
     length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.006, 0.006))
@@ -97,7 +97,7 @@ def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[
 
 
 def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
-    """Return the shell along x, its lid at +x; its texture rows are those of the full can."""
+    """Return the shell along x, its lid at +x; its texture rows are the same as for the full can."""
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
     # Radius [m], share of the length, texture row, from the bottom to the lid, which is pushed in.
@@ -143,6 +143,6 @@ def _wear(rng: np.random.Generator, canvas: Canvas, *, at: float) -> None:
         points = [(x, y), (x + rng.uniform(-0.02, 0.02), y + rng.uniform(-0.018, 0.018))]
         canvas.line(points, 0.0022, (0.90, 0.91, 0.92), strength=0.85)
         canvas.line([(a + 0.0022, b + 0.0015) for a, b in points], 0.0020, (0.15, 0.04, 0.04), strength=0.45)
-    # The hole from which one drinks, on one side of the lid.
+    # The drinking hole, on one side of the lid.
     hole = canvas.between(lid + 0.15 * (end - lid), lid + 0.72 * (end - lid)) & (canvas.x > 0.72 * canvas.width)
     canvas.paint(hole, (0.10, 0.10, 0.11))

@@ -29,9 +29,8 @@ _HANDLES: Mapping[str, tuple[str, tuple[Rgb, ...]]] = {
 def fork(rng: np.random.Generator, color: str) -> Draft:
     """Make a table fork that lies along x, its three or four tines at -x; yellow is brass.
 
-    A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than that of plain
-    steel
-    cutlery: a jaw reaches 12 mm below its center, so it cannot grasp objects lower than 10 mm on a table.
+    A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than the handle of
+    plain steel cutlery: a jaw reaches 12 mm below its center, so it cannot grasp objects lower than 10 mm on a table.
     """
     half_width, tines, tine = uniforms(rng, (0.0145, 0.0180), (0.030, 0.043), (0.0019, 0.0023))  # tine: half its width
     count = int(rng.choice([3, 4, 4]))
@@ -53,7 +52,8 @@ def fork(rng: np.random.Generator, color: str) -> Draft:
 def spoon(rng: np.random.Generator, color: str) -> Draft:
     """Make a table spoon that lies along x, its bowl at -x; yellow is brass.
 
-    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle; its handle is that of the fork.
+    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle; the handle is the same as the handle of
+    the fork.
     """
     half_width, half_length, depth = uniforms(rng, (0.0160, 0.0195), (0.0225, 0.0290), (0.0080, 0.0110))
     metal, center = jittered(_METAL[color], rng, amount=0.04), -_HALF + half_length
@@ -94,10 +94,10 @@ def _piece(
     sizes: Mapping[str, float],
     rim: CollisionPart | None = None,
 ) -> Draft:
-    """Put a head on a handle.
+    """Return the draft of a piece of cutlery from its head, with a handle added.
 
-    The head, of visual parts and ``sizes``, rests on half a width of ``reach`` and leaves the table at x = ``head_end``
-    [m]. Its part above the contact surface, if that is wider, is its ``rim``.
+    The head has visual parts and ``sizes``, rests on a half width of ``reach`` and leaves the table at x = ``head_end``
+    [m]. The ``rim`` is a wider part of the head above the contact surface.
     """
     style = str(rng.choice(list(_HANDLES)))
     material, paints = _HANDLES[style]

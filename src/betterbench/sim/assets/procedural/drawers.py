@@ -3,7 +3,7 @@
 The three are separate assets: a scene connects each drawer to the carcass by a slide along +x, whose frame is a region
 of the cabinet. The two drawers of a look differ only in the side of their handle, so that a gripper at one handle
 clears the other. The upper handle is at -y: seen from above and from +y, as in the suite, it is then clearly above the
-lower one in the image. With the sides exchanged both would be at one height.
+lower one in the image. With the sides exchanged, both handles would be at the same height in the image.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class _Style:
 
     @staticmethod
     def draw(rng: np.random.Generator, color: str) -> _Style:
-        """Draw a style; the same numbers are drawn for every color."""
+        """Draw a style, with the same random numbers for every color."""
         half_x, half_y, height = uniforms(rng, (0.1085, 0.1140), (0.1150, 0.1225), (0.1685, 0.1710))
         handle, front = str(rng.choice(_HANDLES)), str(rng.choice(["plain", "frame", "groove", "band"]))
         width, tall, thick = uniforms(rng, (0.044, 0.056), (0.034, 0.042), (0.013, 0.016))
@@ -81,7 +81,7 @@ class _Style:
         }
         tone, roof, dark = int(rng.integers(3)), int(rng.integers(3)), rng.random() < 0.5
         shade = jittered(_PAINT[color], rng, amount=0.12 if color == "brown" else 0.06)
-        # A white front is gray enough in the shade: its tones are nearly the same.
+        # A white front is already gray in the shade, so its tones differ little.
         pale, deep = mixed(shade, (1.0, 1.0, 1.0), 0.35), shaded(shade, 0.80 if color != "white" else 0.95)
         fronts = (shade, pale, deep)[tone]
         top = (shade, _OAK if color != "brown" else deep, _SLATE)[roof]

@@ -13,7 +13,7 @@ _STRAW_TOP, _GRIP = 0.1285, 0.0860
 
 @generator("drink_cup", colors=("blue", "red", "green", "yellow", "white", "orange"))
 def drink_cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a lidded paper cup with a short bent straw that leans along +x; the color is that of the print.
+    """Make a lidded paper cup with a short bent straw that leans along +x; the color word describes the print.
 
     A small takeaway cup contains 0.25 l and weighs about 0.27 kg when full. Everything ends below the underside of a
     Franka hand that holds the cup below the lid (45 mm above the tool center point), including the straw; the straw has

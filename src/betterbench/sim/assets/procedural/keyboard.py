@@ -8,7 +8,7 @@ from betterbench.sim.assets.authoring import Draft, generator, leaning_box, merg
 from betterbench.sim.assets.authoring.mesh import ABOVE, box, prism, rectangle
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-# Rows of keys from the user's to the far one: widths in units of one key, as on a compact keyboard.
+# Rows of keys from the nearest to the farthest: widths in units of one key, as on a compact keyboard.
 ROWS: tuple[tuple[float, ...], ...] = (
     (1.25, 1.0, 1.25, 6.0, 1.25, 1.0, 1.0, 1.25),
     (2.25, *(1.0,) * 10, 1.75),
@@ -95,7 +95,7 @@ def draw_keys(
     """Draw six rows of keys into a field of a picture, as the user sees them: the space bar in the lowest row.
 
     The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and the enter key,
-    ``edges`` that of the wide keys at the edge and of the far row, if they stand out.
+    ``edges`` the color of the wide keys at the edge and of the far row, if it differs.
     """
     pitch = size_m[1] / len(ROWS)
     gap, last = 0.075 * pitch, len(ROWS) - 1

@@ -8,7 +8,7 @@ from betterbench.sim.assets.authoring import Draft, Turned, disc, generator, par
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded
 
 _RADIUS, _HEIGHT = 0.095, 0.018
-_SIDE = _RADIUS + 0.045  # distance of the middle of the places beside the plate from its own [m]
+_SIDE = _RADIUS + 0.045  # distance from the center of the plate to the zones next to it [m]
 
 
 @generator("place_plate", colors=("white", "blue", "cream"), family="place plate")

@@ -14,15 +14,15 @@ from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittere
 FLOOR_M = 0.0105
 """Height of a plate's floor, on which the next plate stands [m]; the same for all, so that stacks are equally high.
 
-It is also the height at which the rim begins. The rim of a plate on another one therefore begins above the rim of the
-lower one, and plates of any two radii stack with room to the sides."""
+It is also the height at which the rim begins. In a stack, the rim of each plate therefore begins above the rim of the
+plate below, and plates of any two radii stack with room to the sides."""
 
 RIM_M = 0.0205
 """Height of the rim [m]: pads that reach 9 mm down its upright edge of 10 mm hold a plate at half of their force with a
 tilt of less than 1 degree; they end 1 mm above the floor, and 1 mm above the rim of a plate below."""
 
 _LIP = 0.004
-_GRIP_ABOVE_RIM = 0.0030  # of the middle of the pads, which reach 12 mm further down
+_GRIP_ABOVE_RIM = 0.0030  # height of the middle of the pads, which reach 12 mm further down
 _COLORS = ("white", "red", "blue", "green", "yellow")
 _DESIGNS = ("plain", "wide band", "thin lines", "pale middle", "dots", "rays", "speckled", "broad rings")
 
@@ -31,8 +31,8 @@ _DESIGNS = ("plain", "wide band", "thin lines", "pale middle", "dots", "rays", "
 def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a flat plate on a foot, 152 to 164 mm across, whose edge is turned up for a jaw to pinch.
 
-    Side plates are 150 to 180 mm across and 20 to 30 mm high. One of melamine (1.5 g/cm^3, 2.5 to 3 mm thick) weighs
-    0.10 to 0.15 kg, one of enameled steel sheet of 0.6 mm as much. Held at its rim a plate tilts; at 0.25 kg, as of
+    Side plates are 150 to 180 mm across and 20 to 30 mm high. A melamine plate (1.5 g/cm^3, 2.5 to 3 mm thick) weighs
+    0.10 to 0.15 kg, as does a plate of 0.6 mm enameled steel sheet. Held at its rim a plate tilts; at 0.25 kg, as of
     stoneware, by more than 20 degrees, so that no plate is heavier than 0.13 kg.
     """
     return _plate(rng, color, radii=(0.0760, 0.0820), density=1500.0, solid=0.70, name="dinner plate")
@@ -42,9 +42,9 @@ def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
 def serving_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a plate like a dinner plate, 190 to 202 mm across: under a dinner plate it shows a rim of 13 to 25 mm.
 
-    Service plates that other plates are stood on are 25 to 35 % wider than these. Foot, floor and rim are those of a
-    dinner plate, so that stacks are equally high. One of polypropylene (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to
-    0.12 kg, so that held at its rim it tilts no more than a dinner plate of melamine.
+    Service plates under other plates are 25 to 35 % wider than these. Foot, floor and rim are the same as for a dinner
+    plate, so that stacks have equal heights. A polypropylene plate (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to 0.12
+    kg; held at its rim, it tilts no more than a melamine dinner plate.
     """
     return _plate(rng, color, radii=(0.0950, 0.1010), density=905.0, solid=0.95, name="serving plate")
 
@@ -52,7 +52,7 @@ def serving_plate(rng: np.random.Generator, color: str) -> Draft:
 def _plate(
     rng: np.random.Generator, color: str, *, radii: tuple[float, float], density: float, solid: float, name: str
 ) -> Draft:
-    """Make a flat plate with an upright rim, of a radius between two [m]; its density is in kg/m^3.
+    """Make a flat plate with an upright rim and a radius in a range [m]; the density is in kg/m^3.
 
     The collision shape of the floor is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for
     the fingers that pinch it; it must be narrower than the edge of any object that may be put down there upside down.
@@ -91,7 +91,7 @@ def _plate(
 
 
 def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
-    """Draw the edge in between ``count`` scallops, by a share ``depth`` of the radius [m]; the middle stays round."""
+    """Indent the edge of a mesh between ``count`` scallops by a share ``depth`` of its distance from the center."""
     if not count:
         return mesh
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
@@ -141,7 +141,7 @@ def _lip(radius: float, low: float, high: float) -> list[CollisionPart]:
 def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
     """Return the ways to pinch the lip from above, every 45 degrees, the fingers opening along the radius.
 
-    They share the name "rim", so that a search by name gives the one at +x and a planner can choose any.
+    They share the name "rim", so that a search by name gives the grasp at +x and a planner can choose any of them.
     """
     away, height = radius - 0.5 * _LIP, rim + _GRIP_ABOVE_RIM
     angles = [k * math.pi / 4.0 for k in range(8)]
@@ -198,7 +198,7 @@ class _Glaze:
     def inside_out(self, piece: Turned, *, rim: int, floor: int) -> Canvas:
         """Draw a bowl from the foot over the rim to the floor; the inside is dark toward its floor.
 
-        Given are the numbers of the points of its profile where the rim and the floor begin.
+        ``rim`` and ``floor`` are the profile points at which the rim and the floor begin.
         """
         crest, well = piece.rows[rim], piece.rows[floor]
         canvas = piece.canvas(self.color, (8, 256), width=1.0)

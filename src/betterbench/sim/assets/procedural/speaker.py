@@ -14,8 +14,8 @@ _PROUD = 0.0036  # how far a driver stands out of the front
 def speaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a small desktop loudspeaker; its round drivers face +x.
 
-    Small powered USB loudspeakers are 60 to 75 mm wide and deep, 90 to 120 mm high, and weigh 0.25 to 0.45 kg each,
-    785 kg/m^3 of their box.
+    Small powered USB loudspeakers are 60 to 75 mm wide and deep, 90 to 120 mm high, and weigh 0.25 to 0.45 kg each: 785
+    kg/m^3 times the volume of the bounding box.
     """
     width, depth, height = uniforms(rng, (0.0590, 0.0690), (0.0600, 0.0690), (0.088, 0.112))
     corner, two_way = rng.uniform(0.003, 0.016), rng.random() < 0.6

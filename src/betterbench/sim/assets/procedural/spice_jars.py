@@ -17,7 +17,7 @@ JAR_RADIUS_M = 0.0215
 jar's own radius differs by 0.3 mm at most."""
 
 JAR_HEIGHT_M = 0.085
-"""Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. They differ by 4 mm."""
+"""Mean height of the jars with their caps [m]: such jars are 80 to 95 mm high. Looks differ by 4 mm."""
 
 _SIDES = 24
 _NAMES = {"white": "salt", "black": "pepper", "red": "paprika"}
@@ -32,7 +32,7 @@ _INK: Rgb = (0.07, 0.08, 0.10)
 def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a glass spice jar filled to its shoulder: white salt with an S, black pepper with a P, red paprika.
 
-    The spice's color is that of the whole jar. Its cap has the same color or is made of steel, so that no cap has the
+    The whole jar has the color of the spice. The cap has the same color or is made of steel, so that no cap has the
     color word of another jar. The glass is drawn instead of transparent, because one transparent part doubles the
     rendering time of depth images.
     """
@@ -125,7 +125,7 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
 
 
 class _Wrap(Canvas):
-    """A texture wrapped once around each half of a turned body, so that its print is correct on both.
+    """A texture wrapped once around each half of a turned body, so that the print appears on both halves.
 
     Attributes:
         solid: The body.
@@ -133,7 +133,7 @@ class _Wrap(Canvas):
     """
 
     def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb, *, sides: int = _SIDES) -> None:
-        """Start a picture for the body turned from a profile [m]; with few ``sides`` it has flat faces."""
+        """Create the texture of a body turned from a profile [m]; with few ``sides`` it has flat faces."""
         self.solid, self._sides = Turned(radii, heights), sides
         super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
         self.height_on_wall = np.interp(self.y, self.solid.rows, heights)
@@ -177,7 +177,7 @@ class _Shape:
         self.cap = Turned(radii, heights)
 
     def wrap(self, color: Rgb) -> _Wrap:
-        """Start the picture of the body."""
+        """Create the texture of the body."""
         return _Wrap(self._radii, self._heights, color, sides=self.sides)
 
 
@@ -204,8 +204,8 @@ def _bottle(
 ) -> Draft:
     """Return a jar or the pill bottle: its visual parts with their common properties.
 
-    70 g of glass and cap and 50 g of content for the mean size, in proportion for the others; one cylinder on a square
-    foot; pads that reach 12 mm below the grasp, and so stay above a hole 35 mm deep.
+    The mean size has 70 g of glass and cap and 50 g of content; other sizes are in proportion. The collision shape is a
+    cylinder on a square foot. The pads reach 12 mm below the grasp and thus stay above a hole 35 mm deep.
     """
     r, height, touched = shape.radius, shape.height, shape.touched
     if material == "plastic":

@@ -44,7 +44,7 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
 
     0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) without three holes weigh 0.38 kg; it is meant to be fixed. All
     looks have the same holes, because they are the tolerance of the task. They differ in width, length and edges, in
-    wood and grain, in finish and the marks.
+    wood, grain, finish and marks.
     """
     half_x, half_y = uniforms(rng, (0.0345, 0.0400), (0.1290, 0.1370))
     edge = rng.uniform(0.0012, 0.0045)  # chamfer of the outer edges, visual only

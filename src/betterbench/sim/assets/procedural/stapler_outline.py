@@ -1,4 +1,4 @@
-"""Size of a stapler, shared by the block that looks like one, and the outlines of its cover from the side and above."""
+"""Size of a stapler and of the block that looks like it, and outlines of the cover from the side and from above."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from betterbench.sim.assets.authoring.mesh import box
 
 
 def stapler_size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a stapler and of its look-alike: the first numbers of its look.
+    """Draw length, width and height [m] of a stapler or its look-alike; must be the first draw of a look.
 
     Desk staplers are 110 to 150 mm long, 30 to 40 mm wide and 50 to 65 mm high; these fit into a drawer.
     """

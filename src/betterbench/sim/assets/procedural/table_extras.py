@@ -1,4 +1,4 @@
-"""Small objects beside food: a stack of napkins, a cup of sauce."""
+"""Small objects served with food: a stack of napkins, a cup of sauce."""
 
 import math
 
@@ -69,7 +69,7 @@ def _print_napkin(canvas: Canvas, kind: str, ink: Rgb) -> None:
 
 @generator("sauce_cup", colors=("red", "yellow", "white", "brown"))
 def sauce_cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a small paper cup of sauce; the color is that of the sauce.
+    """Make a small paper cup of sauce; the color word describes the sauce.
 
     Portion cups of 45 to 90 ml are 54 to 68 mm wide and 27 to 42 mm high; they are of white or brown paper or of black
     plastic.

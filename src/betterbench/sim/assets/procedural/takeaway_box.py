@@ -16,8 +16,8 @@ _OUTSIDE = 0.58
 def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
     """Make a low, wide, open kraft box with a printed sign on its long side, which faces +x.
 
-    The inside is about 0.20 m (x) by 0.27 m (y). It weighs 0.45 kg, most of it in the floor: an empty box of 40 g would
-    slide at a touch, so it represents one with a stiff insert and some content.
+    The inside is about 0.20 m (x) by 0.27 m (y). The box weighs 0.45 kg, mostly in the floor, like a box with a stiff
+    insert and some content; an empty box of 40 g would slide at a touch.
     """
     half_x, half_y = 0.100 + rng.uniform(-0.002, 0.002), 0.135 + rng.uniform(-0.002, 0.002)
     height, tooth = rng.uniform(0.100, 0.108), rng.uniform(0.0032, 0.0045)

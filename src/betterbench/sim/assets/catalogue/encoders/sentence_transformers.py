@@ -1,4 +1,4 @@
-"""Encoders of the package sentence-transformers, where the user has installed it: SBERT models, and CLIP for texts."""
+"""Encoders of the package sentence-transformers, if the user has installed it: SBERT models, and CLIP for texts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME = "sentence-transformers"
 
 
 class SentenceEncoder:
-    """A model by name or folder; the package may download it if it has not before."""
+    """A model by name or folder, which the package may download."""
 
     def __init__(self, model: str, loaded: Any) -> None:  # noqa: ANN401 - a class of the package
         self.name = f"{NAME}:{model}"

@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 
 _LONGEST_WORD = 100
-"""Most letters of a word that is split; a longer one is unknown."""
+"""Largest length of a word [characters]; longer words become the unknown piece."""
 _IDEOGRAPHS = (
     (0x4E00, 0x9FFF),
     (0x3400, 0x4DBF),
@@ -17,14 +17,14 @@ _IDEOGRAPHS = (
     (0xF900, 0xFAFF),
     (0x2F800, 0x2FA1F),
 )
-"""Blocks of Unicode with characters that are words by themselves."""
+"""Unicode blocks in which each character is a word."""
 
 
 class WordPieces:
-    """Splits texts into the numbers of their pieces.
+    """Splitter of texts into the numbers of their word pieces.
 
     Args:
-        vocabulary: The pieces in the order of their numbers; the model knows them by these.
+        vocabulary: The pieces in the order of their numbers in the model.
     """
 
     def __init__(self, vocabulary: Sequence[str]) -> None:
@@ -32,7 +32,7 @@ class WordPieces:
         self._unknown, self._begin, self._end = (self._numbers[name] for name in ("[UNK]", "[CLS]", "[SEP]"))
 
     def numbers(self, text: str, *, limit: int) -> list[int]:
-        """Return the numbers of the pieces of a text between the marks of its begin and end, at most ``limit``."""
+        """Return at most ``limit`` piece numbers of a text, including the start and end markers."""
         found = [number for word in _words(text) for number in self._pieces(word)]
         return [self._begin, *found[: limit - 2], self._end]
 
@@ -54,7 +54,7 @@ class WordPieces:
 
 
 def _words(text: str) -> Iterator[str]:
-    """Yield words in small letters without accents, and each mark of punctuation."""
+    """Yield lower-case words without accents, and each punctuation mark."""
     cleaned = "".join(_cleaned(character) for character in text)
     for word in cleaned.split():
         plain = "".join(c for c in unicodedata.normalize("NFD", word.lower()) if unicodedata.category(c) != "Mn")

@@ -1,7 +1,7 @@
-"""Sources of assets, one file each, and the registry that knows how an address begins.
+"""Sources of assets, one file each, and the registry of their address schemes.
 
-A new file in this folder is found by itself. ``source`` is the registry, and ``mesh_facts`` reads from mesh files what
-can be known without loading a mesh.
+New files in this folder are registered automatically. ``source`` is the registry, and ``mesh_facts`` reads facts of
+mesh files without loading the mesh.
 """
 
 import importlib

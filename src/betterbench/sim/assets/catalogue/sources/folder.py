@@ -24,7 +24,7 @@ SIDECARS = ("assets.json", "assets.csv")
 """Files in the folder that describe its assets."""
 
 MAX_FILE_BYTES = 512 << 20
-"""Largest file that is taken up."""
+"""Largest file that is indexed [byte]."""
 _MAX_SIDECAR_BYTES = 64 << 20
 _CURE = "See docs/asset-catalogue.md for its fields"
 
@@ -34,7 +34,7 @@ _Text = Annotated[str, Field(max_length=2000)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Described:
-    """One asset in a sidecar."""
+    """One asset in a sidecar file."""
 
     file: _Text
     name: _Text = ""
@@ -105,7 +105,7 @@ def _reader(folder: _Folder, file: Path, inside: str, told: _Described | None) -
 
 
 def _mesh_files(root: Path) -> Iterator[Path]:
-    """Yield the files with the ending of a mesh, without hidden ones; links are not followed."""
+    """Yield the files with a mesh extension, without hidden files; links are not followed."""
     for place, folders, names in os.walk(root):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in names:
@@ -136,13 +136,13 @@ def _preference(file: Path) -> tuple[int, str]:
 
 
 def _object_of(file: Path, root: Path) -> tuple[Path, str]:
-    """Return what two files of the same object share: the folder that names it, or the folder and the stem."""
+    """Return a key shared by files of the same object: the folder that names the object, or the folder and the stem."""
     place, stem = named_by(file, root)
     return (place, "") if stem is None else (file.parent, stem)
 
 
 def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
-    """Return what the sidecar says about each file, and a text that changes with it."""
+    """Return the sidecar entry of each file, and a text that changes with the sidecar."""
     there = [root / name for name in SIDECARS if (root / name).is_file()]
     if not there:
         return {}, ""
@@ -154,13 +154,13 @@ def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
     found: dict[str, _Described] = {}
     for row in rows:
         if row.file in found:
-            raise InvalidInputError(str(path), f"{one_line(row.file)!r} is described twice", "Keep one row for a file")
+            raise InvalidInputError(str(path), f"{one_line(row.file)!r} is described twice", "Keep one row per file")
         found[row.file] = row
     return found, file_digest(path)[:16]
 
 
 def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
-    """Return the rows of a table with a head; tags are separated by semicolons."""
+    """Return the rows of a table with a header; tags are separated by semicolons."""
     try:
         table = csv.DictReader(io.StringIO(data.decode("utf-8-sig")), strict=True, restkey="")
         forms: list[dict[str, object]] = []
@@ -189,7 +189,7 @@ register(
     SourceKind(
         scheme="folder",
         shown="folder:PATH",
-        summary="GLB, glTF, OBJ, STL, URDF and MJCF files of a folder, with assets.json or assets.csv beside them.",
+        summary="GLB, glTF, OBJ, STL, URDF and MJCF files of a folder, with an optional assets.json or assets.csv.",
         open=_open,
     )
 )

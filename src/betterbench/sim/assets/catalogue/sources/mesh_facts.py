@@ -1,7 +1,7 @@
 """Facts of mesh files that can be read without loading a mesh: triangles and extents.
 
-Nothing that a file refers to is opened, and no more than the stated number of bytes of a file is read. A number that
-is not stated in the file, or is not finite, counts as unknown.
+Referenced files are not opened, and the number of bytes read per file is limited. A number that is missing in the file,
+or is not finite, is unknown.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from betterbench.sim.assets.gltf import description_of
 from betterbench.sim.assets.xml_file import MAX_XML_BYTES, parse_xml
 
 MAX_TEXT_BYTES = 64 << 20
-"""Largest OBJ or text STL that is read for its facts; those of a larger file are unknown."""
+"""Largest OBJ or text STL file that is read [byte]; the facts of larger files are unknown."""
 _MOST_NODES = 20_000
 _CURE = "Repair the file or remove it"
 
 
 @dataclass(frozen=True, slots=True)
 class MeshFacts:
-    """What a mesh file says about itself.
+    """Facts stated in a mesh file.
 
     Attributes:
         faces: Number of triangles, None if unknown.
@@ -47,10 +47,10 @@ class MeshFacts:
 
 
 def mesh_facts(path: Path) -> MeshFacts:
-    """Read the facts of a file by its ending.
+    """Read the facts of a file; the extension determines the format.
 
     Raises:
-        InvalidInputError: If the file is damaged or no such file.
+        InvalidInputError: If the file is damaged or has another format.
     """
     try:
         return _READERS[path.suffix.lower()](path)
@@ -63,7 +63,7 @@ def _wrong(path: Path, problem: str) -> InvalidInputError:
 
 
 def _size(low: np.ndarray, high: np.ndarray) -> Vector | None:
-    """Return the extents between two corners; None if they are not finite or nothing has any extent."""
+    """Return the extents between two corners; None if they are not finite or all zero."""
     with np.errstate(all="ignore"):
         sides = [float(side) for side in np.asarray(high, float) - np.asarray(low, float)]
     if len(sides) != 3 or not all(math.isfinite(side) and side >= 0.0 for side in sides) or not any(sides):
@@ -180,7 +180,7 @@ def _obj(path: Path) -> MeshFacts:
 
 
 def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
-    """Return the extents of lines that hold a word and three numbers."""
+    """Return the extents of the points in lines of a word and three numbers."""
     try:
         points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
     except ValueError as error:
@@ -241,4 +241,4 @@ _READERS: dict[str, Callable[[Path], MeshFacts]] = {
     ".xml": _xml,
 }
 ENDINGS = tuple(_READERS)
-"""Endings of files that may be assets, best first: of two files of one object the first one is its row."""
+"""Extensions of possible asset files, best first: the first one found gives the row of an object."""

@@ -1,6 +1,6 @@
-"""Objaverse: models that people have published, each with a license and an author of its own.
+"""Objaverse: published models, each with its own license and author.
 
-``objaverse:FOLDER`` reads what the package ``objaverse`` keeps on disk (``metadata/*.json.gz``,
+``objaverse:FOLDER`` reads the files that the package ``objaverse`` stores on disk (``metadata/*.json.gz``,
 ``lvis-annotations.json.gz``, ``object-paths.json.gz``, ``glbs/``) and needs no network. ``objaverse`` alone lets the
 installed package download the annotations first.
 """
@@ -24,10 +24,10 @@ from betterbench.sim.assets.licenses import license_name
 
 NAME = "objaverse"
 MAX_JSON_BYTES = 512 << 20
-"""Largest annotation file when unpacked; the real ones have some 30 MB, object-paths.json.gz 80 MB."""
+"""Largest unpacked annotation file [byte]; the real files have about 30 MB, object-paths.json.gz 80 MB."""
 _CURE = "Download it again with the package objaverse"
 _LONGEST = 600
-"""Most characters of a description that are kept."""
+"""Largest stored length of a description [characters]."""
 _MOST_TAGS = 24
 _UID = frozenset("0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ-_")
 
@@ -60,7 +60,7 @@ class _Objaverse:
                 yield SourceItem(f"{NAME}/{uid}", mark, _reader(uid, annotation, categories.get(uid, ""), file))
 
     def _local_file(self, told: object) -> Path | None:
-        """Return the mesh of a model if it has been downloaded, and lies in the folder."""
+        """Return the mesh of a model if it has been downloaded into the folder."""
         if not isinstance(told, str) or "\0" in told:
             return None
         file = self.root / told
@@ -113,7 +113,7 @@ def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, st
 
 
 def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
-    """Return the object in a packed file; nothing if it is missing, or damaged, which the caller is told."""
+    """Return the object in a packed file; empty if it is missing or damaged, and damage is reported to the caller."""
     if not path.exists():
         return {}
     try:
@@ -151,7 +151,7 @@ def _downloaded() -> Path:
         package.load_annotations()
         package.load_lvis_annotations()
         root = Path(package._VERSIONED_PATH)
-    except Exception as error:  # whatever a package of others raises
+    except Exception as error:  # any error of the package
         problem = f"its annotations could not be downloaded ({described(error)})"
         raise InvalidInputError(NAME, problem, "Check the network, or name a folder: objaverse:FOLDER") from error
     return root

@@ -1,4 +1,4 @@
-"""The procedural library: one row for each category and color, which stands for all its looks."""
+"""The procedural library: one row for each category and color, which represents all its looks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def asset_address(entry_id: str) -> tuple[str, str, int]:
     """Return category, color and look of the id of a row ("procedural/mug-red") or of one look ("...red#3").
 
     Raises:
-        InvalidInputError: If it is no such id.
+        InvalidInputError: If the id has another form.
     """
     rest, _, look = entry_id.removeprefix(f"{NAME}/").partition("#")
     category, _, color = rest.rpartition("-")
@@ -76,7 +76,7 @@ register(
     SourceKind(
         scheme=NAME,
         shown=NAME,
-        summary="Objects of our own generators, each in several looks; Apache-2.0.",
+        summary="Objects of the built-in generators, each in several looks; Apache-2.0.",
         open=_open,
     )
 )

@@ -1,4 +1,4 @@
-"""Sources of assets as values, and the registry of all kinds of sources."""
+"""Interface of asset sources, and the registry of all kinds of sources."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class SourceItem:
 
     Attributes:
         id: Id of its row.
-        fingerprint: Text that changes when the row has to be read again.
+        fingerprint: Text that changes when the row must be read again.
         read: Returns the row; raises a BetterError if the asset cannot be used.
     """
 
@@ -38,12 +38,12 @@ class AssetSource(Protocol):
         """Address under which the same source is opened again."""
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
-        """Yield the assets in a fixed order; tell ``on_skip`` the name of what cannot be listed, and why."""
+        """Yield the assets in a fixed order; call ``on_skip`` with the name and the reason for each skipped asset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceOptions:
-    """What the user knows about a source and its files do not say.
+    """Options for a source, given by the user.
 
     Attributes:
         name: Name of the source in the catalogue, by default its own.
@@ -58,13 +58,13 @@ class SourceOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceKind:
-    """Kind of sources.
+    """Kind of source.
 
     Attributes:
-        scheme: Word with which its addresses begin, before a colon and a target.
-        shown: Address with words for its parts ("folder:PATH").
+        scheme: First word of its addresses, before a colon and a target.
+        shown: Displayed form of its addresses ("folder:PATH").
         summary: One sentence about its assets.
-        open: Opens the source of a target, empty where none is given; raises a BetterError if it cannot.
+        open: Opens the source for a target (may be empty); raises a BetterError on failure.
     """
 
     scheme: str
@@ -78,7 +78,7 @@ SOURCES: dict[str, SourceKind] = {}
 
 
 def register(kind: SourceKind) -> SourceKind:
-    """Enter a kind into the registry, and return it.
+    """Register a kind of source, and return it.
 
     Raises:
         ValueError: If another kind has its scheme.

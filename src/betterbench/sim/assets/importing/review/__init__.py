@@ -1,7 +1,7 @@
-"""Review of imported objects by people, as data: changes, verdicts, and their replay without any page.
+"""Review of imported objects by people, as data: changes, verdicts, and their replay without the browser page.
 
 - ``changes``: one change of an object, with its value before and after; verdicts and undoing.
-- ``content``: hash of the mesh file that a decision is about.
+- ``content``: hash of the reviewed mesh file.
 - ``journal``: the append-only file of decisions, and the history of one object in it.
 - ``applying``: an object with the changes of its history applied.
 """

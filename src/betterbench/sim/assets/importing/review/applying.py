@@ -55,7 +55,7 @@ from betterbench.sim.assets.importing.review.changes import (
 from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
 
 SAME_RAD, SAME_M, SAME_SHARE = 2e-3, 2e-4, 5e-3
-"""Differences within which a value is the one that a reviewer saw: rounding, and other processors."""
+"""Tolerances for values that a reviewer saw, for rounding and differences between processors."""
 
 ItemT = TypeVar("ItemT", Grasp, Region)
 
@@ -66,7 +66,7 @@ class ReviewState:
 
     Attributes:
         imported: The object with all changes so far.
-        turned: Rotation (w, x, y, z) from how it was imported.
+        turned: Rotation (w, x, y, z) from the imported pose.
     """
 
     imported: Imported
@@ -74,7 +74,7 @@ class ReviewState:
 
     @property
     def size_m(self) -> Vector:
-        """Extents of its bounding box [m]."""
+        """Extents of the bounding box [m]."""
         return size_of(self.imported.draft)
 
     @property
@@ -84,18 +84,19 @@ class ReviewState:
 
 
 def apply(imported: Imported, changes: Iterable[Change], *, where: str = "review") -> Imported:
-    """Return an object with changes applied one after the other.
+    """Return an object with changes applied in order.
 
-    The result depends on nothing else: the same object and changes give the same bytes
+    The result is deterministic: the same object and changes give the same bytes
     (:func:`~betterbench.sim.assets.importing.stored.to_bytes`).
 
     Args:
         imported: The object as it was imported.
-        changes: The changes in their order.
+        changes: The changes in order.
         where: Name of the object for messages.
 
     Raises:
-        InvalidInputError: If the value that a change found is not the one here, or a change makes the object unusable.
+        InvalidInputError: If the value before a change differs from the recorded value, or a change makes the object
+            unusable.
     """
     state = ReviewState(imported)
     for change in changes:
@@ -157,7 +158,7 @@ def _visual(draft: Draft) -> list[VisualPart]:
 
 
 def _placed(draft: Draft, place: Callable[[np.ndarray], np.ndarray]) -> Draft:
-    """Return a draft whose visual parts are moved; its collision parts are left out, since they are found anew."""
+    """Return a draft with moved visual parts and without collision parts, which are computed again."""
     parts = []
     for part in _visual(draft):
         vertices = np.ascontiguousarray((np.round(place(part.vertices.astype(float)), 7) + 0.0).astype(np.float32))
@@ -180,7 +181,7 @@ def _scaled(draft: Draft, factor: float) -> Draft:
 
 
 def _leveling(change: SupportChange, where: str) -> Quaternion:
-    """Return the smallest rotation that turns the normal of the plane up."""
+    """Return the smallest rotation that points the normal of the plane up."""
     if distance(change.before.normal, Plane().normal) > SAME_RAD or abs(change.before.height_m) > SAME_M:
         raise _other(where, "support plane", f"{change.before}", f"{Plane()}")
     x, y, z = change.after.normal
@@ -195,7 +196,7 @@ def _leveling(change: SupportChange, where: str) -> Quaternion:
 
 
 def _refound(imported: Imported, draft: Draft, where: str) -> Imported:
-    """Return an object whose visual parts have moved, with collision shape, inertia, grasps and regions found anew."""
+    """Return an object with moved visual parts; collision shape, inertia, grasps and regions are computed again."""
     raw = [
         RawPart(p.name, np.maximum(p.vertices.astype(float), (-np.inf, -np.inf, 0.0)), p.faces.astype(np.int64))
         for p in _visual(draft)
@@ -250,7 +251,7 @@ def _replaced(
     *,
     where: str,
 ) -> tuple[ItemT, ...]:
-    """Return named items with one of them moved, added or removed."""
+    """Return named items with one item moved, added or removed."""
     named = {item.name: item for item in items}
     before, after = before_after
     if before is None and after is None:
@@ -264,7 +265,7 @@ def _replaced(
     if after is not None and after.name in named and (before is None or after.name != before.name):
         raise InvalidInputError(where, f"{what} {after.name!r} exists already", "Give it another name")
     if before is None:
-        return items if after is None else items + (after,)  # noqa: RUF005 - mypy knows the type of a sum
+        return items if after is None else items + (after,)  # noqa: RUF005 - mypy infers the type of a sum
     new = [after if item.name == before.name else item for item in items]
     return tuple(item for item in new if item is not None)
 
@@ -283,7 +284,7 @@ _OTHER_CURE = "Import it with the options of the review (name, size_m, up), or r
 
 
 def _other(where: str, what: str, found: str, here: str) -> InvalidInputError:
-    """Return the error of a change that was made on another state of the object."""
+    """Return the error for a change that was made on another state of the object."""
     return InvalidInputError(where, f"the review found its {what} to be {found}, and here it is {here}", _OTHER_CURE)
 
 

@@ -1,4 +1,4 @@
-"""Decisions about an imported object: changes with their value before and after, verdicts, and undoing.
+"""Decisions about an imported object: changes with values before and after, verdicts, and undo.
 
 Poses, planes, grasps and regions are in the object frame at the time of the change: origin in the middle of the bottom
 of the bounding box, z up.
@@ -19,7 +19,7 @@ from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M
 
 HEAVIEST_KG = 20.0
 LONGEST_TEXT = 500
-"""Most characters of a reason."""
+"""Largest length of a reason [characters]."""
 
 _Length = Annotated[float, Field(ge=LEAST_M, le=MOST_M)]
 _Mass = Annotated[float, Field(gt=0.0, le=HEAVIEST_KG)]
@@ -39,9 +39,9 @@ class Plane:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PoseChange:
-    """A rotation of the object; ``before`` and ``after`` are rotations (w, x, y, z) from how it was imported.
+    """A rotation of the object; ``before`` and ``after`` are rotations (w, x, y, z) from the imported pose.
 
-    Its collision shape, grasps and regions are then found anew.
+    The collision shape, grasps and regions are then computed again.
     """
 
     before: Quaternion
@@ -52,9 +52,9 @@ class PoseChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ScaleChange:
-    """Another size, as the longest side of the bounding box [m]; the mass stays.
+    """A new size, as the longest side of the bounding box [m]; the mass stays the same.
 
-    The collision shape, grasps and regions are then found anew.
+    The collision shape, grasps and regions are then computed again.
     """
 
     before: _Length
@@ -65,10 +65,10 @@ class ScaleChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SupportChange:
-    """Another plane on which the object rests; ``before`` is the bottom of the bounding box.
+    """A new support plane; ``before`` is the bottom of the bounding box.
 
-    The object is turned by the smallest rotation that levels the plane. Parts below it do not touch the table. Its
-    collision shape, grasps and regions are then found anew.
+    The object is turned by the smallest rotation that levels the plane. Parts below the plane do not touch the table.
+    The collision shape, grasps and regions are then computed again.
     """
 
     before: Plane
@@ -99,7 +99,7 @@ class RegionChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MassChange:
-    """Another mass [kg]; the inertia changes in proportion."""
+    """A new mass [kg]; the inertia changes in proportion."""
 
     before: _Mass
     after: _Mass
@@ -109,7 +109,7 @@ class MassChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class NameChange:
-    """Another name, from which the description and the tags follow."""
+    """A new name, which determines the description and the tags."""
 
     before: _Name
     after: _Name
@@ -119,7 +119,7 @@ class NameChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The judgment of a person: accept as imported, fix (accept with the changes), or reject with a reason."""
+    """The verdict of a person: accept as imported, fix (accept with the changes), or reject with a reason."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""
@@ -134,7 +134,7 @@ class Verdict:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Undo:
-    """The end of the last decision about the object that still stands, by the number of its line."""
+    """The undoing of the last active decision about the object, given by its line number."""
 
     line: Annotated[int, Field(ge=1)]
     kind: Literal["undo"] = "undo"

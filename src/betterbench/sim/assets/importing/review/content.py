@@ -1,4 +1,4 @@
-"""Hash of a mesh file and of the files that it refers to: what a decision of a person is about."""
+"""Hash of a mesh file and of the files that it refers to, which identifies a reviewed object."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderRes
 
 
 def content_hash(path: Path) -> str:
-    """Return the SHA-256 of a mesh file and of its materials, textures and buffers, in hexadecimal digits.
+    """Return the hexadecimal SHA-256 of a mesh file with its materials, textures and buffers.
 
-    A file that is referred to and cannot be read counts as missing; the import refuses it.
+    A referenced file that cannot be read is treated as missing; the import then raises an error.
 
     Raises:
         InvalidInputError: If the mesh file itself cannot be read.
@@ -40,7 +40,7 @@ def content_hash(path: Path) -> str:
 
 
 def _references(suffix: str, data: bytes) -> list[str]:
-    """Return the names of the files that a file refers to, in its order."""
+    """Return the names of the files that a file refers to, in order of appearance."""
     if suffix == ".obj":
         return _after(data, (b"mtllib",))
     if suffix == ".mtl":
@@ -58,7 +58,7 @@ def _references(suffix: str, data: bytes) -> list[str]:
 
 
 def _after(data: bytes, keywords: tuple[bytes, ...]) -> list[str]:
-    """Return what follows on the lines that begin with one of some keywords."""
+    """Return the rest of each line that begins with one of the keywords."""
     found = []
     for line in data.splitlines():
         words = line.strip().split(None, 1)

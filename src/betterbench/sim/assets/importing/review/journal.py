@@ -1,6 +1,6 @@
-"""The file of a review: one JSON line per decision, appended and never deleted; and the history of one object in it.
+"""The file of a review, with one appended JSON line per decision, and the history of each object in it.
 
-Each line contains a link to the line before it, so that a line that was changed, removed or moved by hand is found
+Each line contains a hash link to the previous line, which reveals lines that were changed, removed or moved by hand
 (:mod:`betterbench.jobs.line_journal`).
 """
 
@@ -24,7 +24,7 @@ from betterbench.sim.assets.importing.review.changes import Change, Decision, Un
 from betterbench.sim.assets.names import shown_name
 
 SHOWN = 16
-"""Digits of a content hash in messages."""
+"""Number of digits of a content hash shown in messages."""
 _CURE = "Restore the file from a copy, or review into a new file"
 
 
@@ -37,7 +37,7 @@ class Review:
         author: Name of the person.
         time: Time of the decision, UTC, ISO 8601.
         content: Content hash of the mesh file (:func:`~betterbench.sim.assets.importing.review.content_hash`).
-        asset: Name of the object, for people.
+        asset: Displayed name of the object.
         size_m: Extents of the object that the person saw before the decision [m].
         decision: The decision.
     """
@@ -55,7 +55,7 @@ _REVIEW = TypeAdapter(Review)
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """What stands of the decisions about one object.
+    """Active decisions about one object.
 
     Attributes:
         reviews: The decisions that were not undone, with the numbers of their lines.
@@ -65,17 +65,17 @@ class History:
 
     @property
     def changes(self) -> tuple[Change, ...]:
-        """The changes, in their order."""
+        """The changes, in order."""
         return tuple(r.decision for _, r in self.reviews if not isinstance(r.decision, Verdict | Undo))
 
     @property
     def last(self) -> tuple[int, Review] | None:
-        """The last decision and the number of its line, None without any."""
+        """The last decision and its line number, None if there is none."""
         return self.reviews[-1] if self.reviews else None
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict, None if there is none or something was changed after it."""
+        """The verdict, None if there is none or a change was made after it."""
         found = None if self.last is None else self.last[1].decision
         return found if isinstance(found, Verdict) else None
 
@@ -83,7 +83,7 @@ class History:
         """Return the history with one more decision.
 
         Raises:
-            RecordError: If an undo does not name the last standing decision, or a verdict does not fit the changes.
+            RecordError: If an undo does not name the last active decision, or a verdict does not fit the changes.
         """
         decision = review.decision
         if isinstance(decision, Undo):
@@ -113,8 +113,8 @@ class ReviewJournal(LineJournal):
     """The file of a review, open for appending by one process.
 
     Raises:
-        RunConflictError: If another process writes to it.
-        RecordError: If it was changed by hand, or is not the file of a review. An unfinished last line is cut off.
+        RunConflictError: If another process writes to the file.
+        RecordError: If the file was changed by hand, or is not a review file. An unfinished last line is cut off.
     """
 
     def __init__(self, path: Path) -> None:
@@ -139,7 +139,7 @@ class ReviewJournal(LineJournal):
         return tuple(self._reviews)
 
     def append(self, review: Review) -> History:
-        """Append a decision, and return the history of its object when it is on disk.
+        """Append a decision, and return the history of its object after the line is on disk.
 
         Raises:
             InvalidInputError: If a field of the decision is not valid.
@@ -158,12 +158,12 @@ class ReviewJournal(LineJournal):
 
 
 def asset_name(mesh: Path) -> str:
-    """Return the name of an object in reviews: its file, with its folder if the name of the file tells nothing."""
+    """Return the name of an object in reviews: the file name, with the folder if the file name is generic."""
     return one_line(shown_name(mesh), most=100)
 
 
 def now() -> str:
-    """Return the time for a decision."""
+    """Return the current time for a decision (UTC, ISO 8601)."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
@@ -209,13 +209,12 @@ def accepted(imported: Imported, history: History, *, asset: str, content: str) 
 
     Args:
         imported: The object as it was imported.
-        history: Its history.
-        asset: Its name for messages.
-        content: Content hash of its mesh file.
+        history: History of the object.
+        asset: Name of the object, for messages.
+        content: Content hash of the object's mesh file.
 
     Raises:
-        InvalidInputError: If it was rejected, has no verdict, was reviewed in another size, or a decision is about
-            another content.
+        InvalidInputError: If the object was rejected, has no verdict, or was reviewed with another size or content.
     """
     verdict = history.verdict
     if verdict is None or history.last is None:

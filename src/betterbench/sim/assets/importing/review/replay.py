@@ -1,4 +1,4 @@
-"""Imported objects with the accepted changes of a file of reviews, kept in the cache of imports."""
+"""Imported objects with the accepted changes of a review file, stored in the cache of imports."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.sim.assets.importing.review.journal import accepted, asset_name
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 1
-"""Raised when the same changes would make another object of the same import."""
+"""Version of the replay; incremented when the same changes to the same import give another object."""
 
 _MOST_STORED_BYTES = 64 << 20
 
@@ -26,7 +26,7 @@ def reviewed(imported: Imported, mesh: Path, reviews: Path) -> Imported:
 
     Args:
         imported: The object as it was imported.
-        mesh: Its mesh file.
+        mesh: Mesh file of the object.
         reviews: File of the review.
 
     Raises:
@@ -44,7 +44,7 @@ def reviewed(imported: Imported, mesh: Path, reviews: Path) -> Imported:
         try:
             return from_bytes(read_bounded(file, max_bytes=_MOST_STORED_BYTES, cure="Delete it"), asset)
         except InvalidInputError:
-            pass  # a damaged file of the cache is made again
+            pass  # a damaged file of the cache is created again
     made = to_bytes(accepted(imported, history, asset=asset, content=content))
     file.parent.mkdir(parents=True, exist_ok=True)
     write_durably(file, made)
