@@ -91,7 +91,7 @@ def glb_of(form, binary=b""):
 @pytest.mark.parametrize(
     ("name", "data", "text"),
     [
-        ("a.glb", b"", "does not begin as a GLB"),
+        ("a.glb", b"", "does not have the header of a GLB file"),
         ("a.glb", b"glTF" + struct.pack("<IIII", 2, 9000, 8000, 0x4E4F534A) + b"{}", "it ends after"),
         ("a.glb", glb_of({"extensionsRequired": ["EXT_meshopt_compression"]}), "EXT_meshopt_compression"),
         ("a.glb", glb_of({"extensionsRequired": 7}), "does not list its extensions"),
@@ -375,7 +375,7 @@ def test_an_import_is_kept_and_made_again_if_the_file_or_a_wish_changes(tmp_path
 def test_the_error_of_the_limited_process_arrives_whole(tmp_path):
     path = tmp_path / "a.glb"
     path.write_bytes(b"nothing")
-    with pytest.raises(InvalidInputError, match="does not begin as a GLB") as caught:
+    with pytest.raises(InvalidInputError, match="does not have the header of a GLB file") as caught:
         child.import_safely(path)
     assert caught.value.where == "a.glb"
 
