@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+
+from betterbench.sim.assets.importing.measures import depth_in_hull
 
 _LEANS = tuple(math.radians(lean) for lean in (3.0, 6.0, 9.0, 12.0))
 """Leans from which an object must return to upright. Scans of fruit stand on a face of a few millimeters and roll onto
@@ -35,7 +36,7 @@ def foot_under(hulls: Sequence[np.ndarray], center: np.ndarray) -> np.ndarray | 
         return None
     half = _WIDTH * height
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]]) + center[:2]
-    if not all(_is_over(corners[corners[:, 2] <= center[2], :2], corner) for corner in square):
+    if any(depth_in_hull(corner, corners[corners[:, 2] <= center[2], :2]) < 0.0 for corner in square):
         return None
     bottom, top = low - _BELOW_M, low + min(_HEIGHT_M, height)
     return np.array([[x, y, z] for z in (bottom, top) for x, y in square])
@@ -52,12 +53,3 @@ def returns_upright(corners: np.ndarray, center: np.ndarray) -> bool:
             if along[contact] * math.cos(lean) + arms[contact, 2] * math.sin(lean) < least:
                 return False
     return True
-
-
-def _is_over(points: np.ndarray, point: np.ndarray) -> bool:
-    """Return whether a point (2,) is inside the convex hull of others (n, 2)."""
-    try:
-        equations = ConvexHull(points).equations
-    except (QhullError, ValueError):  # fewer than three points, or all on one line
-        return False
-    return bool((equations[:, :2] @ point + equations[:, 2]).max() <= 0.0)

@@ -116,13 +116,13 @@ def collision_distances(hulls: Sequence[np.ndarray], solid: Solid, *, filled: Ca
     return Distances(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (outside, inside)))
 
 
-def depth_in_hull(point: Sequence[float], points: np.ndarray) -> float:
-    """Return the depth of a point inside the convex hull of points (k, 3) [m]; negative outside."""
+def depth_in_hull(point: Sequence[float] | np.ndarray, points: np.ndarray) -> float:
+    """Return the depth of a point (d,) inside the convex hull of points (k, d) [m]; negative outside."""
     try:
         equations = ConvexHull(points).equations
     except (QhullError, ValueError):
         return -np.inf
-    return -float((equations[:, :3] @ np.asarray(point) + equations[:, 3]).max())
+    return -float((equations[:, :-1] @ np.asarray(point) + equations[:, -1]).max())
 
 
 def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> float:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull
 
 from betterbench.sim.assets.importing.hulls import MOST_HULLS, fit_of, hull_corners
+from betterbench.sim.assets.importing.measures import depth_in_hull
 from betterbench.sim.assets.importing.solid import mass_of_cells
 from betterbench.sim.assets.importing.upright import Placed
 from betterbench.statistics.wording import plural
@@ -80,12 +81,7 @@ def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
     """Return whether a center of mass is above the points on which the object stands."""
     solid = placed.solid
     base = solid.points[solid.points[:, 2] < 1.5 * solid.pitch_m][:, :2]
-    try:
-        hull = ConvexHull(base)
-    except (QhullError, ValueError):
-        return False
-    sides = hull.equations[:, :2] @ center[:2] + hull.equations[:, 2]
-    return bool(sides.max() < 0.0)
+    return depth_in_hull(center[:2], base) > 0.0
 
 
 def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:

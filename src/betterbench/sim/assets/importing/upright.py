@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull
 
 from betterbench.errors import InvalidInputError
 from betterbench.sim.assets.importing.cavity import Cavity, cavity_of
 from betterbench.sim.assets.importing.hulls import hull_corners
 from betterbench.sim.assets.importing.kinds import Kind
+from betterbench.sim.assets.importing.measures import depth_in_hull
 from betterbench.sim.assets.importing.raw import RawMesh
 from betterbench.sim.assets.importing.solid import GRID, Solid, mass_of_cells, solid_of
 
@@ -158,11 +159,7 @@ def _is_over(foot: np.ndarray, base: np.ndarray, normal: np.ndarray) -> bool:
     """Return whether a point is well inside the hull of coplanar points (k, 3), seen along their normal."""
     first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     axes = np.stack([first / np.linalg.norm(first), np.cross(normal, first / np.linalg.norm(first))], axis=1)
-    try:
-        equations = ConvexHull(base @ axes).equations
-    except (QhullError, ValueError):
-        return False
-    return bool((equations[:, :2] @ (foot @ axes) + equations[:, 2]).max() <= -_LEAST_MARGIN_M)
+    return depth_in_hull(foot @ axes, base @ axes) >= _LEAST_MARGIN_M
 
 
 def _rotation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
