@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from betterbench.geometry import Pose, normalize, tilt_of
+from betterbench.geometry import Pose, tilt_of
 from betterbench.sim.asset_checks import limits
 from betterbench.sim.assets import Asset
 from betterbench.sim.assets.importing.measures import corners_of, visual_surface
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes import add_asset
+from betterbench.sim.scenes.gripper_bench import pose_of, table_model
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,28 +34,6 @@ class Rest:
     tilt_degrees: float
     jitter_mm_s: float
     lowest_mm: float
-
-
-def pose_of(numbers: Iterable[float]) -> Pose:
-    """Return the pose from the seven numbers of a free joint: position [m] and quaternion."""
-    x, y, z, *quaternion = (float(v) for v in numbers)
-    return Pose((x, y, z), normalize(quaternion))
-
-
-def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
-    """Return a model with a table top at z = 0 and the physics of the scenes, without MuJoCo's sleeping."""
-    spec = mujoco.MjSpec()
-    PHYSICS.set_scene(spec)
-    # Sleeping would hide that an object never comes to rest.
-    spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    spec.worldbody.add_geom(
-        name="table",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[2, 2, 0.05],
-        pos=[0, 0, -0.05],
-        friction=[friction, 0.005, 1e-4],
-    )
-    return spec
 
 
 def settled(asset: Asset) -> Rest:

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from betterbench.geometry import Pose, angle_between, normalize, tilt_of
+from betterbench.geometry import Pose, angle_between, tilt_of
 from betterbench.sim.assets import Asset, Grasp
-from betterbench.sim.robots.gripper import CARRIER_JOINTS, PREFIX, TOOL_BODY, add_floating_gripper
+from betterbench.sim.robots.gripper import PREFIX, TOOL_BODY, add_floating_gripper
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes.glb import body_files, surface_in_body
+from betterbench.sim.scenes.gripper_bench import GripperBench, pose_of, table_model
 from betterbench.sim.scenes.objects import add_asset, rest_pose
 
 FRAME_S = 0.04
@@ -86,21 +87,13 @@ class _Trial:
 
 def _pose(data: mujoco.MjData, name: str) -> Pose:
     """Return ``T_world_body``."""
-    x, y, z = (float(v) for v in data.body(name).xpos)
-    return Pose((x, y, z), normalize(data.body(name).xquat))
-
-
-def _table() -> mujoco.MjSpec:
-    spec = mujoco.MjSpec()
-    PHYSICS.set_scene(spec)
-    spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # sleeping would hide that it never rests
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[2, 2, 0.05], pos=[0, 0, -0.05])
-    return spec
+    body = data.body(name)
+    return pose_of((*body.xpos, *body.xquat))
 
 
 def try_drop(asset: Asset) -> Tryout:
     """Drop an asset upright on a table, and tell whether it stays upright and comes to rest."""
-    spec = _table()
+    spec = table_model()
     add_asset(spec, "asset", asset)
     trial = _Trial(spec, ())
     trial.data.qpos[2] = DROP_M
@@ -127,41 +120,16 @@ def try_drop(asset: Asset) -> Tryout:
 def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
     """Lift an asset from a table by one grasp with the gripper of the Panda, and tell whether it is held."""
     rest = rest_pose(asset)
-    spec = _table()
+    spec = table_model()
     add_asset(spec, "asset", asset)
     robot = add_floating_gripper(spec)
     trial = _Trial(spec, tuple(PREFIX + name for name in (robot.hand_body, *robot.finger_bodies)))
-    model, data = trial.model, trial.data
-    target = rest @ grasp.pose
-    model.body(TOOL_BODY).quat[:] = target.quaternion
-    address = model.joint("asset_joint").qposadr[0]
-    data.qpos[address : address + 7] = (*rest.position, *rest.quaternion)
-    servos = [model.actuator(name).id for name in CARRIER_JOINTS]
-    jaw = model.actuator(PREFIX + robot.gripper_actuator).id
-    opened = min(robot.gripper_opening_m, grasp.width_m + 2.0 * grasp.clearance_m)
-    start = np.add(target.position, Pose((0.0, 0.0, 0.0), target.quaternion).apply((0.0, 0.0, -_APPROACH_M)))
-    for name, value in zip(CARRIER_JOINTS, start, strict=True):
-        data.qpos[model.joint(name).qposadr[0]] = value
-    for finger in robot.finger_joints:
-        data.qpos[model.joint(PREFIX + finger).qposadr[0]] = 0.5 * opened
-    data.ctrl[servos], data.ctrl[jaw] = start, opened
-
-    def move(to: np.ndarray) -> None:
-        begin = data.ctrl[servos].copy()
-        steps = max(1, round(float(np.linalg.norm(to - begin)) / _SPEED_M_S / PHYSICS.timestep_s))
-        for k in range(1, steps + 1):
-            share = k / steps
-            data.ctrl[servos] = begin + (3.0 - 2.0 * share) * share**2 * (to - begin)
-            trial.step()
-
-    move(np.array(target.position))
+    bench = GripperBench(trial.model, trial.data, robot, trial.step, rest=rest, grasp=grasp, approach_m=_APPROACH_M)
+    bench.move(bench.target, _SPEED_M_S)
     pushed = math.dist(trial.pose("asset").position, rest.position)
-    closed = float(model.actuator_ctrlrange[jaw, 0])
-    for _ in range(round(_CLOSE_S / PHYSICS.timestep_s)):
-        data.ctrl[jaw] = max(closed, data.ctrl[jaw] - robot.gripper_speed_m_s * PHYSICS.timestep_s)
-        trial.step()
+    bench.close(_CLOSE_S)
     held, low = trial.pose(TOOL_BODY).inverse() @ trial.pose("asset"), trial.pose("asset").position[2]
-    move(data.ctrl[servos] + (0.0, 0.0, _LIFT_M))
+    bench.move(np.add(bench.at, (0.0, 0.0, _LIFT_M)), _SPEED_M_S)
     trial.wait(_HOLD_S)
     now, risen = trial.pose(TOOL_BODY).inverse() @ trial.pose("asset"), trial.pose("asset").position[2] - low
     by = f"grasp {grasp.name}"

@@ -11,10 +11,10 @@ from betterbench.geometry import Pose, tilt_of
 from betterbench.interface.state import Region
 from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.check import Finding, at_most, check, not_applicable
-from betterbench.sim.asset_checks.rest import pose_of, table_model
 from betterbench.sim.asset_checks.subject import Subject
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes import add_asset
+from betterbench.sim.scenes.gripper_bench import pose_of, table_model
 
 _SECONDS = 2.0
 

@@ -1,0 +1,113 @@
+"""A table with an asset at rest and the robot's gripper above it, to try a grasp without the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+
+from betterbench.geometry import Pose, normalize
+from betterbench.sim.assets import Grasp
+from betterbench.sim.robots.gripper import CARRIER_JOINTS, PREFIX, TOOL_BODY
+from betterbench.sim.robots.physics import PHYSICS
+from betterbench.sim.robots.spec import RobotSpec
+
+
+def pose_of(numbers: Sequence[float] | np.ndarray) -> Pose:
+    """Return the pose from the seven numbers of a free joint: position [m] and quaternion."""
+    x, y, z, *quaternion = (float(v) for v in numbers)
+    return Pose((x, y, z), normalize(quaternion))
+
+
+def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
+    """Return a model with a table top at z = 0 and the physics of the scenes, without MuJoCo's sleeping."""
+    spec = mujoco.MjSpec()
+    PHYSICS.set_scene(spec)
+    # Sleeping would hide that an object never comes to rest.
+    spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    spec.worldbody.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[2, 2, 0.05],
+        pos=[0, 0, -0.05],
+        friction=[friction, 0.005, 1e-4],
+    )
+    return spec
+
+
+class GripperBench:
+    """The floating gripper of a model, opened and drawn back from a grasp of the asset named "asset", which rests."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        robot: RobotSpec,
+        step: Callable[[], None],
+        *,
+        rest: Pose,
+        grasp: Grasp,
+        approach_m: float,
+        lowest_m: float = -np.inf,
+    ) -> None:
+        """Place asset and gripper.
+
+        Args:
+            model: A table with the asset and the gripper of :func:`add_floating_gripper`.
+            data: Its state, which is changed.
+            robot: Description of the robot.
+            step: Takes one physics step.
+            rest: Pose ``T_world_object`` at rest.
+            grasp: The grasp.
+            approach_m: Distance from the grasp, against the approach [m].
+            lowest_m: Least height of the tool center point at the grasp [m].
+        """
+        self._model, self._data, self._step = model, data, step
+        target = rest @ grasp.pose
+        model.body(TOOL_BODY).quat[:] = target.quaternion
+        self._carrier = [model.actuator(name).id for name in CARRIER_JOINTS]
+        self._gripper = model.actuator(PREFIX + robot.gripper_actuator).id
+        self._closed = float(model.actuator_ctrlrange[self._gripper, 0])
+        self._speed = robot.gripper_speed_m_s
+        self._asset = model.joint("asset_joint").qposadr[0]
+        data.qpos[self._asset : self._asset + 7] = (*rest.position, *rest.quaternion)
+        self.target = np.array(target.position)
+        self.target[2] = max(self.target[2], lowest_m)
+        self.at = np.add(self.target, Pose((0.0, 0.0, 0.0), target.quaternion).apply((0.0, 0.0, -approach_m)))
+        for name, value in zip(CARRIER_JOINTS, self.at, strict=True):
+            data.qpos[model.joint(name).qposadr[0]] = value
+        self.width = min(robot.gripper_opening_m, grasp.width_m + 2.0 * grasp.clearance_m)
+        for finger in robot.finger_joints:
+            data.qpos[model.joint(PREFIX + finger).qposadr[0]] = 0.5 * self.width
+        self._command()
+
+    def _command(self) -> None:
+        self._data.ctrl[self._carrier] = self.at
+        self._data.ctrl[self._gripper] = self.width
+
+    def move(self, to: np.ndarray, speed: float) -> None:
+        """Move the gripper straight to a point [m] with a smooth start and end, at a mean ``speed`` [m/s]."""
+        start = self.at.copy()
+        steps = max(1, round(float(np.linalg.norm(to - start)) / speed / PHYSICS.timestep_s))
+        for k in range(1, steps + 1):
+            share = k / steps
+            self.at = start + (3.0 - 2.0 * share) * share**2 * (to - start)
+            self._command()
+            self._step()
+
+    def close(self, seconds: float) -> None:
+        """Close the jaw at its own speed and press, for a time [s]."""
+        for _ in range(round(seconds / PHYSICS.timestep_s)):
+            self.width = max(self._closed, self.width - self._speed * PHYSICS.timestep_s)
+            self._command()
+            self._step()
+
+    def asset_pose(self) -> Pose:
+        """Return ``T_world_object``."""
+        return pose_of(self._data.qpos[self._asset : self._asset + 7])
+
+    def asset_in_tool(self) -> Pose:
+        """Return ``T_tool_object``."""
+        tool = self._data.body(TOOL_BODY)
+        return pose_of((*tool.xpos, *tool.xquat)).inverse() @ self.asset_pose()
