@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from tests.looping import each
 from betterbench.errors import InvalidInputError
 from betterbench.tasks.authoring.task_form import task_forms
 from betterbench.tasks.suite_folder import HEAD, read_suite_folder, suite_files
+from betterbench.tasks.user_files import VARIABLE
 
 
 def forms():
@@ -92,11 +94,12 @@ def test_commands_take_the_folder(suite, tmp_path):
     out = tmp_path / "run"
     command = [sys.executable, "-m", "betterbench.cli", "eval", "--policy", "noop", "--suite", str(suite)]
     command += ["--variations", "shared_fruit_lunch/O1", "--trials", "1", "--uncertified", "--workers", "1"]
-    done = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, check=False)
+    alone = {name: value for name, value in os.environ.items() if name != VARIABLE}  # without files of other tests
+    done = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, check=False, env=alone)
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"--task-file {suite}" in " ".join((done.stdout + done.stderr).split())
     assert len(list((out / "task_files").iterdir())) == 2
     said = [sys.executable, "-m", "betterbench.cli", "diagnose", str(out), "--task-file", str(suite), "--json"]
-    shown = json.loads(subprocess.run(said, capture_output=True, text=True, check=True).stdout)
+    shown = json.loads(subprocess.run(said, capture_output=True, text=True, check=True, env=alone).stdout)
     assert {trial["task"] for trial in shown["trials"]} == {"shared_fruit_lunch"}
     shutil.rmtree(suite)

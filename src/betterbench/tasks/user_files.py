@@ -21,7 +21,7 @@ import traceback
 import types
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -59,12 +59,13 @@ class TaskFile:
     Workers get the same text even if the file changes meanwhile.
 
     The path is absolute, on the machine that first loaded it. ``demonstrations`` is the text of its companion file, if
-    there is one.
+    there is one, and ``suite`` the folder of the suite with which it was loaded.
     """
 
     path: str
     source: str
     demonstrations: str | None = None
+    suite: str | None = None
 
     @classmethod
     def read(cls, path: Path | str) -> TaskFile:
@@ -105,10 +106,10 @@ class TaskFile:
 
     @property
     def option(self) -> str:
-        """Option that loads the file, for messages."""
+        """Option that loads the file, for messages; all files of a suite have that of its folder."""
         if self.is_asset_folder:
             return f"--asset-dir {shell_word(str(Path(self.path).parent))}"
-        return f"--task-file {shell_word(self.path)}"
+        return f"--task-file {shell_word(self.suite or self.path)}"
 
     @property
     def sha256(self) -> str:
@@ -159,8 +160,6 @@ READERS: dict[str, Callable[[TaskFile], None]] = {}
 """Functions that register the content of files of other formats than Python, by suffix (".json")."""
 
 _files: dict[str, TaskFile] = {}
-_suites: dict[str, str] = {}
-"""Folder of the suite by the path of a loaded file of it."""
 _origins: dict[tuple[str, str], _Origin] = {}
 _makers: dict[tuple[str, str], Callable[..., Any]] = {}
 _loading: list[_Origin] = []
@@ -209,15 +208,14 @@ def load_task_files(paths: Iterable[Path | str]) -> None:
     Raises:
         InvalidInputError: If a file is missing, raises an error or takes a name that exists.
     """
-    files: list[Path | str] = []
+    files: list[TaskFile] = []
     for path in paths:
         if is_suite_folder(path):
-            suite = read_suite_folder(path)
-            _suites.update(dict.fromkeys(map(os.path.realpath, map(str, suite.files)), str(Path(path).absolute())))
-            files += suite.files
+            folder = str(Path(path).absolute())
+            files += [replace(TaskFile.read(file), suite=folder) for file in read_suite_folder(path).files]
         else:
-            files.append(path)
-    _load_read([TaskFile.read(file) for file in files])
+            files.append(TaskFile.read(path))
+    _load_read(files)
 
 
 def load_asset_folders(folders: Iterable[Path | str]) -> None:
@@ -367,11 +365,7 @@ def options_for(tasks: Iterable[str]) -> str:
 
 def loading_options() -> str:
     """Return the options that load all files loaded in this process, with a leading space."""
-    named = {_suites.get(file.path, file.path): file for file in _files.values()}
-    return "".join(
-        f" --task-file {shell_word(_suites[file.path])}" if file.path in _suites else f" {file.option}"
-        for file in named.values()
-    )
+    return "".join(f" {option}" for option in dict.fromkeys(file.option for file in _files.values()))
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
