@@ -1,0 +1,39 @@
+"""Casts: scenarios with an object of the asset library for each description."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from betterbench.errors import InvalidInputError
+from betterbench.generation.scenario import Scenario
+from betterbench.tasks.condition import ObjectSpec
+
+
+@dataclass(frozen=True, slots=True)
+class Cast:
+    """Scenario with chosen assets.
+
+    Attributes:
+        scenario: The scenario.
+        groups: Chosen objects by ``group_id``, in the order of the descriptions. An object's ``name`` is the
+            ``instance_name`` of its description. Its ``kind`` is its noun phrase in instructions, without an article,
+            and unique in the cast ("red mug" if there is a blue one too, otherwise "mug").
+        look_alikes: For each item by name: distractors of another category that share its color or its shape, the most
+            similar first. Their names and kinds are unique too.
+        seed: Seed of all choices that the descriptions leave open.
+    """
+
+    scenario: Scenario
+    groups: Mapping[str, tuple[ObjectSpec, ...]]
+    look_alikes: Mapping[str, tuple[ObjectSpec, ...]] = field(default_factory=dict)
+    seed: int = 0
+
+    def one(self, group_id: str) -> ObjectSpec:
+        """Return the only object of a group.
+
+        Raises:
+            InvalidInputError: If the group does not have exactly one object.
+        """
+        objects = self.groups.get(group_id, ())
+        if len(objects) != 1:
+            raise InvalidInputError(f"cast group {group_id!r}", f"has {len(objects)} objects", "Choose exactly one")
+        return objects[0]

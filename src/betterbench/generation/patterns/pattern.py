@@ -1,0 +1,72 @@
+"""The registry of patterns."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from betterbench.errors import UnknownNameError
+from betterbench.generation.cast import Cast
+from betterbench.tasks.authoring import Task
+from betterbench.tasks.authoring.template import Template
+from betterbench.tasks.condition import Condition
+
+
+@dataclass(frozen=True, slots=True)
+class Unbuilt:
+    """Variation that a pattern could not derive from a cast.
+
+    Attributes:
+        axis: Letter of the axis ("O").
+        title: Difference from training in a few words.
+        reason: Why it could not be derived, and what would help.
+    """
+
+    axis: str
+    title: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratedTask:
+    """Task that a pattern made from a cast.
+
+    Attributes:
+        task: Task with its training conditions and variations; it has no ``id`` yet.
+        confounds: Deliberate regularities of the training conditions, one sentence each.
+        balanced: Training conditions without these regularities.
+        crossed: Factors that are crossed in ``balanced``, one line each.
+        unbuilt: Variations that could not be derived.
+    """
+
+    task: Task
+    confounds: tuple[str, ...]
+    balanced: tuple[Condition, ...]
+    crossed: tuple[str, ...]
+    unbuilt: tuple[Unbuilt, ...] = ()
+
+
+Pattern = Callable[[Cast], GeneratedTask]
+"""Function that makes a task from a cast; it raises InvalidInputError, with the reason, if the objects do not fit."""
+
+PATTERNS: dict[str, Pattern] = {}
+"""Patterns by the name of their template."""
+
+
+def pattern(template: Template) -> Callable[[Pattern], Pattern]:
+    """Register a function as the pattern of a template."""
+
+    def register(make: Pattern) -> Pattern:
+        PATTERNS[template.name] = make
+        return make
+
+    return register
+
+
+def pattern_of(template: str) -> Pattern:
+    """Return the pattern of a template.
+
+    Raises:
+        UnknownNameError: If the template has no pattern.
+    """
+    if template not in PATTERNS:
+        raise UnknownNameError("pattern", template, PATTERNS)
+    return PATTERNS[template]
