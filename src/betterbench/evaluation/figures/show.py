@@ -84,6 +84,27 @@ def show_training(task_id: str, *, seed: int = 0, size: int = 512) -> Image.Imag
     return _side_by_side(f"{task.title} · training distribution", *panels)
 
 
+def show_card(task_id: str, *, seed: int = 0, size: int = 256, columns: int = 4) -> Image.Image:
+    """Return a card of a task: the first training condition of each layout, and the test scenes of all variations."""
+    task = get_task(task_id)
+    layouts = {tuple(sorted(c.layout.items())): c for c in reversed(task.training)}
+    shown = [c for c in task.training if c in layouts.values()]
+    panels = [(c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size)) for c in shown]
+    for variation in task.variations:
+        found = resolve_condition(task_id, variation.name)
+        image = show_condition(task, found.condition, seed=seed, size=size, outlined=sorted(found.changes.objects))
+        title = f"{variation.name}: {_RIGHT[variation.expected.value]}"
+        panels.append((title, found.condition.instruction.text, image))
+    rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
+    sheets = [_side_by_side(task.title if i == 0 else "", *row) for i, row in enumerate(rows)]
+    whole = Image.new("RGB", (max(s.width for s in sheets), sum(s.height for s in sheets)), _PAPER)
+    top = 0
+    for sheet in sheets:
+        whole.paste(sheet, (0, top))
+        top += sheet.height
+    return whole
+
+
 def shown_credits(task_id: str, name: str | None) -> tuple[str, ...]:
     """Return one line for each source of the objects in the scenes of a variation, or of all training conditions."""
     task = get_task(task_id)

@@ -6,9 +6,10 @@ Decorated functions register tasks; commands, task cards and tests are derived f
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
-from betterbench.errors import UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.tasks.authoring.readable import require_readable
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.suite_folder import is_suite_folder, read_suite_folder
@@ -29,15 +30,41 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     @functools.cache
     def complete() -> Task:
         made = explained()
-        numbered = enumerate(made.training, start=1)
-        training = tuple(dataclasses.replace(c, task=name, name=f"train{i}") for i, c in numbered)
-        description = (inspect.getdoc(build) or made.title).partition("\n")[0]
-        whole = dataclasses.replace(made, id=name, description=description, training=training)
-        require_readable(whole)
-        return whole
+        return named_task(made, name, (inspect.getdoc(build) or made.title).partition("\n")[0])
 
     _BUILDERS[name] = functools.wraps(build)(complete)
     return _BUILDERS[name]
+
+
+def named_task(made: Task, name: str, description: str) -> Task:
+    """Return a task with its id and description, and with the names of its training conditions.
+
+    Raises:
+        InvalidInputError: If a text of the task cannot be shown.
+    """
+    numbered = enumerate(made.training, start=1)
+    training = tuple(dataclasses.replace(c, task=name, name=f"train{i}") for i, c in numbered)
+    whole = dataclasses.replace(made, id=name, description=description, training=training)
+    require_readable(whole)
+    return whole
+
+
+@contextmanager
+def registered_for_now(made: Task) -> Iterator[Task]:
+    """Register a task under its id within the context, for checks before its file is written.
+
+    Raises:
+        InvalidInputError: If a task of this id exists.
+    """
+    load_declared()
+    if made.id in _BUILDERS:
+        raise InvalidInputError(f"task {made.id}", "a task of this name exists", "Give the task another name")
+    whole = named_task(made, made.id, made.description)
+    _BUILDERS[made.id] = lambda: whole
+    try:
+        yield whole
+    finally:
+        del _BUILDERS[made.id]
 
 
 def get_task(name: str) -> Task:

@@ -160,6 +160,16 @@ class Catalogue:
             raise UnknownNameError("asset", asset_id, self._store.ids_like(asset_id.rpartition("/")[2][:40], 8))
         return found
 
+    def entries(self, source: str) -> list[CatalogueEntry]:
+        """Return all assets of a source, in the order of their rows.
+
+        Raises:
+            UnknownNameError: If the catalogue does not have the source.
+        """
+        if source not in self._numbers:
+            raise UnknownNameError("source", source, self._numbers)
+        return [entry for _, _, entry in self._store.entries() if entry.source == source]
+
     def licenses(self) -> list[tuple[str, str, int]]:
         """Return source, license and number of assets."""
         return self._store.licenses()

@@ -1,0 +1,131 @@
+"""Building of one task: the attempts at a certified task, and the smallest change that helps.
+
+A task that fails its certificate is changed and examined again: first its failing variations are left out, then its
+objects get other slots, then other assets are chosen.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from betterbench.errors import BetterError, one_line
+from betterbench.generation.building.casting import Choice, cast_of
+from betterbench.generation.building.proving import Failure, Proof, prove, provisional, without
+from betterbench.generation.patterns import GeneratedTask, pattern_of
+from betterbench.generation.scenario import Scenario
+from betterbench.sim.assets.catalogue.search import Catalogue
+from betterbench.tasks import Task
+
+FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
+"""Smallest numbers of variations of a task, and of axes among them."""
+CHANGES: tuple[tuple[str, int, int], ...] = (
+    ("as described", 0, 0),
+    ("other slots", 1, 0),
+    ("other slots", 2, 0),
+    ("other assets for the same descriptions", 0, 1),
+)
+"""Attempts in their order: the change, the seed of the slots, and the number of the choice of assets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Settings of a build.
+
+    Attributes:
+        seeds: Seeds of each condition that are certified, from 0.
+        demonstrations: Demonstrations that are measured; at least one for each training condition.
+    """
+
+    seeds: int = 3
+    demonstrations: int = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One attempt at a task.
+
+    Attributes:
+        change: Difference from the description ("other slots").
+        reason: Why the attempt failed; empty for a success.
+        failures: Conditions that failed a clause of the certificate.
+    """
+
+    change: str
+    reason: str
+    failures: tuple[Failure, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """Result of all attempts at a scenario.
+
+    Attributes:
+        scenario: The scenario.
+        task_id: Identifier of the task.
+        made: Task of the successful attempt; None if every attempt failed.
+        proof: Its demonstrations and certificates.
+        choices: Its assets.
+        attempts: All attempts; the last one succeeded if ``made`` is not None.
+        left_out: Variations that failed their certificate and were left out.
+    """
+
+    scenario: Scenario
+    task_id: str
+    made: GeneratedTask | None
+    proof: Proof | None
+    choices: tuple[Choice, ...]
+    attempts: tuple[Attempt, ...]
+    left_out: tuple[Failure, ...] = ()
+
+
+def build_task(
+    scenario: Scenario,
+    task_id: str,
+    catalogue: Catalogue,
+    *,
+    settings: Settings,
+    on_step: Callable[[str], None] | None = None,
+) -> Built:
+    """Return a certified task for a scenario, or the reason for which every attempt failed."""
+    attempts: list[Attempt] = []
+    for change, slots, assets in CHANGES:
+        try:
+            cast, chosen = cast_of(scenario, catalogue, seed=slots, attempt=assets)
+            made = pattern_of(scenario.template)(cast)
+            task = dataclasses.replace(made.task, id=task_id)
+            lacking = _lacking(task)
+            if lacking:
+                reasons = "; ".join(f"{u.title}: {u.reason}" for u in made.unbuilt)
+                attempts.append(Attempt(change, f"{lacking} ({reasons})" if reasons else lacking))
+                continue
+            with provisional(task) as known:
+                proof = prove(known, settings.seeds, settings.demonstrations, on_step=on_step)
+        except BetterError as error:
+            attempts.append(Attempt(change, one_line(str(error), most=600)))
+            continue
+        failures = proof.failures
+        reduced = without(known, [f.condition for f in failures])
+        trained = all(f.condition not in {c.name for c in known.training} for f in failures)
+        lacking = _lacking(reduced) if trained else "a training condition is not certified"
+        if failures and lacking:
+            attempts.append(Attempt(change, lacking, failures))
+            continue
+        attempts.append(Attempt(change, "", failures))
+        kept = {c.name for c in reduced.training} | {v.name for v in reduced.variations}
+        passed = dataclasses.replace(proof, trials=tuple(t for t in proof.trials if t.condition in kept))
+        final = dataclasses.replace(made, task=reduced)
+        return Built(scenario, task_id, final, passed, tuple(chosen), tuple(attempts), failures)
+    return Built(scenario, task_id, None, None, (), tuple(attempts))
+
+
+def _lacking(task: Task) -> str:
+    """Return what a task lacks to be a test of several abilities; empty if it lacks nothing."""
+    axes = {v.axis for v in task.variations}
+    if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
+        return ""
+    return (
+        f"{len(task.variations)} variations over {len(axes)} axes are left, and {FEWEST_VARIATIONS} over "
+        f"{FEWEST_AXES} are needed"
+    )

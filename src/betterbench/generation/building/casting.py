@@ -1,0 +1,322 @@
+"""Choice of assets for the descriptions of a scenario, and of look-alikes for its items.
+
+Assets are found by searching the catalogue. A found asset must have what its group needs: a container needs the region
+for the relation of the template, an item a grasp that fits the gripper.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.errors import InvalidInputError
+from betterbench.generation.cast import Cast
+from betterbench.generation.scenario import DescribedObject, Scenario
+from betterbench.sim.assets import Asset, build, colors
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
+from betterbench.sim.assets.catalogue.expansion import COLORS, understood
+from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
+from betterbench.sim.assets.catalogue.sources.procedural import NAME
+from betterbench.sim.assets.catalogue.terms import terms
+from betterbench.tasks import authoring as a
+from betterbench.tasks.authoring.template import ObjectGroup, Template
+from betterbench.tasks.authoring.templates import TEMPLATES
+from betterbench.tasks.condition import ObjectSpec, Role
+from betterbench.tasks.relations import RELATIONS
+
+WIDEST_GRASP_M = 0.075
+"""Largest width of an item between the pads [m]; the gripper opens 80 mm, and a finger needs 2.5 mm on its side."""
+LEAST_SCORE = 0.2
+"""Smallest score of a search result that is accepted for a description."""
+_SEARCHED = 40
+_BUILDABLE = Filters(license="any", source=NAME)
+_ALMOST = 0.8
+"""Smallest score, relative to the best suitable one, of an asset that is almost as good."""
+_LOOK_ALIKES = 4
+_SYNONYMS = 2
+_ALIKE_SIZE = 0.5
+"""Smallest ratio of the largest extents of an object and its look-alike."""
+_FIXED = ("on_ring", "in_hole", "closed")
+"""Relations whose target must not yield when an object is pushed into it."""
+_ADJECTIVES = """
+big bright ceramic clean compact cylindrical dark deep empty flat folded fresh full glass glossy heavy juicy large
+leather light little long matte metal metallic modern narrow new old open ordinary paper plain plastic porcelain ripe
+rectangular round rubber shallow shiny short simple single slim small smooth soft solid square stainless standard steel
+striped sturdy tall thick thin tiny typical unopened whole wide wooden
+"""
+ADJECTIVES = frozenset(_ADJECTIVES.split())
+"""Words of a query that describe an object and do not name it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Asset chosen for a description.
+
+    Attributes:
+        group: Group of the description.
+        described: The description.
+        entry: Row of the catalogue.
+        score: Score of the search in (0, 1].
+        passed_over: Better search results that do not suit the group, with the reason.
+    """
+
+    group: str
+    described: DescribedObject
+    entry: CatalogueEntry
+    score: float
+    passed_over: tuple[str, ...] = ()
+
+
+def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
+    """Return why an asset cannot play the role of a group; empty if it can."""
+    regions = {region.name for region in asset.regions}
+    relation = RELATIONS[template.relation]
+    needed = relation.needs
+    if group.role == "drawer":
+        return "" if {"inside", "knob"} <= regions else "it is not a drawer"
+    if group.role == "fixture" and "closed" in template.also:
+        return "" if set(RELATIONS["closed"].needs) <= regions else "it has no drawers"
+    if group.role in ("container", "fixture"):
+        if "knob" in regions:
+            return "it is a drawer"
+        # The sides of an anchor are alternatives; a ring needs its spout.
+        there = any(name in regions for name in needed) if len(needed) > 2 else set(needed) <= regions
+        return "" if there else f"it has no region {' or '.join(map(repr, needed[:3]))}"
+    if not asset.grasps:
+        return "it has no grasp"
+    narrowest = min(grasp.width_m for grasp in asset.grasps)
+    if narrowest > WIDEST_GRASP_M:
+        return f"it is {1000.0 * narrowest:.0f} mm wide, and the gripper grasps up to {1000.0 * WIDEST_GRASP_M:.0f} mm"
+    if template.relation == "on_plate" and group.role == "item" and not set(needed) <= regions:
+        return "nothing can be stacked on it"
+    return ""
+
+
+def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> list[Choice]:
+    """Return an asset for each description of a scenario, in the order of the template's groups.
+
+    Args:
+        scenario: The scenario.
+        catalogue: Catalogue of generators and imported assets.
+        attempt: Number of the attempt; almost equally good assets for a description take turns.
+
+    Raises:
+        InvalidInputError: If a description has no suitable asset; the message names the best search results.
+    """
+    template = TEMPLATES[scenario.template]
+    found: list[Choice] = []
+    for group in template.groups:
+        for i, described in enumerate(scenario.groups.get(group.group_id, ())):
+            taken = {(choice.entry.category, choice.entry.color) for choice in found}
+            fitting, passed = _fitting(described, group, template, catalogue, taken)
+            if not fitting:
+                shown = "; ".join(passed[:3]) or "the search finds nothing"
+                raise InvalidInputError(
+                    f"instantiation.{group.group_id}[{i}]",
+                    f"no asset suits {described.asset_query!r} ({shown})",
+                    "Describe another object, or import one with --asset-dir",
+                )
+            hit = fitting[attempt % len(fitting)]
+            found.append(Choice(group.group_id, described, hit.entry, round(hit.score, 4), tuple(passed[:3])))
+    return found
+
+
+def _fitting(
+    described: DescribedObject,
+    group: ObjectGroup,
+    template: Template,
+    catalogue: Catalogue,
+    taken: set[tuple[str, str]],
+) -> tuple[list[Hit], list[str]]:
+    """Return the best suitable search results for a description, and why better ones were passed over."""
+    wanted = _colors_in(described)
+    query = f"{described.asset_query} {' '.join(wanted)}".strip()
+    found = catalogue.search(query, limit=_SEARCHED, filters=_BUILDABLE)
+    hits = [hit for hit in found if hit.score >= LEAST_SCORE]
+    colored = [hit for hit in hits if hit.entry.color in wanted]
+    passed: list[str] = []
+    fitting: list[Hit] = []
+    for hit in colored or hits:
+        known = (hit.entry.category, hit.entry.color) in taken
+        problem = "it is in the scene already" if known else unsuitable(_asset(hit.entry), group, template)
+        problem = _name_problem(described.asset_query, hit.entry) or problem or _size_problem(described, hit.entry)
+        if problem:
+            passed.append(f"{hit.entry.id}: {problem}")
+        elif not fitting or hit.score >= _ALMOST * fitting[0].score:
+            fitting.append(hit)
+    return fitting, passed
+
+
+def _name_problem(query: str, entry: CatalogueEntry) -> str:
+    """Return a message if a word of a query, apart from adjectives, fits neither the names nor the text of an asset."""
+    known = set(terms(f"{entry.name} {' '.join(entry.tags)} {entry.description} {entry.color}"))
+    for concept in understood(query).concepts:
+        phrases = [phrase for phrase, _ in concept.alternatives]
+        said = set(phrases[0]) - ADJECTIVES
+        if said and not any(set(phrase) <= known for phrase in (tuple(said), *phrases)):
+            return f"it is not called {' '.join(phrases[0])!r}"
+    return ""
+
+
+def _asset(entry: CatalogueEntry) -> Asset:
+    return build(entry.category, color=entry.color or None)
+
+
+def _colors_in(described: DescribedObject) -> tuple[str, ...]:
+    """Return the color words of a description, each once; those of the query come first."""
+    said = [*terms(described.asset_query), *terms(described.description)]
+    return tuple(dict.fromkeys(word for word in said if word in COLORS))
+
+
+def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
+    """Return a message if an asset is less than half as large as estimated, or more than twice as large."""
+    size, (low, high) = entry.largest_m, described.size_m
+    if size is None or 0.5 * low <= size <= 2.0 * high:
+        return ""
+    return f"it is {100.0 * size:.0f} cm long, and {100.0 * low:.0f} to {100.0 * high:.0f} cm were estimated"
+
+
+def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt: int = 0) -> tuple[Cast, list[Choice]]:
+    """Return the cast of a scenario, and how each asset was chosen.
+
+    Args:
+        scenario: The scenario.
+        catalogue: Catalogue of generators and imported assets.
+        seed: Seed of the pattern's choices.
+        attempt: Number of the attempt at choosing assets; see :func:`choices`.
+
+    Raises:
+        InvalidInputError: If a description has no suitable asset.
+    """
+    chosen = choices(scenario, catalogue, attempt=attempt)
+    template = TEMPLATES[scenario.template]
+    kinds = _kinds(chosen)
+    roles = {group.group_id: group.role for group in template.groups}
+    groups: dict[str, list[ObjectSpec]] = {group.group_id: [] for group in template.groups}
+    cabinet: ObjectSpec | None = None
+    for choice, kind in zip(chosen, kinds, strict=True):
+        spec = _spec(choice, kind, roles[choice.group], template, cabinet)
+        if spec.role == "fixture":
+            cabinet = spec
+        groups[choice.group].append(spec)
+    cast = Cast(scenario, {name: tuple(specs) for name, specs in groups.items()}, seed=seed)
+    rows = {choice.described.instance_name: choice.entry for choice in chosen}
+    return dataclasses.replace(cast, look_alikes=dict(_look_alikes(cast, rows, catalogue))), chosen
+
+
+def _kinds(chosen: Sequence[Choice]) -> list[str]:
+    """Return the noun phrase of each object; colors distinguish objects whose nouns do not."""
+    nouns = [_noun(choice) for choice in chosen]
+    kinds = []
+    for i, choice in enumerate(chosen):
+        alike = [j for j, other in enumerate(chosen) if j != i and other.entry.category == choice.entry.category]
+        noun = min((nouns[j] for j in (i, *alike) if _answers_to(nouns[j], choice.entry)), key=len)
+        color = choice.entry.color
+        confused = [
+            j
+            for j, other in enumerate(chosen)
+            if j != i and (_answers_to(noun, other.entry) or _answers_to(nouns[j], choice.entry))
+        ]
+        for j in confused:
+            if color == chosen[j].entry.color:
+                problem = (
+                    f"{nouns[min(i, j)]!r} and {nouns[max(i, j)]!r} are both {color}, so their names may be confused"
+                )
+                raise InvalidInputError("instantiation", problem, "Describe objects of other kinds or colors")
+        kinds.append(f"{color} {noun}" if confused and color else noun)
+    return kinds
+
+
+def _answers_to(noun: str, entry: CatalogueEntry) -> bool:
+    """Return whether an asset may be called by a noun."""
+    names = [set(terms(entry.name)), *(set(terms(tag)) for tag in entry.tags if tag not in COLORS)]
+    concepts = understood(noun).concepts
+    said = [[phrase for phrase, _ in concept.alternatives] for concept in concepts]
+    if len(said) == 1:  # the search leaves "can" out of "trash can"
+        said[0][0] = tuple(terms(noun))
+    return all(any(set(phrase) <= name for phrase in phrases for name in names) for phrases in said)
+
+
+def _noun(choice: Choice) -> str:
+    """Return the words of the query without colors if the asset goes by these, otherwise the asset's own noun."""
+    entry = choice.entry
+    asked = [word for word in choice.described.asset_query.lower().split() if word not in COLORS]
+    known = set(terms(f"{entry.name} {' '.join(entry.tags)}"))
+    if asked and set(terms(" ".join(asked))) <= known and all(word.isalpha() for word in asked):
+        return " ".join(asked)
+    return noun_of(entry)
+
+
+def noun_of(entry: CatalogueEntry) -> str:
+    """Return the noun of an asset in sentences: the tag with the words of its name ("bottom bun"), or its first tag."""
+    named = set(terms(entry.name))
+    return next((tag for tag in entry.tags if set(terms(tag)) == named), entry.tags[0] if entry.tags else entry.name)
+
+
+def _spec(choice: Choice, kind: str, role: Role, template: Template, cabinet: ObjectSpec | None) -> ObjectSpec:
+    entry, name = choice.entry, choice.described.instance_name
+    if role == "drawer":
+        if cabinet is None:
+            raise InvalidInputError("instantiation", f"{name!r} has no cabinet", "Describe a cabinet with drawers")
+        return a.drawer(entry.category.partition("_")[0], entry.category, cabinet)
+    several = len(colors(entry.category)) > 1
+    named = entry.color in _colors_in(choice.described) or kind.split(maxsplit=1)[0] == entry.color
+    color = entry.color if several and named else None
+    fixed = role == "fixture" and any(name in _FIXED for name in (template.relation, *template.also))
+    return ObjectSpec(name, kind, entry.category, color, role, fixed)
+
+
+def _look_alikes(
+    cast: Cast, rows: Mapping[str, CatalogueEntry], catalogue: Catalogue
+) -> Iterator[tuple[str, tuple[ObjectSpec, ...]]]:
+    """Yield, for each item, distractors of another kind with its color or shape, the most similar first."""
+    present = [spec for specs in cast.groups.values() for spec in specs]
+    candidates = _graspable(catalogue, {spec.category for spec in present})
+    called = {word for spec in present for word in _names(spec.kind, rows.get(spec.name))}
+    for item in (spec for spec in present if spec.role == "item"):
+        ranked = sorted(
+            (-likeness, entry.id, entry)
+            for entries in candidates.values()
+            if called.isdisjoint(_names(noun_of(entries[0]), entries[0]))
+            for likeness, entry in [_most_alike(item, entries)]
+            if likeness > 0.0
+        )
+        yield item.name, tuple(_distractor(entry) for _, _, entry in ranked[:_LOOK_ALIKES])
+
+
+def _names(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
+    """Return the nouns that an object may be called by, as terms without colors: its kind and the first tags."""
+    nouns = [kind, *(() if entry is None else entry.tags[:_SYNONYMS])]
+    found = (tuple(terms(noun)) for noun in nouns)
+    return {tuple(word for word in words if word not in COLORS) or words for words in found}
+
+
+def _distractor(entry: CatalogueEntry) -> ObjectSpec:
+    color = entry.color if len(colors(entry.category)) > 1 else None
+    return ObjectSpec(f"{entry.category}_like", noun_of(entry), entry.category, color, role="distractor")
+
+
+def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[CatalogueEntry]]:
+    """Return the rows of the catalogue that the gripper can grasp, by category."""
+    found: dict[str, list[CatalogueEntry]] = {}
+    for entry in catalogue.entries(NAME):
+        if entry.category not in present:
+            asset = _asset(entry)
+            if asset.grasps and min(g.width_m for g in asset.grasps) <= WIDEST_GRASP_M:
+                found.setdefault(entry.category, []).append(entry)
+    return found
+
+
+def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
+    """Return the likeness of the most similar row, in [0, 3], and the row; 0 if neither color nor shape is shared."""
+    own = build(item.category, color=item.color)
+    best = (0.0, entries[0])
+    for entry in entries:
+        other = _asset(entry)
+        color, shape = float(other.color == own.color), float(other.shape == own.shape)
+        ratio = max(other.size_m) / max(own.size_m)
+        size = min(ratio, 1.0 / ratio)
+        if (color or shape) and size >= _ALIKE_SIZE and color + shape + size > best[0]:
+            best = (color + shape + size, entry)
+    return best

@@ -1,0 +1,270 @@
+"""The resumable job that builds many scenarios and writes the certified tasks as a suite."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.certification.certificate import Certificate, CertificateVersions, TrialCertificate
+from betterbench.certification.runner import write_json
+from betterbench.errors import InvalidInputError
+from betterbench.generation.building.attempts import Attempt, Built, Settings, build_task
+from betterbench.generation.building.proving import Failure
+from betterbench.generation.scenario import Scenario
+from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
+from betterbench.json_form import NO_TRUTH, dump_json, read_bounded, read_form, strict_form
+from betterbench.sim.assets import categories
+from betterbench.sim.assets.catalogue.indexing import index_sources
+from betterbench.sim.assets.catalogue.search import Catalogue
+from betterbench.sim.assets.catalogue.sources import open_source
+from betterbench.sim.assets.catalogue.sources.procedural import NAME
+from betterbench.sim.assets.catalogue.sources.source import SourceOptions
+from betterbench.sim.scenes import engine_version
+from betterbench.tasks import SUITE_VERSION, suite_files, task_names, task_to_json
+from betterbench.tasks.demonstrated import Demonstrated, DemonstrationsFile
+from betterbench.tasks.user_files import COMPANION_SUFFIX
+from betterbench.version import __version__
+
+CATALOGUE, RESULTS = "catalogue", "built"
+"""Folders of a build: the catalogue that is searched, and one file for each finished scenario."""
+CERTIFICATE = "certificate.json"
+_MOST_BYTES = 64 << 20
+_LONGEST_ID = 40
+_CURE = "Remove the file, and run the same command again"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Chosen:
+    group: str
+    description: str
+    query: str
+    asset: str
+    score: float
+    passed_over: tuple[str, ...]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Unbuilt:
+    axis: str
+    title: str
+    reason: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Result:
+    """Stored result of a scenario.
+
+    Attributes:
+        key: Digest of the scenario, the settings and the versions.
+        task_id: Identifier of the task.
+        template: Name of the template.
+        title: Name of the scenario.
+        attempts: All attempts, with the reasons of failures.
+        left_out: Variations that failed their certificate.
+        unbuilt: Variations that the pattern could not derive.
+        confounds: Regularities of the training conditions.
+        chosen: Assets, with their search scores.
+        task: JSON form of the task; None if no attempt succeeded.
+        demonstrated: Measurements of its demonstrations.
+        trials: Certificates of its trials.
+    """
+
+    schema_version: Annotated[int, NO_TRUTH, Field(ge=1, le=1)]
+    key: str
+    task_id: str
+    template: str
+    title: str
+    attempts: tuple[Attempt, ...]
+    left_out: tuple[Failure, ...]
+    unbuilt: tuple[_Unbuilt, ...]
+    confounds: tuple[str, ...]
+    chosen: tuple[_Chosen, ...]
+    task: dict[str, Any] | None
+    demonstrated: Demonstrated | None
+    trials: tuple[TrialCertificate, ...]
+
+    @property
+    def certified(self) -> bool:
+        """Whether the task is part of the suite."""
+        return self.task is not None
+
+
+_RESULT = TypeAdapter(Result)
+
+
+@dataclass(frozen=True, slots=True)
+class BuildReport:
+    """Outcome of a build.
+
+    Attributes:
+        results: One result for each scenario, in order.
+        suite: Folder of the suite; None if no task was certified.
+    """
+
+    results: tuple[Result, ...]
+    suite: Path | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Item:
+    scenario: str
+    task_id: str
+
+
+def build_suite(
+    scenarios: Sequence[Scenario],
+    out: Path,
+    *,
+    name: str,
+    settings: Settings | None = None,
+    workers: int = 1,
+    on_progress: Callable[[JobProgress[Result]], None] | None = None,
+) -> BuildReport:
+    """Build, certify and write a suite. The same call resumes where it stopped, and gives the same files.
+
+    Args:
+        scenarios: Scenarios to build.
+        out: Folder of the job.
+        name: Name of the suite, without its digest.
+        settings: Seeds and demonstrations.
+        workers: Worker processes.
+        on_progress: Called at the start and after every scenario.
+
+    Raises:
+        InvalidInputError: If there is no scenario, or a stored result is damaged.
+        WorkerError: If worker processes keep dying.
+    """
+    if not scenarios:
+        raise InvalidInputError("scenarios", "there are none", "Give at least one scenario")
+    settings = settings or Settings()
+    index_sources(out / CATALOGUE, [open_source(NAME, SourceOptions())], on_progress=lambda *_: None)
+    items = [
+        _Item(json.dumps(asdict(scenario), sort_keys=True), task_id)
+        for scenario, task_id in zip(scenarios, _task_ids(scenarios), strict=True)
+    ]
+    results: dict[_Item, Result] = {}
+    for item in items:
+        stored = _stored(out, item, settings)
+        if stored is not None:
+            results[item] = stored
+    by_id = {item.task_id: item for item in items}
+
+    def keep(result: Result) -> None:
+        write_durably(out / RESULTS / f"{result.task_id}.json", dump_json(asdict(result)) + b"\n")
+        results[by_id[result.task_id]] = result
+
+    (out / RESULTS).mkdir(parents=True, exist_ok=True)
+    run_items(
+        items,
+        is_done=results.__contains__,
+        work=lambda waiting: _work(waiting, out, settings, workers),
+        keep=keep,
+        on_progress=on_progress,
+    )
+    found = tuple(results[item] for item in items)
+    return BuildReport(found, _write_suite([r for r in found if r.certified], out, name))
+
+
+def _work(waiting: list[_Item], out: Path, settings: Settings, workers: int) -> Iterator[Result]:
+    return in_processes(waiting, functools.partial(_build, str(out / CATALOGUE), settings), workers=workers)
+
+
+def _build(catalogue: str, settings: Settings, item: _Item) -> Result:
+    scenario = TypeAdapter(Scenario).validate_json(item.scenario)
+    with Catalogue(Path(catalogue)) as opened:
+        built = build_task(scenario, item.task_id, opened, settings=settings)
+    return _result(built, _key(item, settings))
+
+
+def _result(built: Built, key: str) -> Result:
+    made, proof = built.made, built.proof
+    return Result(
+        schema_version=1,
+        key=key,
+        task_id=built.task_id,
+        template=built.scenario.template,
+        title=built.scenario.name,
+        attempts=built.attempts,
+        left_out=built.left_out,
+        unbuilt=() if made is None else tuple(_Unbuilt(u.axis, u.title, u.reason) for u in made.unbuilt),
+        confounds=() if made is None else made.confounds,
+        chosen=tuple(
+            _Chosen(c.group, c.described.description, c.described.asset_query, c.entry.id, c.score, c.passed_over)
+            for c in built.choices
+        ),
+        task=None if made is None else task_to_json(made.task),
+        demonstrated=None if proof is None else proof.demonstrated,
+        # Times differ from run to run, and the same command gives the same bytes.
+        trials=() if proof is None else tuple(dataclasses.replace(t, expert_s=0.0, total_s=0.0) for t in proof.trials),
+    )
+
+
+def _write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None:
+    """Write the folder of a suite with the demonstrations and the certificate of its tasks; return its path."""
+    if not results:
+        return None
+    full, files = suite_files(name, {r.task_id: r.task for r in results if r.task is not None})
+    folder = out / full
+    for path, content in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        write_durably(folder / path, content)
+    for result in results:
+        if result.demonstrated is not None:
+            text = DemonstrationsFile({result.task_id: result.demonstrated}).to_text()
+            write_durably(folder / "tasks" / f"{result.task_id}{COMPANION_SUFFIX}", text.encode())
+    versions = {r.task_id: int((r.task or {})["version"]) for r in results}
+    trials = tuple(trial for result in results for trial in result.trials)
+    certificate = Certificate(
+        CertificateVersions(__version__, SUITE_VERSION, engine_version(), versions), "any", trials, 0.0, 1
+    )
+    write_json(folder / CERTIFICATE, certificate.sealed_json())
+    return folder
+
+
+def _stored(out: Path, item: _Item, settings: Settings) -> Result | None:
+    """Return the stored result of a scenario, None if there is none under these settings and versions."""
+    path = out / RESULTS / f"{item.task_id}.json"
+    if not path.exists():
+        return None
+    result = read_form(_RESULT, read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
+    return result if result.key == _key(item, settings) else None
+
+
+def _key(item: _Item, settings: Settings) -> str:
+    parts = {
+        "scenario": item.scenario,
+        "task": item.task_id,
+        "settings": asdict(settings),
+        "versions": [__version__, SUITE_VERSION, engine_version()],
+        "assets": sorted(categories()),
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def _task_ids(scenarios: Sequence[Scenario]) -> list[str]:
+    """Return a unique identifier for each scenario: lower-case letters, digits and "_" of its name."""
+    taken = Counter(task_names())
+    found = []
+    for scenario in scenarios:
+        words = re.sub(r"[^a-z0-9]+", "_", scenario.name.lower()).strip("_")[:_LONGEST_ID].strip("_")
+        base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
+        name, number = base, 1
+        while taken[name]:
+            number += 1
+            name = f"{base}_{number}"
+        taken[name] += 1
+        found.append(name)
+    return found

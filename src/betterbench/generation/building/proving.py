@@ -1,0 +1,120 @@
+"""Demonstrations and certificate of a task that is not in a file yet."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypeVar
+
+from betterbench.certification.certificate import CLAUSES, TrialCertificate
+from betterbench.certification.demonstrations import demonstrate, planned_demonstrations, summed_up
+from betterbench.certification.examine import examine
+from betterbench.tasks import Task, TrialId
+from betterbench.tasks.authoring.registry import registered_for_now
+from betterbench.tasks.demonstrated import Demonstrated, measured_so_far
+from betterbench.tasks.interventions import resolve_condition
+
+_FoundT = TypeVar("_FoundT")
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Condition of a task that fails a clause of the certificate.
+
+    Attributes:
+        condition: Name of the condition.
+        seeds: Seeds that fail.
+        clause: Letter of the first failed clause.
+        meaning: What the clause requires.
+        text: Finding on the first seed.
+    """
+
+    condition: str
+    seeds: tuple[int, ...]
+    clause: str
+    meaning: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """Findings on a task.
+
+    Attributes:
+        demonstrated: Measurements of its demonstrations.
+        planned: Number of demonstrations that were run.
+        trials: Certificates of its trials, in the order of the conditions.
+    """
+
+    demonstrated: Demonstrated
+    planned: int
+    trials: tuple[TrialCertificate, ...]
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Failed conditions, in order."""
+        groups: dict[str, list[TrialCertificate]] = {}
+        for trial in self.trials:
+            if not trial.passed:
+                groups.setdefault(trial.condition, []).append(trial)
+        return tuple(
+            Failure(
+                condition,
+                tuple(t.seed for t in failed),
+                failed[0].failed[0],
+                CLAUSES[failed[0].failed[0]],
+                failed[0].clauses[failed[0].failed[0]].text,
+            )
+            for condition, failed in groups.items()
+        )
+
+
+@contextmanager
+def provisional(task: Task) -> Iterator[Task]:
+    """Register a task within the context, under its id, so that conditions and trials can be looked up by name."""
+    with registered_for_now(task) as known:
+        resolve_condition.cache_clear()
+        try:
+            yield known
+        finally:
+            resolve_condition.cache_clear()
+
+
+def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str], None] | None = None) -> Proof:
+    """Run the demonstrations of a task and examine its trials.
+
+    If a training condition fails, the variations are not examined, because the task cannot be used.
+
+    Args:
+        task: The task, registered.
+        seeds: Number of seeds of each condition, from 0.
+        demonstrations: Number of demonstrations, at least one for each training condition.
+        on_step: Called with the name of each trial before it is run.
+    """
+    number = max(demonstrations, len(task.training))
+    first, later = planned_demonstrations(task, number)
+    found = [_said(on_step, trial, demonstrate) for trial in first]
+    so_far = summed_up(task, found)
+    found += [_said(on_step, trial, lambda t: demonstrate(t, so_far)) for trial in later]
+    measured = summed_up(task, found)
+    certificates: list[TrialCertificate] = []
+    with measured_so_far(task.id, measured):
+        for names in ([c.name for c in task.training], [v.name for v in task.variations]):
+            trials = [TrialId(task.id, name, seed) for name in names for seed in range(seeds)]
+            certificates += [_said(on_step, trial, examine) for trial in trials]
+            if not all(certificate.passed for certificate in certificates):
+                break
+    return Proof(measured, number, tuple(certificates))
+
+
+def _said(on_step: Callable[[str], None] | None, trial: TrialId, work: Callable[[TrialId], _FoundT]) -> _FoundT:
+    if on_step is not None:
+        on_step(f"{trial.condition} seed {trial.seed}")
+    return work(trial)
+
+
+def without(task: Task, names: Sequence[str]) -> Task:
+    """Return a task without some variations."""
+    return dataclasses.replace(task, variations=tuple(v for v in task.variations if v.name not in names))
