@@ -14,7 +14,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 
 _FRUIT = "apple, orange, lemon, lime, banana, pear, peach, plum, cherry, grape, strawberry, kiwi, mango, avocado, tangerine"
 _MEAL = """
-burger, hamburger, cheeseburger, sandwich, hot dog, fries, french fries, sausage, egg, boiled egg, bagel, croissant,
+burger, hamburger, cheeseburger, sandwich, hot dog, fries, french fries, fries box, sausage, egg, boiled egg, bagel, croissant,
 donut, cupcake, muffin, cookie, cake, pie, chocolate bar, candy bar, granola bar, yogurt, cereal, rice, soup, steak,
 chicken, nut, pizza, taco, sushi, cracker, snack, tomato, carrot, cucumber, pepper, onion, potato, corn, mushroom, celery
 """
