@@ -7,7 +7,7 @@ from betterbench.errors import UnknownNameError
 from betterbench.generation.cast import Cast
 from betterbench.tasks.authoring import Task
 from betterbench.tasks.authoring.template import Template
-from betterbench.tasks.condition import Condition
+from betterbench.tasks.condition import Condition, Slot
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,7 @@ class GeneratedTask:
         balanced: Training conditions without these regularities.
         crossed: Factors that are crossed in ``balanced``, one line each.
         unbuilt: Variations that could not be derived.
+        aside: Slots that only conditions of ``balanced`` use; nothing is picked from these slots.
     """
 
     task: Task
@@ -42,6 +43,7 @@ class GeneratedTask:
     balanced: tuple[Condition, ...]
     crossed: tuple[str, ...]
     unbuilt: tuple[Unbuilt, ...] = ()
+    aside: tuple[Slot, ...] = ()
 
 
 Pattern = Callable[[Cast], GeneratedTask]

@@ -1,0 +1,236 @@
+"""Scenarios by a language model: ask, check the form and the sense, send problems back, and keep every exchange."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, one_line, require_between
+from betterbench.generation.asking.exchanges import KeptChat
+from betterbench.generation.asking.prompt import correction, scenario_messages, template_messages
+from betterbench.generation.grammar.author import MOST_SCENARIOS
+from betterbench.generation.instruction_sense import words_of_object
+from betterbench.generation.scenario import Scenario
+from betterbench.generation.scenario_form import scenario_from_answer
+from betterbench.generation.sense import sense_problems
+from betterbench.generation.vocabulary import known_nouns
+from betterbench.jobs import OnCount
+from betterbench.json_form import parse_json
+from betterbench.sim.assets.catalogue.terms import terms
+from betterbench.tasks.authoring.template import Template
+from betterbench.tasks.authoring.templates import TEMPLATES
+from betterbench.vqa.llm import Message
+
+DEFAULT_TRIES, MOST_TRIES = 3, 20
+"""Default and largest number of times that one scenario is asked for."""
+_LONGEST_ECHO = 8_000
+"""Maximum characters of a refused answer that are sent back."""
+_MOST_PROBLEMS = 8
+"""Maximum number of problems that are sent back at once."""
+_MOST_SHOWN = 50
+"""Maximum number of earlier scenarios that the prompt lists."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Scenario that a model did not get right.
+
+    Attributes:
+        number: Number of the scenario, from 1.
+        tries: Number of answers.
+        problem: First problem of the last answer.
+    """
+
+    number: int
+    tries: int
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Scenarios of a model, by number from 1, and those that it did not get right."""
+
+    scenarios: Mapping[int, Scenario]
+    refused: tuple[Refused, ...]
+
+
+def ask_for_scenarios(
+    template: str,
+    chat: KeptChat,
+    count: int,
+    *,
+    tries: int = DEFAULT_TRIES,
+    sentence: str = "",
+    vocabulary: Mapping[str, Sequence[str]] | None = None,
+    on_progress: OnCount | None = None,
+) -> Asked:
+    """Return different scenarios of a template by a model.
+
+    Args:
+        template: Name of the template.
+        chat: The model with its kept exchanges.
+        count: Number of scenarios.
+        tries: Number of answers per scenario; the problems of a refused answer are sent back.
+        sentence: Request of a user that each scenario is about.
+        vocabulary: Allowed asset queries by group, or None for any.
+        on_progress: Called with the finished and all scenarios.
+
+    Raises:
+        UnknownNameError: If the template does not exist.
+        InvalidInputError: If a number is out of range.
+        ModelError: If the model cannot be reached; earlier exchanges are kept.
+    """
+    require_between("--num", count, 1, MOST_SCENARIOS)
+    require_between("--tries", tries, 1, MOST_TRIES)
+    if template not in TEMPLATES:
+        raise UnknownNameError("template", template, TEMPLATES)
+    written: dict[int, Scenario] = {}
+    refused: list[Refused] = []
+    for number in range(1, count + 1):
+        before = list(written.values())
+        request = _Request(TEMPLATES[template], sentence, vocabulary, before)
+        messages = scenario_messages(
+            request.template, number=number, sentence=sentence, vocabulary=vocabulary, written=before[-_MOST_SHOWN:]
+        )
+        found, problem = _corrected(chat, messages, request, tries, f"scenario {number}")
+        if found is None:
+            refused.append(Refused(number, tries, problem))
+        else:
+            written[number] = found
+        if on_progress is not None:
+            on_progress(number, count)
+    return Asked(written, tuple(refused))
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """What a scenario must fulfil."""
+
+    template: Template
+    sentence: str
+    vocabulary: Mapping[str, Sequence[str]] | None
+    before: Sequence[Scenario]
+
+
+def _corrected(
+    chat: KeptChat, messages: list[Message], request: _Request, tries: int, purpose: str
+) -> tuple[Scenario | None, str]:
+    """Return a scenario, or None and the first problem of the last answer."""
+    problems: Sequence[str] = ()
+    for attempt in range(1, tries + 1):
+        answer = chat.ask(messages, f"{purpose}, try {attempt}")
+        scenario, problems = _checked(answer, request)
+        chat.judge("; ".join(problems) or "accepted")
+        if scenario is not None:
+            return scenario, ""
+        messages = [*messages, *correction(answer[:_LONGEST_ECHO], problems[:_MOST_PROBLEMS])]
+    return None, problems[0]
+
+
+def _checked(answer: str, request: _Request) -> tuple[Scenario | None, Sequence[str]]:
+    """Return the scenario of an answer, or None and its problems."""
+    try:
+        (form,) = parsed_list(answer)
+        scenario = scenario_from_answer(form, request.template.name, where="answer[0]")
+    except BetterError as error:
+        return None, [str(error)]
+    problems = [str(p) for p in sense_problems(scenario, where="answer[0]", mixed=bool(request.sentence))]
+    problems += _vocabulary_problems(scenario, request.vocabulary)
+    problems += _sentence_problems(scenario, request.sentence)
+    twin = next((s for s in request.before if _objects(s) == _objects(scenario)), None)
+    if twin is not None:
+        problems.append(f"answer[0]: instantiation: has the same objects as the scenario {twin.name!r}. Choose others.")
+    return (None, problems) if problems else (scenario, ())
+
+
+def parsed_list(answer: str) -> list[Any]:
+    """Return the list of one scenario in an answer; a code fence around it is removed.
+
+    Raises:
+        InvalidInputError: If the answer is empty, is a text instead of JSON, or is no list of one object.
+    """
+    text = without_fence(answer)
+    cure = "Answer with a JSON list of one scenario and nothing else"
+    if not text:
+        raise InvalidInputError("answer", "is empty", cure)
+    if text[0] not in "[{":
+        raise InvalidInputError("answer", f"is a text and not JSON: {one_line(text, most=120)!r}", cure)
+    try:
+        found = parse_json(text, unique=True)
+    except ValueError as error:
+        raise InvalidInputError("answer", f"is not JSON ({one_line(error, most=120)})", cure) from error
+    if not isinstance(found, list):
+        raise InvalidInputError("answer", "is a JSON object and not a list", cure)
+    if len(found) != 1:
+        raise InvalidInputError("answer", f"is a list of {len(found)} scenarios", cure)
+    return found
+
+
+def without_fence(answer: str) -> str:
+    """Return an answer without white space and without a Markdown code fence around it."""
+    text = answer.strip()
+    if text.startswith("```") and text.endswith("```") and "\n" in text:
+        text = text.partition("\n")[2].removesuffix("```").strip()
+    return text
+
+
+def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[str]] | None) -> list[str]:
+    if vocabulary is None:
+        return []
+    found = []
+    for group, objects in scenario.groups.items():
+        known = vocabulary.get(group, ())
+        for number, described in enumerate(objects):
+            if described.asset_query not in known:
+                path = f"answer[0]: instantiation.{group}[{number}].asset_query"
+                message = str(UnknownNameError("object of the library", described.asset_query, known))
+                found.append(f"{path}: {message}")
+    return found
+
+
+def _sentence_problems(scenario: Scenario, sentence: str) -> list[str]:
+    """Return a problem for each object that the sentence names and the scenario lacks."""
+    there = frozenset().union(*(words_of_object(o) for objects in scenario.groups.values() for o in objects))
+    named = dict.fromkeys(noun[-1] for _, noun in known_nouns(terms(sentence)))
+    return [
+        f"answer[0]: instantiation: has no {noun}, which the request names. Add it."
+        for noun in named
+        if noun not in there
+    ]
+
+
+def _objects(scenario: Scenario) -> list[tuple[str, list[str]]]:
+    return sorted((group, sorted(o.asset_query for o in objects)) for group, objects in scenario.groups.items())
+
+
+def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIES) -> str:
+    """Return the name of the template that a model chooses for a sentence.
+
+    Raises:
+        InvalidInputError: If the model chooses none, or gives no readable answer.
+        ModelError: If the model cannot be reached.
+    """
+    require_between("--tries", tries, 1, MOST_TRIES)
+    messages = template_messages(sentence, list(TEMPLATES.values()))
+    problem = ""
+    for attempt in range(1, tries + 1):
+        answer = chat.ask(messages, f"template, try {attempt}")
+        name, problem = _template_in(answer)
+        chat.judge(problem or "accepted")
+        if name:
+            return name
+        messages = [*messages, *correction(answer[:_LONGEST_ECHO], [problem])]
+    raise InvalidInputError("sentence", f"the model chose no template ({problem})", "Name one: better list templates")
+
+
+def _template_in(answer: str) -> tuple[str, str]:
+    """Return the template that an answer names, or "" and the problem."""
+    try:
+        found = parse_json(without_fence(answer), unique=True)
+    except (ValueError, BetterError) as error:
+        return "", f"answer: is not JSON ({one_line(error, most=120)})"
+    name = found.get("template") if isinstance(found, dict) else None
+    if isinstance(name, str) and name in TEMPLATES:
+        return name, ""
+    return "", str(UnknownNameError("template", name if isinstance(name, str) else "", TEMPLATES))

@@ -1,0 +1,172 @@
+"""Exchanges with a language model, kept so that they can be repeated without the model.
+
+Each line of ``exchanges.jsonl`` has the messages, the answer and the verdict, and a link that reveals a changed line. An
+answer that is in the file is never asked for again, so the same command resumes after an interruption, and the file of
+one run answers for the model in another (``--replay``).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, ModelError, RecordError
+from betterbench.generation.asking.prompt import MAX_TOKENS, PROMPT_ID
+from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, link_after, linked_forms
+from betterbench.json_form import dump_json, read_form, strict_form
+from betterbench.vqa.llm import Chat, Message
+
+FILE_NAME = "exchanges.jsonl"
+"""Name of the file in the output folder."""
+_CURE = "Restore the file from a copy, or choose another folder"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """One question to a model and its answer.
+
+    Attributes:
+        prompt: Identifier of the prompt's wording.
+        model: Name of the model.
+        purpose: What the answer is for ("scenario 3, try 2").
+        messages: The conversation.
+        answer: Text of the answer.
+        verdict: "accepted", or the problems that were sent back.
+        asked_at: Time of the question, in UTC.
+        took_s: Duration until the answer [s].
+    """
+
+    prompt: str
+    model: str
+    purpose: str
+    messages: list[dict[str, Any]]
+    answer: str
+    verdict: str
+    asked_at: str
+    took_s: Annotated[float, Field(ge=0.0)]
+
+    @property
+    def key(self) -> str:
+        """Digest of the question."""
+        return key_of(self.messages)
+
+
+_EXCHANGE = TypeAdapter(Exchange)
+
+
+def key_of(messages: Sequence[Message]) -> str:
+    """Return the digest of a conversation."""
+    return hashlib.sha256(dump_json([dict(m) for m in messages])).hexdigest()
+
+
+class ExchangeFile(LineJournal):
+    """File to which exchanges are appended, each on disk before the next question."""
+
+    def __init__(self, path: Path) -> None:
+        self.known: dict[str, Exchange] = {}
+        self._link = ""
+        super().__init__(path, alone=True)
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        for exchange, link in _parsed(self._path, lines):
+            self.known[exchange.key], self._link = exchange, link
+
+    def append(self, exchange: Exchange) -> None:
+        """Append an exchange."""
+        form = asdict(exchange)
+        link = link_after(self._link, form)
+        self._append_line({**form, LINK: link})
+        self.known[exchange.key], self._link = exchange, link
+
+
+def _parsed(path: Path, lines: list[bytes]) -> list[tuple[Exchange, str]]:
+    found = []
+    for number, (form, link) in enumerate(linked_forms(path, lines, cure=_CURE), start=1):
+        where = f"{path}: line {number}"
+        found.append((read_form(_EXCHANGE, form, where=where, cure=_CURE, raises=RecordError), link))
+    return found
+
+
+def read_exchanges(path: Path) -> dict[str, Exchange]:
+    """Return the exchanges of a file by the digest of their question.
+
+    Raises:
+        InvalidInputError: If there is no such file, or it has no exchange.
+        RecordError: If a line is corrupt or was changed.
+    """
+    if not path.is_file():
+        raise InvalidInputError("--replay", f"{path} is not a file", f"Name the {FILE_NAME} of an earlier run")
+    found = {exchange.key: exchange for exchange, _ in _parsed(path, complete_lines(path)[0])}
+    if not found:
+        raise InvalidInputError("--replay", f"{path} has no exchange", f"Name the {FILE_NAME} of an earlier run")
+    return found
+
+
+class KeptChat:
+    """A model whose exchanges are kept, or kept exchanges alone; see :class:`~betterbench.vqa.llm.Chat`.
+
+    Args:
+        file: File of the exchanges; an answer in it is not asked for again.
+        chat: The model, or None to answer only from kept exchanges.
+        kept: Exchanges of another run, which are copied into the file as they are used.
+    """
+
+    def __init__(
+        self,
+        file: ExchangeFile,
+        chat: Chat | None,
+        kept: Mapping[str, Exchange] | None = None,
+        *,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+    ) -> None:
+        self._file, self._chat, self._kept, self._now = file, chat, kept or {}, now
+        self._open: Exchange | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        return self._chat.name if self._chat is not None else "replay"
+
+    def ask(self, messages: Sequence[Message], purpose: str) -> str:
+        """Return the answer; :meth:`judge` must follow.
+
+        Raises:
+            ModelError: If the model gives no answer, or the kept exchanges have none.
+        """
+        key = key_of(messages)
+        self._open = self._file.known.get(key) or self._kept.get(key)
+        if self._open is None:
+            self._open = self._asked(messages, purpose)
+        return self._open.answer
+
+    def judge(self, verdict: str) -> None:
+        """Keep the last exchange with its verdict, unless the file has it already."""
+        if self._open is not None and self._open.key not in self._file.known:
+            self._file.append(replace(self._open, verdict=verdict))
+        self._open = None
+
+    def _asked(self, messages: Sequence[Message], purpose: str) -> Exchange:
+        if self._chat is None:
+            raise ModelError(
+                f"The kept exchanges have no answer for {purpose}: they are of another command, another version of the "
+                "prompt, or of an interrupted run. Repeat the command that wrote them with its model."
+            )
+        asked_at, began = self._now(), time.monotonic()
+        answer = self._chat.complete(messages, max_tokens=MAX_TOKENS)
+        took_s = round(time.monotonic() - began, 3)
+        stamp = asked_at.isoformat(timespec="seconds")
+        plain = [dict(message) for message in messages]
+        return Exchange(PROMPT_ID, self._chat.name, purpose, plain, encoded(answer), "", stamp, took_s)
+
+
+def encoded(text: str) -> str:
+    """Return a text whose characters can all be stored; lone surrogates are replaced."""
+    return text.encode("utf-8", "replace").decode("utf-8")

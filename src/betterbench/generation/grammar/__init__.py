@@ -1,0 +1,19 @@
+"""The offline author of scenarios: contexts and objects of the library that make sense together.
+
+- ``templates``: the themes of each template, one file each.
+- ``theme``: pools of objects, groups, themes, and the registry of grammars.
+- ``nouns``: noun phrases of the library's categories, with the sizes and masses of its assets.
+- ``author``: seeded choice of different scenarios.
+"""
+
+from betterbench.generation.grammar import templates  # noqa: F401  (imported to register the grammars)
+from betterbench.generation.grammar.author import (
+    Wanted,
+    distinct_goals,
+    goal_key,
+    grammar_of,
+    nouns_of_library,
+    write_scenarios,
+)
+
+__all__ = ["Wanted", "distinct_goals", "goal_key", "grammar_of", "nouns_of_library", "write_scenarios"]

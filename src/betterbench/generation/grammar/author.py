@@ -1,0 +1,235 @@
+"""The offline author: seeded scenarios from the themes of a template, without a language model."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, UnknownNameError, require_between
+from betterbench.generation.grammar.nouns import described, phrase_of, short_name
+from betterbench.generation.grammar.theme import GRAMMARS, Choice, Grammar, Group, Kind, Pool, Theme
+from betterbench.generation.scenario import DescribedObject, Scenario
+
+MOST_SCENARIOS = 10_000
+"""Maximum number of scenarios of one call."""
+_COMPARED = 400
+"""Choices of a theme among which the one least like the scenarios so far is taken."""
+
+GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
+"""Objects by group without their order: near-duplicates have the same key."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Object that a user named.
+
+    Attributes:
+        group_id: Its group.
+        categories: Categories of the library that the noun may mean.
+        color: Its color, empty if the user named none.
+        noun: The user's noun.
+    """
+
+    group_id: str
+    categories: tuple[str, ...]
+    color: str
+    noun: str
+
+    def fits(self, kind: Kind) -> bool:
+        """Return whether a kind is the wanted one."""
+        return kind[0] in self.categories and self.color in ("", kind[1])
+
+
+def grammar_of(template: str) -> Grammar:
+    """Return the grammar of a template; raises UnknownNameError if there is none."""
+    if template not in GRAMMARS:
+        raise UnknownNameError("template", template, GRAMMARS)
+    return GRAMMARS[template]
+
+
+def goal_key(choice: Choice) -> GoalKey:
+    """Return the key shared by near-duplicates: the same categories and colors in each group."""
+    return tuple((group, tuple(sorted(kinds))) for group, kinds in sorted(choice.items()))
+
+
+@functools.cache
+def distinct_goals(template: str) -> int:
+    """Return the number of different scenarios that the grammar of a template holds, without near-duplicates."""
+    return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
+
+
+def write_scenarios(
+    template: str, count: int, *, seed: int = 0, wanted: Sequence[Wanted] = (), instruction: str = ""
+) -> tuple[Scenario, ...]:
+    """Return different scenarios of a template.
+
+    The themes take turns, in an order drawn from the seed. Each scenario is the one of its theme that is least like
+    those before, so that categories change first, and colors where categories cannot. The first scenarios do not depend
+    on the number.
+
+    Args:
+        template: Name of the template.
+        count: Number of scenarios.
+        seed: Seed of all choices.
+        wanted: Objects that each scenario must have.
+        instruction: Instruction of the user, which replaces the wording of the theme.
+
+    Raises:
+        UnknownNameError: If the template does not exist.
+        InvalidInputError: If the grammar holds fewer scenarios, or none with the wanted objects.
+    """
+    require_between("--num", count, 1, MOST_SCENARIOS)
+    grammar = grammar_of(template)
+    rng = np.random.default_rng([seed, *template.encode()])
+    drawn = list(itertools.islice(_drawn(_themes_with(grammar, wanted), wanted, rng), count))
+    if len(drawn) < count:
+        about = " with these objects" if wanted else ""
+        problem = f"the grammar holds {len(drawn)} different scenarios of {template}{about}, not {count}"
+        raise InvalidInputError("--num", problem, f"Give --num {max(1, len(drawn))} or less, or a model with --model")
+    return tuple(_scenario(template, theme, choice, rng, instruction) for theme, choice in drawn)
+
+
+def _drawn(
+    themes: Sequence[Theme], wanted: Sequence[Wanted], rng: np.random.Generator
+) -> Iterator[tuple[Theme, Choice]]:
+    """Yield different choices, one theme after the other, until all are used up."""
+    left = [_shuffled([c for c in theme.choices() if _has(c, wanted)], rng) for theme in themes]
+    turns = rng.permutation(len(themes)).tolist()
+    keys: set[GoalKey] = set()
+    uses: Counter[object] = Counter()
+    while turns:
+        for turn in list(turns):
+            fresh = list(itertools.islice((c for c in left[turn] if goal_key(c) not in keys), _COMPARED))
+            if not fresh:
+                turns.remove(turn)
+                continue
+            choice = min(fresh, key=lambda c: sum(uses[trait] * weight for trait, weight in _traits(c)))
+            left[turn].remove(choice)
+            keys.add(goal_key(choice))
+            uses.update(trait for trait, _ in _traits(choice))
+            yield themes[turn], choice
+
+
+def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
+    """Yield features of a choice with the cost of repeating them: its set of categories most, a single color least."""
+    for group, kinds in choice.items():
+        yield (group, tuple(sorted(category for category, _ in kinds))), 100
+        yield (group, tuple(sorted(kinds))), 20
+        yield from (((group, kind), 1) for kind in kinds)
+
+
+def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
+    return [items[i] for i in rng.permutation(len(items))]
+
+
+def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
+    """Return whether a choice has a different object for each wanted one."""
+    free = {group: list(kinds) for group, kinds in choice.items()}
+    for want in sorted(wanted, key=lambda w: (not w.color, len(w.categories))):
+        found = next((kind for kind in free.get(want.group_id, []) if want.fits(kind)), None)
+        if found is None:
+            return False
+        free[want.group_id].remove(found)
+    return True
+
+
+def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...]:
+    """Return the themes that have the wanted objects, or a theme made for them."""
+    if not wanted:
+        return grammar.themes
+    fitting = tuple(theme for theme in grammar.themes if any(_has(choice, wanted) for choice in theme.choices()))
+    return fitting or (_theme_for(grammar, wanted),)
+
+
+def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
+    """Return a theme with the wanted objects; other objects are added where the template needs more.
+
+    Raises:
+        InvalidInputError: If a group has too many wanted objects.
+    """
+    model = grammar.themes[0]
+    limits = {group.group_id: group.count_range for group in grammar.template.groups}
+    groups: dict[str, Group] = {}
+    for group_id, usual in model.groups.items():
+        mine = [want for want in wanted if want.group_id == group_id]
+        needed = sum(pool.count for pool in usual.pools)
+        most = min(limits[group_id][1], max(needed, 4)) if group_id in ("items", "layers") else needed
+        if len(mine) > most:
+            nouns = ", ".join(want.noun for want in mine)
+            raise InvalidInputError(
+                "sentence", f"names {len(mine)} objects for the group {group_id!r} ({nouns})", f"Name at most {most}"
+            )
+        if not mine:
+            groups[group_id] = usual
+            continue
+        pools = [Pool(want.categories, colors=(want.color,) if want.color else ()) for want in mine]
+        named = {category for want in mine for category in want.categories}
+        others = tuple(c for c in grammar.categories(group_id) if c not in named)
+        more = needed - len(mine)
+        groups[group_id] = Group((*pools, *([Pool(others, more)] if more > 0 else [])), usual.colors_differ)
+    return replace(model, name=grammar.template.title, instructions=(grammar.general,), groups=groups)
+
+
+def _scenario(
+    template: str, theme: Theme, choice: Choice, rng: np.random.Generator, instruction: str
+) -> Scenario:
+    wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
+    firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
+    groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
+    return Scenario(template, theme.name, instruction or wording.format(**firsts), theme.context, groups)
+
+
+def _named(kinds: tuple[Kind, ...]) -> str:
+    return short_name(*kinds[0])
+
+
+def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
+    """Return objects with different instance names: a second one of the same name gets a number."""
+    seen: Counter[str] = Counter()
+    found = []
+    for described_object in objects:
+        name = described_object.instance_name
+        seen[name] += 1
+        found.append(replace(described_object, instance_name=f"{name}_{seen[name]}") if seen[name] > 1 else described_object)
+    return tuple(found)
+
+
+def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
+    """Return the nouns of the objects that the grammar of a template has, by group, for a closed vocabulary."""
+    grammar = grammar_of(template)
+    found: dict[str, tuple[str, ...]] = {}
+    for group_id in grammar.themes[0].groups:
+        kinds = {
+            kind
+            for theme in grammar.themes
+            for pool in theme.groups[group_id].pools
+            for category in pool.categories
+            for kind in pool.kinds(category)
+        }
+        found[group_id] = tuple(sorted({phrase_of(*kind).query.format(color=kind[1]) for kind in kinds}))
+    return found
+
+
+def shown_colors(template: str) -> dict[str, dict[str, tuple[str, ...]]]:
+    """Return the colors of each category that the grammar of a template has, by group."""
+    grammar = grammar_of(template)
+    return {
+        group_id: {
+            category: tuple(
+                dict.fromkeys(
+                    color
+                    for theme in grammar.themes
+                    for pool in theme.groups[group_id].pools
+                    if category in pool.categories
+                    for _, color in pool.kinds(category)
+                )
+            )
+            for category in grammar.categories(group_id)
+        }
+        for group_id in grammar.themes[0].groups
+    }

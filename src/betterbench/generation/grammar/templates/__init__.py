@@ -1,0 +1,7 @@
+"""Grammars of the templates, one file each. New files in this folder are found automatically."""
+
+import importlib
+import pkgutil
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")

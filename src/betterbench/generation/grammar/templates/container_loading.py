@@ -1,0 +1,59 @@
+"""Contexts of container loading: small objects for the two drawers of a cabinet."""
+
+from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
+from betterbench.tasks.authoring.templates import CONTAINER_LOADING
+
+_CABINET = one("drawer_cabinet")
+_DRAWERS = Group((Pool(("upper_drawer",)), Pool(("lower_drawer",))), follows="cabinet")
+
+GRAMMAR = register(
+    Grammar(
+        template=CONTAINER_LOADING,
+        general="Put the items into the drawers of the {cabinet}.",
+        themes=tuple(
+            Theme(name, context, instructions, {"cabinet": _CABINET, "drawers": _DRAWERS, "items": items})
+            for name, context, items, instructions in (
+                (
+                    "Filing office supplies",
+                    "office",
+                    several(2, "stapler", "tape_roll", "computer_mouse"),
+                    (
+                        "Put the office supplies into the drawers of the {cabinet}.",
+                        "Store the office supplies in the drawers of the {cabinet}.",
+                    ),
+                ),
+                (
+                    "Tidying a student's desk",
+                    "dorm room",
+                    several(2, "stapler", "tape_roll", "computer_mouse", "napkin_stack"),
+                    ("Tidy the desk into the drawers of the {cabinet}.", "Put the desk clutter into the {cabinet}."),
+                ),
+                (
+                    "Putting toy blocks away",
+                    "playroom",
+                    Group((Pool(("block",), 2, by_color=True),)),
+                    ("Put the toy blocks into the drawers of the {cabinet}.", "Put the toys away in the {cabinet}."),
+                ),
+                (
+                    "Storing cleaning supplies",
+                    "laundry room",
+                    several(2, "sponge", "soap_bar", "napkin_stack"),
+                    (
+                        "Store the cleaning supplies in the drawers of the {cabinet}.",
+                        "Put the cleaning supplies into the {cabinet}.",
+                    ),
+                ),
+                (
+                    "Stocking a craft cabinet",
+                    "craft room",
+                    several(2, "tape_roll", "block", "stapler"),
+                    (
+                        "Put the craft supplies into the drawers of the {cabinet}.",
+                        "Stock the drawers of the {cabinet} with craft supplies.",
+                    ),
+                ),
+            )
+        ),
+    )
+)
+"""Scenarios of container loading: a cabinet with two drawers, and two small items."""

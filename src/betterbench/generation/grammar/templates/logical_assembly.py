@@ -1,0 +1,42 @@
+"""Contexts of logical assembly: burgers, and towers of toy blocks."""
+
+from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register
+from betterbench.tasks.authoring.templates import LOGICAL_ASSEMBLY
+
+_BURGER = Group(tuple(Pool((layer,)) for layer in ("patty", "cheese_slice", "lettuce_leaf", "bun_top")))
+_BLOCKS = Group((Pool(("block",), 4, by_color=True),))
+_CYLINDERS = Group((Pool(("round_block",), 4, by_color=True),))
+
+GRAMMAR = register(
+    Grammar(
+        template=LOGICAL_ASSEMBLY,
+        general="Stack the layers on the {base}.",
+        themes=(
+            Theme(
+                "Assembling a cheeseburger",
+                "kitchen",
+                ("Build a cheeseburger on the {base}.", "Assemble a cheeseburger on the {base}."),
+                {"base": one("bun_bottom"), "layers": _BURGER},
+            ),
+            Theme(
+                "Serving a burger on a plate",
+                "restaurant kitchen",
+                ("Build a burger on the {base}.", "Assemble a burger on the {base}."),
+                {"base": one("place_plate"), "layers": _BURGER},
+            ),
+            Theme(
+                "Building a block tower",
+                "playroom",
+                ("Build a tower of toy blocks on the {base}.", "Stack the toy blocks on the {base}."),
+                {"base": one("place_plate"), "layers": _BLOCKS},
+            ),
+            Theme(
+                "Stacking round blocks",
+                "kindergarten",
+                ("Stack the round blocks on the {base}.", "Build a tower of round blocks on the {base}."),
+                {"base": one("place_plate"), "layers": _CYLINDERS},
+            ),
+        ),
+    )
+)
+"""Scenarios of logical assembly: a base and four layers."""

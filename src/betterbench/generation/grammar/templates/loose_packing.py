@@ -1,0 +1,68 @@
+"""Contexts of loose packing: meals to go, and trash."""
+
+from betterbench.generation.grammar.theme import Grammar, Theme, one, register, several
+from betterbench.tasks.authoring.templates import LOOSE_PACKING
+
+_LUNCHBOX, _TAKEOUT, _BIN = one("lunchbox"), one("takeaway_box"), one("waste_bin")
+
+
+GRAMMAR = register(
+    Grammar(
+        template=LOOSE_PACKING,
+        general="Pack the items into the {container}.",
+        themes=(
+            Theme(
+                "Packing a fruit lunch",
+                "kitchen",
+                ("Pack the fruit into the {container}.", "Put the fruit into the {container}."),
+                {"container": _LUNCHBOX, "items": several(3, "apple", "orange", "lemon")},
+            ),
+            Theme(
+                "Packing a school lunch",
+                "kitchen on a school morning",
+                ("Pack a school lunch into the {container}.", "Fill the {container} with lunch for school."),
+                {"container": _LUNCHBOX, "items": several(3, "apple", "orange", "can", "burger", "napkin_stack")},
+            ),
+            Theme(
+                "Packing a picnic",
+                "picnic",
+                ("Pack the picnic into the {container}.", "Pack the {container} for the picnic."),
+                {
+                    "container": _LUNCHBOX,
+                    "items": several(3, "apple", "orange", "can", "jam_jar", "napkin_stack", "salt_shaker"),
+                },
+            ),
+            Theme(
+                "Packing a takeout order",
+                "fast food counter",
+                ("Pack the order into the {container}.", "Put the takeout order into the {container}."),
+                {
+                    "container": _TAKEOUT,
+                    "items": several(3, "burger", "fries_box", "drink_cup", "sauce_cup", "napkin_stack", "can"),
+                },
+            ),
+            Theme(
+                "Packing breakfast to go",
+                "hotel breakfast buffet",
+                ("Pack breakfast into the {container}.", "Fill the {container} with breakfast to go."),
+                {"container": _TAKEOUT, "items": several(3, "egg_cup", "jam_jar", "orange", "apple", "drink_cup")},
+            ),
+            Theme(
+                "Packing for a cookout",
+                "backyard cookout",
+                ("Pack the cookout supplies into the {container}.", "Pack the {container} for the cookout."),
+                {
+                    "container": one("takeaway_box", "lunchbox"),
+                    "items": several(3, "salt_shaker", "sauce_cup", "jam_jar", "napkin_stack", "lemon"),
+                },
+            ),
+            Theme(
+                "Throwing away the trash",
+                "break room table",
+                ("Throw the trash into the {container}.", "Put the trash into the {container}."),
+                {"container": _BIN, "items": several(3, "crumpled_napkin", "crushed_can", "drink_cup", "sauce_cup")},
+            ),
+        ),
+    )
+)
+"""Scenarios of loose packing: a container and three items of different kinds."""

@@ -1,0 +1,64 @@
+"""Contexts of patterned arrangement: desks with a laptop, and places laid with a plate."""
+
+from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
+from betterbench.tasks.authoring.templates import PATTERNED_ARRANGEMENT
+
+_LAPTOP, _PLATE = one("laptop"), one("place_plate")
+
+
+def _laid(*vessels: str) -> Group:
+    """Return fork, spoon and a vessel; the pieces of cutlery match."""
+    return Group((Pool(("fork",), colors=("silver",)), Pool(vessels), Pool(("spoon",), colors=("silver",))))
+
+
+GRAMMAR = register(
+    Grammar(
+        template=PATTERNED_ARRANGEMENT,
+        general="Arrange the items around the {anchor}.",
+        themes=(
+            Theme(
+                "Preparing a desk for a meeting",
+                "office desk",
+                ("Arrange the desk around the {anchor} for a meeting.", "Set up the desk around the {anchor}."),
+                {"anchor": _LAPTOP, "items": several(3, "computer_mouse", "mug", "speaker")},
+            ),
+            Theme(
+                "Setting up a home office",
+                "home office",
+                ("Set up the home office around the {anchor}.", "Arrange the workspace around the {anchor}."),
+                {"anchor": _LAPTOP, "items": several(3, "computer_mouse", "stapler", "tape_roll", "mug", "tumbler")},
+            ),
+            Theme(
+                "Settling in for a study session",
+                "library desk",
+                ("Arrange the study supplies around the {anchor}.", "Set up the study desk around the {anchor}."),
+                {"anchor": _LAPTOP, "items": several(3, "computer_mouse", "stapler", "can", "drink_cup", "tape_roll")},
+            ),
+            Theme(
+                "Setting up a movie night",
+                "living room table",
+                ("Set up the table around the {anchor} for movie night.", "Arrange the table around the {anchor}."),
+                {"anchor": _LAPTOP, "items": several(3, "speaker", "can", "drink_cup", "tumbler")},
+            ),
+            Theme(
+                "Laying the breakfast table",
+                "breakfast table",
+                ("Lay the table for breakfast around the {anchor}.", "Set a place for breakfast with the {anchor}."),
+                {"anchor": _PLATE, "items": _laid("cup", "mug")},
+            ),
+            Theme(
+                "Setting a place for lunch",
+                "dining room",
+                ("Set a place for lunch around the {anchor}.", "Lay the table for lunch around the {anchor}."),
+                {"anchor": _PLATE, "items": _laid("tumbler", "can")},
+            ),
+            Theme(
+                "Setting a place at a diner",
+                "diner",
+                ("Set the table for the guest around the {anchor}.", "Set a place at the table with the {anchor}."),
+                {"anchor": _PLATE, "items": _laid("drink_cup", "mug", "tumbler")},
+            ),
+        ),
+    )
+)
+"""Scenarios of patterned arrangement: an anchor with sides, and three items of different kinds."""

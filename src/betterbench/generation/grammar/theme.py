@@ -1,0 +1,140 @@
+"""Themes: contexts of a template with the objects that make sense in them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+
+from betterbench.sim.assets import colors
+from betterbench.tasks.authoring.template import Template
+
+Kind = tuple[str, str]
+"""Category and color of an object."""
+
+Choice = Mapping[str, tuple[Kind, ...]]
+"""Chosen objects by ``group_id``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pool:
+    """Objects of which a scenario takes some.
+
+    Attributes:
+        categories: Categories of the library.
+        count: Number of objects that a scenario takes.
+        colors: Allowed colors; all colors of the category if empty.
+        by_color: Objects differ in color and may have the same category; otherwise they differ in category.
+    """
+
+    categories: tuple[str, ...]
+    count: int = 1
+    colors: tuple[str, ...] = ()
+    by_color: bool = False
+
+    def kinds(self, category: str) -> list[Kind]:
+        """Return the kinds of a category."""
+        return [(category, color) for color in colors(category) if not self.colors or color in self.colors]
+
+    def choices(self) -> Iterator[tuple[Kind, ...]]:
+        """Yield all choices of objects, without regard to their order."""
+        if self.by_color:
+            every = [kind for category in self.categories for kind in self.kinds(category)]
+            chosen = itertools.combinations(every, self.count)
+            yield from (kinds for kinds in chosen if len({color for _, color in kinds}) == self.count)
+            return
+        for categories in itertools.combinations(self.categories, self.count):
+            yield from itertools.product(*map(self.kinds, categories))
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Objects of a group of the template.
+
+    Attributes:
+        pools: Pools, each of which gives some of the objects.
+        colors_differ: Whether all objects have different colors.
+        follows: Group whose color the objects have, such as the cabinet of the drawers.
+    """
+
+    pools: tuple[Pool, ...]
+    colors_differ: bool = False
+    follows: str = ""
+
+    def choices(self, before: Choice) -> Iterator[tuple[Kind, ...]]:
+        """Yield all choices, given the groups before."""
+        color = before[self.follows][0][1] if self.follows else ""
+        for parts in itertools.product(*(pool.choices() for pool in self.pools)):
+            kinds = tuple(itertools.chain.from_iterable(parts))
+            if color and any(own != color for _, own in kinds):
+                continue
+            if not self.colors_differ or len({own for _, own in kinds}) == len(kinds):
+                yield kinds
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """A context of a template.
+
+    Attributes:
+        name: Name of its scenarios ("Packing a picnic").
+        context: Place or situation ("park").
+        instructions: Wordings of the instruction; ``{container}`` stands for the first object of that group.
+        groups: Objects by ``group_id``, in the order of the template.
+    """
+
+    name: str
+    context: str
+    instructions: tuple[str, ...]
+    groups: Mapping[str, Group]
+
+    def choices(self) -> Iterator[Choice]:
+        """Yield all choices of objects."""
+
+        def extended(before: Choice, rest: list[str]) -> Iterator[Choice]:
+            if not rest:
+                yield before
+                return
+            for kinds in self.groups[rest[0]].choices(before):
+                yield from extended({**before, rest[0]: kinds}, rest[1:])
+
+        yield from extended({}, list(self.groups))
+
+
+@dataclass(frozen=True, slots=True)
+class Grammar:
+    """The themes of a template.
+
+    Attributes:
+        general: Wording for objects that a user named and that fit no theme.
+    """
+
+    template: Template
+    themes: tuple[Theme, ...]
+    general: str
+
+    def categories(self, group_id: str) -> tuple[str, ...]:
+        """Return the categories that a group may have, in the order of the themes."""
+        pools = (pool for theme in self.themes for pool in theme.groups[group_id].pools)
+        return tuple(dict.fromkeys(category for pool in pools for category in pool.categories))
+
+
+GRAMMARS: dict[str, Grammar] = {}
+"""Grammars by the name of their template."""
+
+
+def register(grammar: Grammar) -> Grammar:
+    """Register the grammar of a template."""
+    GRAMMARS[grammar.template.name] = grammar
+    return grammar
+
+
+def one(*categories: str, colors: Iterable[str] = ()) -> Group:
+    """Return a group of one object."""
+    return Group((Pool(categories, colors=tuple(colors)),))
+
+
+def several(count: int, *categories: str) -> Group:
+    """Return a group of objects of different categories."""
+    return Group((Pool(categories, count),))

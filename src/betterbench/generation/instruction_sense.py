@@ -1,0 +1,188 @@
+"""Checks of a scenario's instruction: one imperative sentence, about objects that are there, without the steps."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from betterbench.generation.scenario import DescribedObject, Scenario
+from betterbench.generation.vocabulary import collective, head_nouns, known_nouns
+from betterbench.sim.assets.catalogue.expansion import COLORS
+from betterbench.sim.assets.catalogue.terms import singular, terms
+from betterbench.tasks.authoring.template import Template
+
+MOST_WORDS = 25
+"""Maximum number of words of an instruction."""
+FEWEST_WORDS = 3
+"""Minimum number of words: a verb, an article and a noun."""
+
+VERBS = frozenset(
+    """
+    add align arrange assemble bring build center clean clear collect complete compose construct create deliver drop
+    feed file fill fit form gather get give help insert insert keep lay layer leave load lower make move organize pack
+    park place plug pop position prepare push put return rinse serve set slide slot sort stack stash stock store stow
+    tidy throw toss transfer tuck unload unpack use
+    """.split()
+)
+"""Verbs that may begin an instruction."""
+
+_CHAINS = frozenset("then afterward afterwards after before finally followed firstly secondly lastly once until".split())
+"""Words that put steps into an order."""
+_STEPS = re.compile(r"\b(?:first|next|last|second|third)\s*,|\band (?:first|next|last|finally)\b", re.IGNORECASE)
+
+_DETERMINERS = frozenset("a an the both all two three four five six some each every this these my your our his her".split())
+_STOPS = frozenset(
+    """
+    in into inside onto on to of for from with without at by beside next near around behind under over between left
+    and or so that as away up out down off back together neatly carefully , . : ( ) % is are
+    """.split()
+)
+_ADJECTIVES = frozenset(
+    """
+    small large big little tall short round square flat full empty clean dirty fresh used loose open closed new old
+    plain wooden plastic metal paper glass ceramic steel remaining other named same right left upper lower top bottom
+    """.split()
+)
+_PLACES = frozenset(
+    """
+    table desk counter kitchen side left right middle center top bottom front back corner ring mark hole drawer spot
+    place position area slot row column set stack pile order lunch breakfast dinner supper brunch meal snack picnic
+    party cookout item object supply content guest person meeting work day morning trip school setting arrangement
+    room home family child kid customer condiment bottle worker one rest workspace trash garbage litter leftover gear
+    kit shelf coffee tea clutter workstation service seasoning spout tray
+    """.split()
+)
+"""Heads of noun phrases that name a place, an occasion or objects in general."""
+_RESULTS = frozenset("sandwich burger cheeseburger hamburger tower taco cake pyramid club slider".split())
+"""Nouns for what layers make."""
+
+Found = tuple[str, str, str]
+
+
+def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Found]:
+    """Yield the problems of an instruction as path, problem and remedy.
+
+    The rules for nouns are conservative. A known noun of an object, and the last word of a phrase with an article, must
+    occur in the description, the query, the name or the tags of an object. Places ("the desk"), occasions ("the
+    picnic"), nouns for objects in general ("the supplies") and words of the context and of the scenario's name are
+    allowed too, and so is the result of an assembly ("a sandwich"). A color before a known noun must be the color of
+    such an object. "Fruit", "toys" and other collectives need at least one such object.
+    """
+    text = scenario.instruction
+    for problem, cure in (
+        *_sentence_problems(text),
+        *_chain_problems(scenario, template),
+        *_noun_problems(scenario, template),
+    ):
+        yield "instruction", problem, cure
+
+
+def _sentence_problems(text: str) -> Iterator[tuple[str, str]]:
+    words = re.findall(r"[\w'-]+", text)
+    if not text.endswith(".") or text.count(".") > 1:
+        yield f"{text!r} is not one sentence that ends with a period", "Write one sentence with one period at its end"
+    if not FEWEST_WORDS <= len(words) <= MOST_WORDS:
+        yield f"has {len(words)} words", f"Write {FEWEST_WORDS} to {MOST_WORDS} words"
+    if words and words[0].lower() not in VERBS:
+        cure = "Begin with a verb in the imperative, such as Put, Pack, Set, Stack or Make"
+        yield f"begins with {words[0]!r}, which is not a known verb in the imperative", cure
+    elif not text[:1].isupper():
+        yield f"{text!r} begins with a small letter", "Begin with a capital letter"
+    wrong = re.search(r"\b(?:[Aa] (?=[aeio])(?!one\b|once\b|eu)|[Aa]n (?=[^aeiouh\W]))(\w+)", text)
+    if wrong:
+        yield f"has the wrong article in {wrong[0]!r}", "Write a before a consonant and an before a vowel"
+
+
+def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
+    text = scenario.instruction
+    cure = "State the goal and not the steps, as in 'Make a ham sandwich on the plate.'"
+    chained = _CHAINS & set(re.findall(r"[a-z]+", text.lower()))
+    if chained or _STEPS.search(text):
+        word = min(chained) if chained else "first or next"
+        yield f"chains steps with {word!r}", cure
+    for group in template.groups:
+        objects = scenario.groups.get(group.group_id, ())
+        if group.role == "item" and len(objects) > 2 and _lists_all(text, objects):
+            yield f"lists all {len(objects)} objects of the group {group.group_id!r}", cure
+
+
+def _lists_all(text: str, objects: tuple[DescribedObject, ...]) -> bool:
+    """Return whether each object is named; of objects with the same noun, each must be named with its color."""
+    words = set(terms(text))
+    heads = [_head(o) for o in objects]
+
+    def named(o: DescribedObject, head: str) -> bool:
+        alone = heads.count(head) == 1
+        return head in words and (alone or bool(COLORS & words & set(terms(f"{o.asset_query} {o.description}"))))
+
+    return all(named(o, head) for o, head in zip(objects, heads, strict=True))
+
+
+def _head(described: DescribedObject) -> str:
+    nouns = head_nouns(described.asset_query) or head_nouns(described.description)
+    return nouns[-1][-1] if nouns else (terms(described.asset_query) or [""])[-1]
+
+
+def _noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
+    objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
+    there = frozenset().union(*objects)
+    free = _PLACES | (_RESULTS if template.relation == "layer" else frozenset())
+    free |= frozenset(terms(scenario.context))
+    tokens = [t if t in ",.:()%" else singular(t) for t in re.findall(r"[^\W_]+|[,.:()%]", scenario.instruction.lower())]
+    cure = "Name only objects of the scenario"
+    said: set[str] = set()
+    for at, noun in known_nouns(tokens):
+        name, last = " ".join(noun), noun[-1]
+        color = _color_before(tokens, at)
+        if at == 0 or last in free:  # "File the papers." begins with a verb
+            continue
+        if last not in there and not (collective(last) and _has_member(scenario, last)):
+            said.add(last)
+            yield f"names a {name}, which is not among the objects", cure
+        elif color and not any(last in words and color in words for words in objects):
+            yield f"names a {color} {name}, which is not among the objects", cure
+    allowed = free | there | said | frozenset(terms(scenario.name)) | COLORS
+    for head in _phrase_heads(tokens):
+        if collective(head):
+            if head not in there and not _has_member(scenario, head):
+                yield f"names {head}, but no object is one", cure
+        elif head not in allowed:
+            yield f"names a {head}, which is not among the objects", cure
+
+
+def words_of_object(described: DescribedObject) -> frozenset[str]:
+    """Return the words that may name an object: those of its query, name and tags, and of its description up to "with"."""
+    appearance = re.split(r"\bwith\b", described.description)[0]
+    name = described.instance_name.replace("_", " ")
+    return frozenset(terms(" ".join((described.asset_query, name, appearance, *described.tags))))
+
+
+def _has_member(scenario: Scenario, noun: str) -> bool:
+    members = collective(noun)
+    objects = [o for group in scenario.groups.values() for o in group]
+    texts = [text for o in objects for text in (o.asset_query, o.description)]
+    return any(head in members for text in texts for head in head_nouns(text))
+
+
+def _color_before(tokens: list[str], at: int) -> str:
+    """Return the color among the adjectives before a noun, empty if there is none."""
+    for word in reversed(tokens[max(0, at - 3) : at]):
+        if word in COLORS:
+            return word
+        if word in _STOPS or word in _DETERMINERS:
+            break
+    return ""
+
+
+def _phrase_heads(tokens: list[str]) -> Iterator[str]:
+    """Yield the last word of each phrase that begins with an article, a number or a similar word."""
+    for at, word in enumerate(tokens):
+        if word not in _DETERMINERS:
+            continue
+        head = ""
+        for follower in tokens[at + 1 :]:
+            if follower in _STOPS or follower in _DETERMINERS:
+                break
+            head = follower
+        if head and head not in _ADJECTIVES:
+            yield head

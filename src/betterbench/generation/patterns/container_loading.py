@@ -1,0 +1,241 @@
+"""Container loading: the named object goes into the named drawer, and the drawer is closed.
+
+In training, each object goes into its own drawer of the cabinet, and each position of the cabinet has its own layout.
+"""
+
+from dataclasses import replace
+
+from betterbench.errors import InvalidInputError
+from betterbench.generation.cast import Cast
+from betterbench.generation.patterns.fits import (
+    BYSTANDER_M,
+    assets_of,
+    group,
+    in_order,
+    look_alikes,
+    mm,
+    refused,
+    region_of,
+    require_footprint,
+    require_grasp,
+)
+from betterbench.generation.patterns.pattern import GeneratedTask, Unbuilt, pattern
+from betterbench.sim.assets import colors, family_of
+from betterbench.tasks import authoring as a
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.relations.closed import MOUNTS
+
+LEFT_BACK, LEFT_FRONT = a.Slot("left_back", 0.38, -0.22), a.Slot("left_front", 0.56, -0.21)
+RIGHT_BACK, RIGHT_FRONT = a.Slot("right_back", 0.46, -0.20), a.Slot("right_front", 0.64, -0.22)
+CABINET_BACK, CABINET_FRONT = (
+    a.Slot(f"cabinet_{name}", x, 0.25, yaw=-1.0472, jitter_m=0.0, yaw_jitter=0.0)
+    for name, x in (("back", 0.44), ("front", 0.54))
+)
+ASIDE = a.Slot("aside", 0.28, -0.05)
+
+OPEN_M = 0.15
+"""Opening of a drawer that is open at the start [m]."""
+WALL_M = 0.005
+"""Free distance between an object and the walls of a drawer [m]."""
+LONGEST_M = 0.14
+"""Largest length of an object in a slot [m]."""
+
+BY_KIND = "Objects are found by what they are, not by where they stood in training."
+BY_CABINET = "A drawer is found where the cabinet is, not where it was."
+NEW_PAIR = "A known object and a known drawer are combined in a new way."
+IN_THE_WAY = "An obstacle is noticed and removed first."
+LONGER = "A chain of known steps that is longer than any in training is completed."
+
+
+@pattern(a.CONTAINER_LOADING)
+def container_loading(cast: Cast) -> GeneratedTask:
+    """Make a task of two objects and a cabinet with an upper and a lower drawer.
+
+    While the upper drawer is open, nothing can be put into the lower one.
+
+    Raises:
+        InvalidInputError: If an object does not fit, naming it.
+    """
+    return _Loading(cast).task()
+
+
+class _Loading:
+    """Objects of a cast with their layouts and instructions."""
+
+    def __init__(self, cast: Cast) -> None:
+        self.cast = cast
+        (cabinet,) = group(cast, "cabinet", "fixture", 1, 1)
+        self.cabinet = replace(cabinet, fixed=True)
+        self.upper, self.lower = _drawers(cast, self.cabinet)
+        self.items = group(cast, "items", "item", 2, 2)
+        self.bystanders = group(cast, "distractors", "distractor", 0, 1)
+        for item in self.items:
+            _require_fit(item, self.cabinet, (self.upper, self.lower))
+        for other in self.bystanders:
+            require_footprint(other, BYSTANDER_M, "The place beside the slots")
+        self.alike = look_alikes(cast, self.items)
+        self.around = dict.fromkeys(self.bystanders, ASIDE)
+        first, second = self.items
+        self.layouts: tuple[a.SlotLayout, ...] = (
+            {first: LEFT_BACK, second: LEFT_FRONT, self.cabinet: CABINET_BACK, **self.around},
+            {first: RIGHT_FRONT, second: RIGHT_BACK, self.cabinet: CABINET_FRONT, **self.around},
+        )
+
+    def load(self, *steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
+        """Return the instruction to put objects into drawers and to close these."""
+        parts = [f"the {item.kind} into the {into.kind}" for item, into in steps]
+        goals: list[a.Subgoal] = []
+        for item, into in steps:
+            goals.append(a.subgoal(f"load_{item.name}", a.INSIDE, item, into, word=item.kind))
+            region = into.mount.region if into.mount is not None else ""
+            goals.append(a.subgoal(f"close_{into.name}", a.CLOSED, into, self.cabinet, region, word=into.kind))
+        # "it" could mean the object, "the drawer" could mean either drawer of two
+        shut = "it" if len(steps) == 1 else "both"
+        return a.Instruction(f"Put {' and '.join(parts)}, then close {shut}.", tuple(goals))
+
+    def task(self) -> GeneratedTask:
+        """Return the task with its variations and balanced conditions."""
+        first, second = self.items
+        steps = ((first, self.upper), (second, self.lower))
+        demonstrations = tuple((self.load(step), opened) for step in steps for opened in ({}, {step[1]: OPEN_M}))
+        slots = (LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, CABINET_BACK, CABINET_FRONT)
+        variations, unbuilt = self._variations()
+        scenario = self.cast.scenario
+        task = a.Task(
+            version=1,
+            title=scenario.name,
+            description=scenario.instruction,
+            template=a.CONTAINER_LOADING,
+            slots=(*slots, *(ASIDE for _ in self.bystanders)),
+            training=tuple(
+                a.condition(layout, asked, self.upper, self.lower, opened=opened)
+                for layout in self.layouts
+                for asked, opened in demonstrations
+            ),
+            variations=variations,
+        )
+        return GeneratedTask(task, self._confounds(), tuple(self._balanced()), self._crossed(), unbuilt)
+
+    def _variations(self) -> tuple[tuple[a.Variation, ...], tuple[Unbuilt, ...]]:
+        (first, second), upper, lower = self.items, self.upper, self.lower
+        kinds, exchanged = f"{first.kind} and {second.kind} exchanged", a.swap(first, second)
+        in_the_way = (a.draw_out(upper, OPEN_M), exchanged)
+        chained = (exchanged, a.chain(self.load((first, upper), (second, lower))))
+        moved, blocked = "cabinet at its other position", f"open {upper.kind} in the way, objects exchanged"
+        found = [
+            a.Variation("L1", (exchanged,), kinds, BY_KIND, "train2"),
+            a.Variation("L2", (a.move(self.cabinet, CABINET_FRONT),), moved, BY_CABINET, "train3"),
+            a.Variation(
+                "R1", (a.instruct(self.load((first, lower))),), f"{first.kind} into the {lower.kind}", NEW_PAIR
+            ),
+            a.Variation("T1", in_the_way, blocked, IN_THE_WAY, "train3", mid_task_look=True),
+            a.Variation("T2", chained, "load both drawers, objects exchanged", LONGER),
+        ]
+        unbuilt = []
+        for item, other, base in ((first, second, "train2"), (second, first, "train4")):
+            if item.name not in self.alike:
+                missing = f"no other object has the color of the {item.kind}; choose one that has a look-alike"
+                unbuilt.append(Unbuilt("O", f"look-alike where the {item.kind} stood", missing))
+                continue
+            alike, at, there = self.alike[item.name], self.layouts[0][item], self.layouts[0][other]
+            operations = (a.remove(other), a.move(item, there), a.add(alike, at))
+            number = 1 + sum(v.name.startswith("O") for v in found)
+            ability = f"The policy distinguishes the {item.kind} from a look-alike in its slot."
+            title = f"{alike.kind} where the {item.kind} stood"
+            found.append(a.Variation(f"O{number}", operations, title, ability, base))
+        return in_order(found), tuple(unbuilt)
+
+    def _balanced(self) -> list[Condition]:
+        """Return four layouts, each with one object per drawer, the drawer closed or open, and the objects exchanged.
+
+        The first object in the lower drawer alone is a test instruction, so it occurs here only with the second object.
+        """
+        (first, second), upper, lower = self.items, self.upper, self.lower
+        back, front = {self.cabinet: CABINET_BACK}, {self.cabinet: CABINET_FRONT}
+        exchanged: tuple[a.SlotLayout, ...] = (
+            {first: LEFT_FRONT, second: LEFT_BACK, **front, **self.around},
+            {first: RIGHT_BACK, second: RIGHT_FRONT, **back, **self.around},
+        )
+        found = []
+        for layout in (*self.layouts, *exchanged):
+            for item, other, into in ((first, second, upper), (second, first, lower)):
+                alone = {o: slot for o, slot in layout.items() if o is not other}
+                found.append(self._asked(layout, (item, into)))
+                found.append(self._asked(alone, (item, into), opened={into: OPEN_M}))
+            found.append(self._asked(layout, (first, lower), (second, upper)))
+            found.append(self._asked(layout, (second, upper), (first, lower)))
+        return found
+
+    def _asked(
+        self,
+        layout: a.SlotLayout,
+        *steps: tuple[a.ObjectSpec, a.ObjectSpec],
+        opened: dict[a.ObjectSpec, float] | None = None,
+    ) -> Condition:
+        return a.condition(layout, self.load(*steps), self.upper, self.lower, opened=opened)
+
+    def _confounds(self) -> tuple[str, ...]:
+        first, second = self.items
+        return (
+            f"The {first.kind} always goes into the {self.upper.kind}.",
+            f"The {second.kind} always goes into the {self.lower.kind}.",
+            "Each object has one slot for each position of the cabinet.",
+            "The other drawer is always closed at the start.",
+        )
+
+    def _crossed(self) -> tuple[str, ...]:
+        first, second = self.items
+        return (
+            f"{first.kind} and {second.kind} lie in each slot, with the cabinet at either position",
+            f"{first.kind} and {second.kind} go into either drawer, and either comes first",
+            "both objects on the table, or without the one that is not requested",
+        )
+
+
+def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectSpec]:
+    """Return the upper and the lower drawer in their mounts.
+
+    Raises:
+        InvalidInputError: If the cast does not have one drawer for each mount, of the cabinet's family and color.
+    """
+    chosen = group(cast, "drawers", "drawer", 2, 2)
+    found = []
+    for mount in MOUNTS:
+        for spec in chosen:
+            if spec.category.startswith(mount):
+                found.append(replace(spec, color=cabinet.color, mount=a.drawer(mount, spec.category, cabinet).mount))
+    if len(found) != len(MOUNTS):
+        listed = ", ".join(spec.category for spec in chosen)
+        raise InvalidInputError("cast group 'drawers'", f"has {listed}", "Choose an upper and a lower drawer")
+    for spec in found:
+        if family_of(spec.category) != family_of(cabinet.category):
+            raise refused(spec, f"does not belong to the cabinet {cabinet.name!r}", "Choose drawers of its family")
+        if cabinet.color is not None and cabinet.color not in colors(spec.category):
+            known = ", ".join(colors(spec.category))
+            raise refused(spec, f"does not exist in {cabinet.color}", f"Choose a cabinet in one of: {known}")
+    return found[0], found[1]
+
+
+def _require_fit(item: a.ObjectSpec, cabinet: a.ObjectSpec, drawers: tuple[a.ObjectSpec, ...]) -> None:
+    """Check that every look of an item fits into every look of the drawers.
+
+    Raises:
+        InvalidInputError: If the item is too long or too high, or the gripper cannot hold it.
+    """
+    require_grasp(item)
+    require_footprint(item, LONGEST_M, "A slot")
+    length = max(max(asset.size_m[:2]) for asset in assets_of(item))
+    height = max(asset.size_m[2] for asset in assets_of(item))
+    for drawer in drawers:
+        for asset, carcass in zip(assets_of(drawer), assets_of(cabinet), strict=True):
+            inside = region_of(drawer, asset, "inside")
+            mount = region_of(cabinet, carcass, drawer.mount.region if drawer.mount is not None else "")
+            room = 2.0 * (min(inside.half_size[:2]) - WALL_M)
+            if length > room:
+                cure = f"The {drawer.kind} has room for {mm(room)}; choose a smaller object"
+                raise refused(item, f"is {mm(length)} long", cure)
+            floor = inside.position[2] - inside.half_size[2]
+            free = 2.0 * mount.half_size[2] - floor - WALL_M
+            if height > free:
+                cure = f"The closed {drawer.kind} has room for {mm(free)}; choose a lower object"
+                raise refused(item, f"is {mm(height)} high", cure)
