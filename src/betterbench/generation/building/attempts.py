@@ -90,10 +90,15 @@ def build_task(
 ) -> Built:
     """Return a certified task for a scenario, or the reason for which every attempt failed."""
     attempts: list[Attempt] = []
+    tried: list[GeneratedTask] = []
     for change, slots, assets in CHANGES:
         try:
             cast, chosen = cast_of(scenario, catalogue, seed=slots, attempt=assets)
             made = pattern_of(scenario.template)(cast)
+            if made in tried:
+                attempts.append(Attempt(change, "there are none"))
+                continue
+            tried.append(made)
             task = dataclasses.replace(made.task, id=task_id)
             lacking = _lacking(task)
             if lacking:

@@ -256,13 +256,12 @@ def noun_of(entry: CatalogueEntry) -> str:
 
 def _spec(choice: Choice, kind: str, role: Role, template: Template, cabinet: ObjectSpec | None) -> ObjectSpec:
     entry, name = choice.entry, choice.described.instance_name
+    color = entry.color if len(colors(entry.category)) > 1 else None
     if role == "drawer":
         if cabinet is None:
             raise InvalidInputError("instantiation", f"{name!r} has no cabinet", "Describe a cabinet with drawers")
-        return a.drawer(entry.category.partition("_")[0], entry.category, cabinet)
-    several = len(colors(entry.category)) > 1
-    named = entry.color in _colors_in(choice.described) or kind.split(maxsplit=1)[0] == entry.color
-    color = entry.color if several and named else None
+        made = a.drawer(entry.category.partition("_")[0], entry.category, cabinet)
+        return dataclasses.replace(made, color=cabinet.color)
     fixed = role == "fixture" and any(name in _FIXED for name in (template.relation, *template.also))
     return ObjectSpec(name, kind, entry.category, color, role, fixed)
 

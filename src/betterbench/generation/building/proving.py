@@ -85,7 +85,8 @@ def provisional(task: Task) -> Iterator[Task]:
 def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str], None] | None = None) -> Proof:
     """Run the demonstrations of a task and examine its trials.
 
-    If a training condition fails, the variations are not examined, because the task cannot be used.
+    If a training condition fails, the variations are not examined, because the task cannot be used. Conditions without
+    a solved demonstration come first, and are the only ones to be examined if they fail.
 
     Args:
         task: The task, registered.
@@ -99,9 +100,12 @@ def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str
     so_far = summed_up(task, found)
     found += [_said(on_step, trial, lambda t: demonstrate(t, so_far)) for trial in later]
     measured = summed_up(task, found)
+    solved = {demonstration.condition for demonstration in found if not demonstration.problem}
+    training = [c.name for c in task.training]
+    unsolved = [name for name in training if name not in solved]
     certificates: list[TrialCertificate] = []
     with measured_so_far(task.id, measured):
-        for names in ([c.name for c in task.training], [v.name for v in task.variations]):
+        for names in (unsolved, training, [v.name for v in task.variations]):
             trials = [TrialId(task.id, name, seed) for name in names for seed in range(seeds)]
             certificates += [_said(on_step, trial, examine) for trial in trials]
             if not all(certificate.passed for certificate in certificates):

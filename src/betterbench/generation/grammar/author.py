@@ -175,9 +175,7 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
     return replace(model, name=grammar.template.title, instructions=(grammar.general,), groups=groups)
 
 
-def _scenario(
-    template: str, theme: Theme, choice: Choice, rng: np.random.Generator, instruction: str
-) -> Scenario:
+def _scenario(template: str, theme: Theme, choice: Choice, rng: np.random.Generator, instruction: str) -> Scenario:
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
@@ -195,7 +193,9 @@ def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
     for described_object in objects:
         name = described_object.instance_name
         seen[name] += 1
-        found.append(replace(described_object, instance_name=f"{name}_{seen[name]}") if seen[name] > 1 else described_object)
+        found.append(
+            replace(described_object, instance_name=f"{name}_{seen[name]}") if seen[name] > 1 else described_object
+        )
     return tuple(found)
 
 
