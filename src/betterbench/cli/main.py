@@ -94,6 +94,7 @@ VERBS: dict[str, Verb] = {
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
+    "generate": Verb("generate:generate_command", "Write scenarios of a template or about a sentence."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
@@ -128,7 +129,7 @@ VERBS: dict[str, Verb] = {
 }
 RESUMING = frozenset(
     ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
-) | {"vqa", "demo", "train", "study", "assets", "review"}
+) | {"vqa", "demo", "train", "study", "assets", "review", "generate"}
 """Verbs whose command can be repeated to resume after an interruption."""
 
 EXIT_BAD_INPUT = 2

@@ -47,7 +47,7 @@ _ADJECTIVES = frozenset(
     plain wooden plastic metal paper glass ceramic steel remaining other named same right left upper lower top bottom
     """.split()
 )
-_PLACES = frozenset(
+PLACES = frozenset(
     """
     table desk counter kitchen side left right middle center top bottom front back corner ring mark hole drawer spot
     place position area slot row column set stack pile order lunch breakfast dinner supper brunch meal snack picnic
@@ -57,7 +57,7 @@ _PLACES = frozenset(
     """.split()
 )
 """Heads of noun phrases that name a place, an occasion or objects in general."""
-_RESULTS = frozenset("sandwich burger cheeseburger hamburger tower taco cake pyramid club slider".split())
+RESULTS = frozenset("sandwich burger cheeseburger hamburger tower taco cake pyramid club slider".split())
 """Nouns for what layers make."""
 
 Found = tuple[str, str, str]
@@ -130,16 +130,20 @@ def _head(described: DescribedObject) -> str:
 def _noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
     objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
     there = frozenset().union(*objects)
-    free = _PLACES | (_RESULTS if template.relation == "layer" else frozenset())
+    free = PLACES | (RESULTS if template.relation == "layer" else frozenset())
     free |= frozenset(terms(scenario.context))
+<<<<<<< HEAD
     tokens = [
         t if t in ",.:()%" else singular(t) for t in re.findall(r"[^\W_]+|[,.:()%]", scenario.instruction.lower())
     ]
+=======
+    tokens = sentence_tokens(scenario.instruction)
+>>>>>>> h-scen
     cure = "Name only objects of the scenario"
     said: set[str] = set()
     for at, noun in known_nouns(tokens):
         name, last = " ".join(noun), noun[-1]
-        color = _color_before(tokens, at)
+        color = color_before(tokens, at)
         if at == 0 or last in free:  # "File the papers." begins with a verb
             continue
         if last not in there and not (collective(last) and _has_member(scenario, last)):
@@ -148,12 +152,17 @@ def _noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str
         elif color and not any(last in words and color in words for words in objects):
             yield f"names a {color} {name}, which is not among the objects", cure
     allowed = free | there | said | frozenset(terms(scenario.name)) | COLORS
-    for head in _phrase_heads(tokens):
+    for head in phrase_heads(tokens):
         if collective(head):
             if head not in there and not _has_member(scenario, head):
                 yield f"names {head}, but no object is one", cure
         elif head not in allowed:
             yield f"names a {head}, which is not among the objects", cure
+
+
+def sentence_tokens(text: str) -> list[str]:
+    """Return the words of a sentence in small letters and in the singular, and its punctuation."""
+    return [t if t in ",.:()%" else singular(t) for t in re.findall(r"[^\W_]+|[,.:()%]", text.lower())]
 
 
 def words_of_object(described: DescribedObject) -> frozenset[str]:
@@ -170,7 +179,7 @@ def _has_member(scenario: Scenario, noun: str) -> bool:
     return any(head in members for text in texts for head in head_nouns(text))
 
 
-def _color_before(tokens: list[str], at: int) -> str:
+def color_before(tokens: list[str], at: int) -> str:
     """Return the color among the adjectives before a noun, empty if there is none."""
     for word in reversed(tokens[max(0, at - 3) : at]):
         if word in COLORS:
@@ -180,7 +189,7 @@ def _color_before(tokens: list[str], at: int) -> str:
     return ""
 
 
-def _phrase_heads(tokens: list[str]) -> Iterator[str]:
+def phrase_heads(tokens: list[str]) -> Iterator[str]:
     """Yield the last word of each phrase that begins with an article, a number or a similar word."""
     for at, word in enumerate(tokens):
         if word not in _DETERMINERS:

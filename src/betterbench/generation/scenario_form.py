@@ -31,14 +31,14 @@ MOST_GROUPS, MOST_OBJECTS, MOST_TAGS = 8, 12, 8
 LARGEST_M, HEAVIEST_KG = 2.0, 50.0
 """Bounds of the numbers of the form [m, kg]; :mod:`~betterbench.generation.sense` has those of the robot."""
 
-_PLAIN = frozenset(" ,.'-()%:")
+_PUNCTUATION = frozenset(" ,.'-()%:")
 
 
-def _plain(text: str) -> str:
+def plain_text(text: str) -> str:
     """Return a text of letters (Latin with accents), digits and plain punctuation; raise ValueError otherwise."""
     for letter in text:
         latin = letter.isalpha() and letter <= "\u024f"
-        if not (latin or (letter.isascii() and letter.isdigit()) or letter in _PLAIN):
+        if not (latin or (letter.isascii() and letter.isdigit()) or letter in _PUNCTUATION):
             raise ValueError(
                 f"contains {letter!r} (U+{ord(letter):04X}); write letters, digits, spaces and , . ' - ( ) % : only"
             )
@@ -55,7 +55,7 @@ def _ascending(span: tuple[float, float]) -> tuple[float, float]:
     return span
 
 
-_Plain = Annotated[str, AfterValidator(_plain)]
+_Plain = Annotated[str, AfterValidator(plain_text)]
 _Name = Annotated[_Plain, Field(min_length=1, max_length=LONGEST_NAME)]
 _Tag = Annotated[_Plain, Field(min_length=1, max_length=LONGEST_TAG)]
 _Mass = Annotated[float, NO_TRUTH, Field(gt=0.0, le=HEAVIEST_KG)]

@@ -14,6 +14,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError, require_betw
 from betterbench.generation.grammar.nouns import described, phrase_of, short_name
 from betterbench.generation.grammar.theme import GRAMMARS, Choice, Grammar, Group, Kind, Pool, Theme
 from betterbench.generation.scenario import DescribedObject, Scenario
+from betterbench.sim.assets.catalogue.terms import terms
 
 MOST_SCENARIOS = 10_000
 """Maximum number of scenarios of one call."""
@@ -30,19 +31,13 @@ class Wanted:
 
     Attributes:
         group_id: Its group.
-        categories: Categories of the library that the noun may mean.
-        color: Its color, empty if the user named none.
-        noun: The user's noun.
+        kinds: Kinds of the library that the noun may mean.
+        noun: The user's noun, with its color.
     """
 
     group_id: str
-    categories: tuple[str, ...]
-    color: str
+    kinds: tuple[Kind, ...]
     noun: str
-
-    def fits(self, kind: Kind) -> bool:
-        """Return whether a kind is the wanted one."""
-        return kind[0] in self.categories and self.color in ("", kind[1])
 
 
 def grammar_of(template: str) -> Grammar:
@@ -64,7 +59,7 @@ def distinct_goals(template: str) -> int:
 
 
 def write_scenarios(
-    template: str, count: int, *, seed: int = 0, wanted: Sequence[Wanted] = (), instruction: str = ""
+    template: str, count: int, *, seed: int = 0, wanted: Sequence[Wanted] = (), about: str = ""
 ) -> tuple[Scenario, ...]:
     """Return different scenarios of a template.
 
@@ -77,7 +72,7 @@ def write_scenarios(
         count: Number of scenarios.
         seed: Seed of all choices.
         wanted: Objects that each scenario must have.
-        instruction: Instruction of the user, which replaces the wording of the theme.
+        about: Words of the user; if some occur in a theme, only the themes with the most of them are used.
 
     Raises:
         UnknownNameError: If the template does not exist.
@@ -86,12 +81,13 @@ def write_scenarios(
     require_between("--num", count, 1, MOST_SCENARIOS)
     grammar = grammar_of(template)
     rng = np.random.default_rng([seed, *template.encode()])
-    drawn = list(itertools.islice(_drawn(_themes_with(grammar, wanted), wanted, rng), count))
+    themes = _nearest(_themes_with(grammar, wanted), about)
+    drawn = list(itertools.islice(_drawn(themes, wanted, rng), count))
     if len(drawn) < count:
-        about = " with these objects" if wanted else ""
-        problem = f"the grammar holds {len(drawn)} different scenarios of {template}{about}, not {count}"
+        which = " with these objects" if wanted else ""
+        problem = f"the grammar holds {len(drawn)} different scenarios of {template}{which}, not {count}"
         raise InvalidInputError("--num", problem, f"Give --num {max(1, len(drawn))} or less, or a model with --model")
-    return tuple(_scenario(template, theme, choice, rng, instruction) for theme, choice in drawn)
+    return tuple(_scenario(template, theme, choice, rng) for theme, choice in drawn)
 
 
 def _drawn(
@@ -130,8 +126,8 @@ def _shuffled(items: list[Choice], rng: np.random.Generator) -> list[Choice]:
 def _has(choice: Choice, wanted: Iterable[Wanted]) -> bool:
     """Return whether a choice has a different object for each wanted one."""
     free = {group: list(kinds) for group, kinds in choice.items()}
-    for want in sorted(wanted, key=lambda w: (not w.color, len(w.categories))):
-        found = next((kind for kind in free.get(want.group_id, []) if want.fits(kind)), None)
+    for want in sorted(wanted, key=lambda w: len(w.kinds)):
+        found = next((kind for kind in free.get(want.group_id, []) if kind in want.kinds), None)
         if found is None:
             return False
         free[want.group_id].remove(found)
@@ -167,19 +163,45 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
         if not mine:
             groups[group_id] = usual
             continue
-        pools = [Pool(want.categories, colors=(want.color,) if want.color else ()) for want in mine]
-        named = {category for want in mine for category in want.categories}
+        pools = [Pool(tuple(dict.fromkeys(c for c, _ in want.kinds)), only=want.kinds) for want in mine]
+        named = {category for want in mine for category, _ in want.kinds}
         others = tuple(c for c in grammar.categories(group_id) if c not in named)
         more = needed - len(mine)
         groups[group_id] = Group((*pools, *([Pool(others, more)] if more > 0 else [])), usual.colors_differ)
-    return replace(model, name=grammar.template.title, instructions=(grammar.general,), groups=groups)
+    return Theme(grammar.requested, "table", (grammar.general,), groups)
 
 
+<<<<<<< HEAD
 def _scenario(template: str, theme: Theme, choice: Choice, rng: np.random.Generator, instruction: str) -> Scenario:
+=======
+def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
+    """Return the themes that share the most words with a text; all if none shares one."""
+    words = set(terms(about))
+    shared = [len(words & theme_words(theme)) for theme in themes]
+    return tuple(theme for theme, count in zip(themes, shared, strict=True) if count == max(shared))
+
+
+def theme_words(theme: Theme) -> frozenset[str]:
+    """Return the words that distinguish a theme: those of its name, context and instructions that say something."""
+    return frozenset(terms(" ".join((theme.name, theme.context, *theme.instructions)))) - _SAY_LITTLE
+
+
+_SAY_LITTLE = frozenset(
+    """
+    a an the in into on onto of for to with at and around under away
+    arrange assemble build fill lay pack place put set stack stock store throw up
+    packing preparing setting laying stacking putting serving making taking building assembling filling storing tidying
+    container anchor fixture cabinet base rack plate drawer hole ring item items table
+    """.split()
+)
+
+
+def _scenario(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
+>>>>>>> h-scen
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
-    return Scenario(template, theme.name, instruction or wording.format(**firsts), theme.context, groups)
+    return Scenario(template, theme.name, wording.format(**firsts), theme.context, groups)
 
 
 def _named(kinds: tuple[Kind, ...]) -> str:

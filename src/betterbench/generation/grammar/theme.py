@@ -26,16 +26,19 @@ class Pool:
         count: Number of objects that a scenario takes.
         colors: Allowed colors; all colors of the category if empty.
         by_color: Objects differ in color and may have the same category; otherwise they differ in category.
+        only: Allowed kinds; all if empty.
     """
 
     categories: tuple[str, ...]
     count: int = 1
     colors: tuple[str, ...] = ()
     by_color: bool = False
+    only: tuple[Kind, ...] = ()
 
     def kinds(self, category: str) -> list[Kind]:
         """Return the kinds of a category."""
-        return [(category, color) for color in colors(category) if not self.colors or color in self.colors]
+        every = ((category, color) for color in colors(category) if not self.colors or color in self.colors)
+        return [kind for kind in every if not self.only or kind in self.only]
 
     def choices(self) -> Iterator[tuple[Kind, ...]]:
         """Yield all choices of objects, without regard to their order."""
@@ -54,7 +57,7 @@ class Group:
 
     Attributes:
         pools: Pools, each of which gives some of the objects.
-        colors_differ: Whether all objects have different colors.
+        colors_differ: Whether all objects have different colors; otherwise, no two are equal.
         follows: Group whose color the objects have, such as the cabinet of the drawers.
     """
 
@@ -69,7 +72,7 @@ class Group:
             kinds = tuple(itertools.chain.from_iterable(parts))
             if color and any(own != color for _, own in kinds):
                 continue
-            if not self.colors_differ or len({own for _, own in kinds}) == len(kinds):
+            if len({own for _, own in kinds} if self.colors_differ else set(kinds)) == len(kinds):
                 yield kinds
 
 
@@ -107,11 +110,13 @@ class Grammar:
     """The themes of a template.
 
     Attributes:
-        general: Wording for objects that a user named and that fit no theme.
+        requested: Name of scenarios with objects that a user named and that fit no theme.
+        general: Wording for such objects.
     """
 
     template: Template
     themes: tuple[Theme, ...]
+    requested: str
     general: str
 
     def categories(self, group_id: str) -> tuple[str, ...]:

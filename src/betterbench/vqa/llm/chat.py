@@ -57,6 +57,7 @@ class ChatEndpoint:
         *,
         key_variable: str = "OPENAI_API_KEY",
         timeout_s: float = 120.0,
+        deadline_s: float = 600.0,
         tries: int = 4,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -67,6 +68,7 @@ class ChatEndpoint:
             model: Name of the model at that address.
             key_variable: Environment variable with the API key, if set.
             timeout_s: Longest wait for the beginning of an answer and between its parts [s].
+            deadline_s: Longest wait for a whole answer [s], for servers that send it in many small parts.
             tries: Number of times that a request is sent after transient failures.
             sleep: Waits between tries [s]; replaced in tests.
 
@@ -85,6 +87,7 @@ class ChatEndpoint:
         self._path = f"{path}/chat/completions"
         self._where = f"{parts.scheme}://{host}{f':{port}' if port else ''}{self._path}"
         self._key_variable, self._timeout_s, self._tries, self._sleep = key_variable, timeout_s, tries, sleep
+        self._deadline_s = deadline_s
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
         """Return the answer at temperature 0; see :class:`Chat`."""
@@ -121,12 +124,23 @@ class ChatEndpoint:
         try:
             connection.request("POST", self._path, body, headers)
             answer = connection.getresponse()
-            reply = answer.read(MAX_REPLY_BYTES + 1)
+            reply = self._read(answer)
         finally:
             connection.close()
         if len(reply) > MAX_REPLY_BYTES:
             raise ModelError(f"{self._where}: the answer exceeds {MAX_REPLY_BYTES} bytes. Is it a chat endpoint?")
         return answer.status, reply
+
+    def _read(self, answer: http.client.HTTPResponse) -> bytes:
+        """Return the beginning of a reply; raises TimeoutError if it is not complete in time."""
+        ends_at, reply = time.monotonic() + self._deadline_s, bytearray()
+        while len(reply) <= MAX_REPLY_BYTES and (part := answer.read1(MAX_REPLY_BYTES)):
+            reply += part
+            if time.monotonic() > ends_at:
+                raise TimeoutError(f"the answer was not complete after {self._deadline_s:g} s")
+        if answer.length and len(reply) <= MAX_REPLY_BYTES:  # the connection was closed early
+            raise http.client.IncompleteRead(bytes(reply), answer.length)
+        return bytes(reply)
 
     def _text(self, reply: bytes) -> str:
         try:

@@ -10,6 +10,7 @@ _CUPS = Group((Pool(("cup",), 2, by_color=True),))
 GRAMMAR = register(
     Grammar(
         template=CONSTRAINED_POSITIONING,
+        requested="Positioning a requested item",
         general="Put one of them on the ring of the {fixture}.",
         themes=tuple(
             Theme(name, context, instructions, {"fixture": _MACHINE, "items": items})

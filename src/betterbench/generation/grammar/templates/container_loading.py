@@ -9,6 +9,7 @@ _DRAWERS = Group((Pool(("upper_drawer",)), Pool(("lower_drawer",))), follows="ca
 GRAMMAR = register(
     Grammar(
         template=CONTAINER_LOADING,
+        requested="Putting the requested items away",
         general="Put the items into the drawers of the {cabinet}.",
         themes=tuple(
             Theme(name, context, instructions, {"cabinet": _CABINET, "drawers": _DRAWERS, "items": items})

@@ -10,6 +10,7 @@ _CYLINDERS = Group((Pool(("round_block",), 4, by_color=True),))
 GRAMMAR = register(
     Grammar(
         template=LOGICAL_ASSEMBLY,
+        requested="Stacking the requested layers",
         general="Stack the layers on the {base}.",
         themes=(
             Theme(

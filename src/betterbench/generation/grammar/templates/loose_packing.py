@@ -9,6 +9,7 @@ _LUNCHBOX, _TAKEOUT, _BIN = one("lunchbox"), one("takeaway_box"), one("waste_bin
 GRAMMAR = register(
     Grammar(
         template=LOOSE_PACKING,
+        requested="Packing the requested items",
         general="Pack the items into the {container}.",
         themes=(
             Theme(

@@ -14,6 +14,7 @@ def _laid(*vessels: str) -> Group:
 GRAMMAR = register(
     Grammar(
         template=PATTERNED_ARRANGEMENT,
+        requested="Arranging the requested items",
         general="Arrange the items around the {anchor}.",
         themes=(
             Theme(

@@ -42,6 +42,7 @@ _PANTRIES = (
 GRAMMAR = register(
     Grammar(
         template=PRECISION_INSERTION,
+        requested="Inserting the requested items",
         general="Put the items into the holes of the {rack}.",
         themes=(
             *(

@@ -8,6 +8,7 @@ _PLATES = Group((Pool(("serving_plate",)), Pool(("dinner_plate",), 2, by_color=T
 GRAMMAR = register(
     Grammar(
         template=RECURSIVE_STACKING,
+        requested="Stacking the requested plates",
         general="Stack the plates.",
         themes=tuple(
             Theme(name, context, instructions, {"plates": _PLATES})

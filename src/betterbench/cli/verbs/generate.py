@@ -1,0 +1,87 @@
+"""``better generate``: scenarios of a template or about a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.generation.folder import Generated
+
+
+def generate_command(
+    target: Annotated[str, tyro.conf.Positional],
+    *,
+    out: Path,
+    num: int = 10,
+    model: str = "offline",
+    seed: int = 0,
+    tries: int = 3,
+    vocabulary: Literal["library", "open"] = "library",
+    replay: Path | None = None,
+    key_variable: str = "OPENAI_API_KEY",
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Write scenarios of a template, or scenarios about a sentence, which chooses the template.
+
+    A scenario is a context with an instruction and described objects. The offline author needs no model: it combines
+    objects of the library that make sense together. The answers of a language model are checked against the form and
+    against sense; what is wrong is sent back to the model. Every exchange is kept in exchanges.jsonl, and --replay
+    repeats it without the model. The same command gives the same files and resumes, also after Ctrl-C.
+
+    Example: better generate "Pack a picnic into the lunchbox" --num 5 --out picnic
+
+    Args:
+        target: Name of a template (better list templates), or a sentence in quotes.
+        out: Folder of the scenarios.
+        num: Number of scenarios.
+        model: "offline", or a chat endpoint with OpenAI's protocol and its model, as
+            http://localhost:8000/v1#my-model.
+        seed: Seed of the offline author.
+        tries: Number of answers of a model per scenario.
+        vocabulary: Objects that a model may use: those of the library, or any.
+        replay: File exchanges.jsonl of an earlier run, which answers for the model.
+        key_variable: Environment variable with the key of the endpoint.
+        overwrite: Replace files in the folder that better generate did not write.
+        json: Print one JSON document instead of a table.
+    """
+    from betterbench.generation.folder import GenerateSettings, generate_scenarios
+
+    settings = GenerateSettings(target, num, model, seed, tries, vocabulary, replay, key_variable)
+    with progress_bar(f"scenarios by {model}", num, stays=settings.asks_model) as (bar, shown):
+        made = generate_scenarios(
+            settings,
+            out,
+            overwrite=overwrite,
+            on_progress=lambda done, _: bar.update(shown, completed=done),
+        )
+    _tell(made, out, json=json)
+    if not made.scenarios:
+        first = made.refused[0]
+        cure = f"Read {out / 'exchanges.jsonl'}, and try another model or more --tries"
+        raise InvalidInputError("better generate", f"the model wrote no scenario that makes sense ({first.problem})", cure)
+
+
+def _tell(made: Generated, out: Path, *, json: bool) -> None:
+    """Print the scenarios, and those that the model did not get right."""
+    from betterbench.generation.scenario_form import scenario_to_json
+
+    if json:
+        scenarios = {str(made.files[number]): scenario_to_json(s) for number, s in made.scenarios.items()}
+        refused = [{"number": r.number, "tries": r.tries, "problem": r.problem} for r in made.refused]
+        print_json({"out": str(out), "template": made.template, "scenarios": scenarios, "refused": refused})
+        return
+    rows = [
+        (str(number), s.context, s.instruction, ", ".join(o.instance_name for group in s.groups.values() for o in group))
+        for number, s in made.scenarios.items()
+    ]
+    print_table(("scenario", "context", "instruction", "objects"), rows, title=f"{made.template}:")
+    for refused in made.refused:
+        say(f"scenario {refused.number} was refused after {refused.tries} tries: {refused.problem}")
+    OUT.print(str(out / "scenarios"), markup=False, soft_wrap=True)

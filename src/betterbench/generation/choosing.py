@@ -1,0 +1,242 @@
+"""Scenarios from a user's sentence, without a model: the template by its words, and the objects by the grammar's nouns."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from betterbench.errors import InvalidInputError, UnknownNameError, one_line
+from betterbench.generation.grammar.author import Wanted, grammar_of, theme_words, write_scenarios
+from betterbench.generation.grammar.nouns import capitalized, phrase_of
+from betterbench.generation.grammar.theme import GRAMMARS, Grammar, Kind
+from betterbench.generation.instruction_sense import (
+    PLACES,
+    RESULTS,
+    VERBS,
+    color_before,
+    instruction_problems,
+    phrase_heads,
+    sentence_tokens,
+)
+from betterbench.generation.scenario import Scenario
+from betterbench.generation.scenario_form import LONGEST_INSTRUCTION, plain_text
+from betterbench.generation.vocabulary import COLLECTIVES, known_nouns
+from betterbench.sim.assets.catalogue.expansion import COLORS
+from betterbench.sim.assets.catalogue.terms import terms
+from betterbench.tasks.authoring.templates import TEMPLATES
+
+LEAST_SCORE = 2
+"""Least sum of the weights of the words that decide for a template."""
+
+WEIGHTS: dict[str, dict[str, int]] = {
+    "loose_packing": {
+        **dict.fromkeys("lunchbox box bin bag basket".split(), 2),
+        **dict.fromkeys("pack throw toss into lunch picnic takeout takeaway trash".split(), 1),
+    },
+    "patterned_arrangement": {
+        **dict.fromkeys("laptop fork spoon cutlery".split(), 2),
+        **dict.fromkeys("around beside next left right behind arrange lay set table breakfast".split(), 1),
+    },
+    "constrained_positioning": {
+        **dict.fromkeys("machine ring spout espresso".split(), 2),
+        **dict.fromkeys("coffee mug cup mark under".split(), 1),
+    },
+    "container_loading": {
+        **dict.fromkeys("drawer cabinet".split(), 2),
+        **dict.fromkeys("store file close into".split(), 1),
+    },
+    "logical_assembly": {
+        **dict.fromkeys("tower layer patty cheeseburger hamburger block".split(), 2),
+        **dict.fromkeys("stack build assemble make burger bun cheese lettuce sandwich".split(), 1),
+    },
+    "precision_insertion": {
+        **dict.fromkeys("rack hole".split(), 2),
+        **dict.fromkeys("insert jar spice salt pepper paprika".split(), 1),
+    },
+    "recursive_stacking": dict.fromkeys("stack pile plate dish".split(), 1),
+}
+"""Words that decide for each template, in the singular, with their weights. A word counts each time that it occurs."""
+
+_SYNONYMS: dict[str, str] = {
+    "apple": "apple",
+    "block": "block, cube, wooden block",
+    "bun_bottom": "bottom bun, bun",
+    "burger": "hamburger, cheeseburger",
+    "can": "can, soda, drink",
+    "cheese_slice": "cheese slice, slice of cheese",
+    "coffee_machine": "machine, coffee maker, espresso machine",
+    "computer_mouse": "mouse",
+    "crumpled_napkin": "napkin",
+    "crushed_can": "can",
+    "cup": "tea cup, teacup, coffee cup",
+    "dinner_plate": "plate",
+    "drawer_cabinet": "drawer cabinet, desk cabinet",
+    "drink_cup": "drink, cup, soda",
+    "egg_cup": "egg, boiled egg",
+    "fries_box": "french fries, box of fries, carton of fries",
+    "jam_jar": "jam, jar of jam",
+    "lettuce_leaf": "lettuce leaf, leaf of lettuce",
+    "lower_drawer": "drawer, bottom drawer",
+    "lunchbox": "box, lunch box",
+    "mug": "coffee mug",
+    "napkin_stack": "napkin, stack of napkins",
+    "patty": "burger patty, meat patty",
+    "pill_bottle": "bottle, pill, medicine",
+    "place_plate": "breakfast plate",
+    "plain_paprika_jar": "paprika, spice, jar",
+    "plain_pepper_jar": "pepper, spice, jar",
+    "plain_salt_jar": "salt, spice, jar",
+    "round_block": "block, round wooden block",
+    "salt_shaker": "salt, shaker",
+    "sauce_cup": "sauce, ketchup",
+    "serving_plate": "plate",
+    "soap_bar": "soap bar, bar of soap",
+    "speaker": "loudspeaker",
+    "spice_jar": "spice jar, jar, spice",
+    "spice_rack": "spice rack",
+    "takeaway_box": "box, takeaway box, food box",
+    "tape_roll": "tape roll, roll of tape",
+    "tumbler": "tumbler, drinking glass",
+    "upper_drawer": "drawer, top drawer",
+    "waste_bin": "bin, trash can, trash bin, wastebasket",
+}
+"""Further nouns for the categories of the grammar."""
+
+_NUMBERS = {"two": 2, "both": 2, "three": 3, "four": 4}
+_LONGEST_PHRASE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """Scenarios from a sentence.
+
+    Attributes:
+        is_worded: Whether the sentence is the instruction; otherwise it lists steps or objects, and the grammar's
+            wording is used.
+    """
+
+    template: str
+    scenarios: tuple[Scenario, ...]
+    is_worded: bool
+
+
+def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
+    """Return scenarios about a sentence, all of which have the objects that it names.
+
+    Raises:
+        InvalidInputError: If no template fits, an object is not in the library, or there are fewer such scenarios.
+    """
+    text = checked_sentence(sentence)
+    template = choose_template(text)
+    found = write_scenarios(template, count, seed=seed, wanted=wanted_in(text, template), about=text)
+    worded = tuple(replace(scenario, instruction=text) for scenario in found)
+    fits = not any(any(instruction_problems(s, TEMPLATES[template])) for s in worded)
+    return Chosen(template, worded if fits else found, fits)
+
+
+def checked_sentence(sentence: str) -> str:
+    """Return a sentence with single spaces, a capital letter and a period.
+
+    Raises:
+        InvalidInputError: If it is empty or too long, or has other characters than letters and plain punctuation.
+    """
+    text = " ".join(sentence.split())
+    if not text or len(text) > LONGEST_INSTRUCTION:
+        cure = f"Write one sentence of up to {LONGEST_INSTRUCTION} characters"
+        raise InvalidInputError("sentence", f"has {len(text)} characters", cure)
+    try:
+        plain_text(text)
+    except ValueError as error:
+        raise InvalidInputError("sentence", str(error).partition(";")[0], "Write letters and plain punctuation") from error
+    return capitalized(text if text.endswith(".") else f"{text}.")
+
+
+def choose_template(sentence: str) -> str:
+    """Return the template whose words a sentence has.
+
+    Raises:
+        InvalidInputError: If no template, or several, fit; the message names the closest.
+    """
+    words = terms(sentence)
+    scores = {name: sum(weights.get(word, 0) for word in words) for name, weights in WEIGHTS.items()}
+    ranked = sorted(scores, key=lambda name: -scores[name])
+    best, next_best = ranked[:2]
+    if scores[best] >= LEAST_SCORE and scores[best] > scores[next_best]:
+        return best
+    close = [name for name in ranked if scores[name] and scores[name] == scores[best]] or ranked
+    shown = "; ".join(f"{name} ({TEMPLATES[name].description.rstrip('.')})" for name in close)
+    problem = f"{one_line(sentence, most=80)!r} fits {'several templates' if len(close) < len(ranked) else 'no template'}"
+    raise InvalidInputError("sentence", problem, f"Name the objects and the container, or choose a template: {shown}")
+
+
+def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
+    """Return the objects that a sentence names, with the kinds of the library that the nouns may mean.
+
+    Raises:
+        InvalidInputError: If an object, or an object of a color, is not in the library's vocabulary of the template.
+    """
+    grammar = grammar_of(template)
+    tokens = sentence_tokens(sentence)
+    nouns, found, used = _nouns(template), list[Wanted](), set[int]()
+    at = 0
+    while at < len(tokens):
+        length = next((n for n in range(_LONGEST_PHRASE, 0, -1) if tuple(tokens[at : at + n]) in nouns), 0)
+        if length and not (at == 0 and tokens[0] in VERBS):
+            used |= set(range(at, at + length))
+            found += _named(tokens, at, length, nouns[tuple(tokens[at : at + length])])
+        at += max(1, length)
+    _require_known(tokens, used, grammar)
+    return tuple(found)
+
+
+def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str]) -> list[Wanted]:
+    """Return the wanted objects of one noun: several if a number is before it."""
+    noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
+    kinds = tuple(kind for kind in meant if not color or kind[1] == color)
+    if not kinds:
+        known = ", ".join(dict.fromkeys(color for _, color in meant))
+        raise InvalidInputError("sentence", f"the library has no {color} {noun}", f"Choose one of these colors: {known}")
+    groups = {meant[kind] for kind in kinds}
+    group = min(groups, key=lambda g: (g != "items", g))
+    number = next((_NUMBERS[t] for t in reversed(tokens[max(0, at - 2) : at]) if t in _NUMBERS), 1)
+    shown = f"{color} {noun}".strip()
+    return [Wanted(group, tuple(k for k in kinds if meant[k] == group), shown)] * number
+
+
+@functools.cache
+def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
+    """Return the kinds that each noun may mean, with their groups. The usual noun of a category goes before others."""
+    exact: dict[tuple[str, ...], dict[Kind, str]] = {}
+    other: dict[tuple[str, ...], dict[Kind, str]] = {}
+    grammar = grammar_of(template)
+    for group_id in grammar.themes[0].groups:
+        pools = (pool for theme in grammar.themes for pool in theme.groups[group_id].pools)
+        for category, color in (kind for pool in pools for c in pool.categories for kind in pool.kinds(c)):
+            short = phrase_of(category, color).short
+            exact.setdefault(tuple(terms(short)), {})[category, color] = group_id
+            texts = (category.replace("_", " "), *_SYNONYMS.get(category, "").split(","), short.split()[-1])
+            for text in filter(str.strip, texts):
+                other.setdefault(tuple(terms(text)), {})[category, color] = group_id
+    return {**other, **exact}
+
+
+def _usual_nouns(template: str) -> set[str]:
+    """Return the usual nouns of the objects that the grammar of a template has, without colors."""
+    return {phrase_of(*kind).short for meant in _nouns(template).values() for kind in meant}
+
+
+def _require_known(tokens: list[str], used: set[int], grammar: Grammar) -> None:
+    """Raise InvalidInputError for a noun of an object that the grammar does not have."""
+    free = PLACES | RESULTS | COLLECTIVES.keys() | COLORS | VERBS | frozenset().union(*map(theme_words, grammar.themes))
+    covered = {tokens[i] for i in used}
+    heads = [head for head in phrase_heads(tokens) if head not in covered]
+    bare = [" ".join(noun) for at, noun in known_nouns(tokens) if at not in used and noun[-1] not in covered]
+    for noun in (*heads, *bare):
+        if noun not in free and noun.split()[-1] not in free:
+            message = str(UnknownNameError("object", noun, _usual_nouns(grammar.template.name))).rstrip(".")
+            elsewhere = [name for name in GRAMMARS if tuple(terms(noun)) in _nouns(name)]
+            hint = f"; {', '.join(elsewhere)} has it" if elsewhere else ""
+            raise InvalidInputError(
+                "sentence", f"{message} for {grammar.template.name}{hint}", "Name objects of the library"
+            )

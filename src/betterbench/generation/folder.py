@@ -1,0 +1,226 @@
+"""A folder of generated scenarios: one file each, and the exchanges with the model that wrote them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from betterbench.errors import InvalidInputError, RunConflictError, UnknownNameError, one_line
+from betterbench.generation.asking import (
+    Asked,
+    ExchangeFile,
+    KeptChat,
+    Refused,
+    ask_for_scenarios,
+    ask_for_template,
+    read_exchanges,
+)
+from betterbench.generation.asking.author import DEFAULT_TRIES
+from betterbench.generation.asking.exchanges import FILE_NAME
+from betterbench.generation.asking.prompt import PROMPT_ID
+from betterbench.generation.choosing import checked_sentence, scenarios_about
+from betterbench.generation.grammar import nouns_of_library, write_scenarios
+from betterbench.generation.scenario import Scenario
+from betterbench.generation.scenario_form import scenario_to_json
+from betterbench.jobs import OnCount, write_durably
+from betterbench.jobs.conflict import require_same
+from betterbench.jobs.outputs import OutputFolder
+from betterbench.json_form import read_object
+from betterbench.quoting import json_text
+from betterbench.tasks.authoring.templates import TEMPLATES
+from betterbench.vqa.llm import Chat, ChatEndpoint
+
+OFFLINE = "offline"
+"""Name of the author without a model."""
+SETTINGS_NAME = "generate.json"
+"""File with the settings of a folder."""
+SCENARIOS = "scenarios"
+"""Subfolder of the scenarios."""
+_LONGEST_SLUG = 40
+_MAX_BYTES = 1 << 20
+
+Vocabulary = Literal["library", "open"]
+"""Objects that a model may use: those of the library, or any."""
+
+
+@dataclass(frozen=True, slots=True)
+class GenerateSettings:
+    """Settings of generated scenarios.
+
+    Attributes:
+        target: Name of a template, or a sentence.
+        num: Number of scenarios.
+        model: "offline", or the address of a chat endpoint with the name of the model, "URL#MODEL".
+        seed: Seed of the offline author.
+        tries: Number of answers of a model per scenario.
+        vocabulary: Objects that a model may use.
+        replay: File of kept exchanges that answers for the model.
+        key_variable: Environment variable with the key of the endpoint.
+    """
+
+    target: str
+    num: int = 10
+    model: str = OFFLINE
+    seed: int = 0
+    tries: int = DEFAULT_TRIES
+    vocabulary: Vocabulary = "library"
+    replay: Path | None = None
+    key_variable: str = "OPENAI_API_KEY"
+
+    @property
+    def asks_model(self) -> bool:
+        """Whether the scenarios are of a model, live or kept."""
+        return self.model != OFFLINE or self.replay is not None
+
+    @property
+    def sentence(self) -> str:
+        """The sentence with its period, empty if the target is a template.
+
+        Raises:
+            UnknownNameError: If the target is one word and no template.
+            InvalidInputError: If it has other characters than letters and plain punctuation.
+        """
+        if self.target in TEMPLATES:
+            return ""
+        if " " not in self.target.strip():
+            raise UnknownNameError("template", self.target, TEMPLATES)
+        return checked_sentence(self.target)
+
+
+@dataclass(frozen=True, slots=True)
+class Generated:
+    """Scenarios of a folder.
+
+    Attributes:
+        template: Name of their template.
+        scenarios: Scenarios by number, from 1.
+        files: Their files.
+        refused: Scenarios that the model did not get right.
+        is_worded: Whether a given sentence is the instruction of the scenarios.
+    """
+
+    template: str
+    scenarios: Mapping[int, Scenario]
+    files: Mapping[int, Path]
+    refused: tuple[Refused, ...] = field(default=())
+    is_worded: bool = False
+
+
+def generate_scenarios(
+    settings: GenerateSettings,
+    out: Path,
+    *,
+    chat: Chat | None = None,
+    overwrite: bool = False,
+    on_progress: OnCount | None = None,
+) -> Generated:
+    """Write scenarios into a folder. The same settings give the same bytes; an interrupted call is resumed by repeating.
+
+    Args:
+        settings: What to generate.
+        out: The folder.
+        chat: Model to ask instead of the address in the settings.
+        overwrite: Whether files that were not written here, or were changed since, may be replaced.
+        on_progress: Called with the finished and all scenarios.
+
+    Raises:
+        InvalidInputError: If a setting is wrong, or the grammar holds fewer scenarios.
+        UnknownNameError: If there is no such template.
+        ModelError: If the model cannot be reached; earlier exchanges are kept.
+        RunConflictError: If the folder holds other files or scenarios with other settings.
+    """
+    sentence = settings.sentence
+    live = chat or endpoint_of(settings)
+    kept = {} if settings.replay is None else read_exchanges(settings.replay)
+    if not settings.asks_model:
+        made = _offline(settings, sentence)  # before a folder is made, because wrong input is found here
+    with OutputFolder(out, "generate", overwrite=overwrite):
+        _require_same_settings(out, settings)
+        if settings.asks_model:
+            with _open_exchanges(out) as file:
+                made = _by_model(settings, sentence, KeptChat(file, live, kept), on_progress)
+        files = {number: _write(out, number, scenario) for number, scenario in made.scenarios.items()}
+    return Generated(made.template, made.scenarios, files, made.refused, made.is_worded)
+
+
+def endpoint_of(settings: GenerateSettings) -> ChatEndpoint | None:
+    """Return the endpoint that the settings name, None for the offline author.
+
+    Raises:
+        InvalidInputError: If the address has no model or is not an HTTP address.
+    """
+    if settings.model == OFFLINE:
+        return None
+    url, _, model = settings.model.partition("#")
+    if not model or not url:
+        problem = f"{one_line(settings.model, most=80)!r} is not an address with a model"
+        raise InvalidInputError("--model", problem, f"Write {OFFLINE}, or URL#MODEL: http://localhost:8000/v1#my-model")
+    return ChatEndpoint(url, model, key_variable=settings.key_variable)
+
+
+def _offline(settings: GenerateSettings, sentence: str) -> Generated:
+    if sentence:
+        chosen = scenarios_about(sentence, settings.num, seed=settings.seed)
+        return Generated(chosen.template, _numbered(chosen.scenarios), {}, is_worded=chosen.is_worded)
+    written = write_scenarios(settings.target, settings.num, seed=settings.seed)
+    return Generated(settings.target, _numbered(written), {})
+
+
+def _numbered(scenarios: tuple[Scenario, ...]) -> dict[int, Scenario]:
+    return dict(enumerate(scenarios, start=1))
+
+
+def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_progress: OnCount | None) -> Generated:
+    template = ask_for_template(sentence, chat, tries=settings.tries) if sentence else settings.target
+    asked: Asked = ask_for_scenarios(
+        template,
+        chat,
+        settings.num,
+        tries=settings.tries,
+        sentence=sentence,
+        vocabulary=nouns_of_library(template) if settings.vocabulary == "library" else None,
+        on_progress=on_progress,
+    )
+    return Generated(template, asked.scenarios, {}, asked.refused)
+
+
+@contextmanager
+def _open_exchanges(out: Path) -> Iterator[ExchangeFile]:
+    with ExchangeFile(out / FILE_NAME) as file:
+        yield file
+
+
+def _require_same_settings(out: Path, settings: GenerateSettings) -> None:
+    """Write the settings of a folder; refuse a folder with other settings, or with more scenarios."""
+    path = out / SETTINGS_NAME
+    form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.num}
+    if settings.asks_model:
+        source = "replay" if settings.model == OFFLINE else settings.model
+        form |= {"model": source, "prompt": PROMPT_ID, "vocabulary": settings.vocabulary}
+    else:
+        form |= {"model": OFFLINE, "seed": settings.seed}
+    if path.is_file():
+        there = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder")
+        number = there.get("num")
+        if type(number) is int and number > settings.num:
+            problem = f"{out}: this folder holds {number} scenarios, not {settings.num}"
+            raise RunConflictError(f"{problem}. Give --num {number} or more, or choose another folder.")
+        require_same(out, {**there, "num": settings.num}, form, "set of scenarios", where="settings")
+    write_durably(path, (json_text(form, indent=1) + "\n").encode())
+
+
+def _write(out: Path, number: int, scenario: Scenario) -> Path:
+    """Write a scenario to "scenarios/003_packing_a_picnic.json"; the name has only letters, digits and underscores."""
+    path = out / SCENARIOS / f"{number:03d}_{slug_of(scenario.name)}.json"
+    write_durably(path, (json.dumps(scenario_to_json(scenario), indent=1) + "\n").encode())
+    return path
+
+
+def slug_of(name: str) -> str:
+    """Return a name for a file: small ASCII letters, digits and underscores."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_SLUG].strip("_") or "scenario"
