@@ -1,9 +1,16 @@
 """Patterns: one file per template, which turns a cast into a task with training conditions and variations.
 
 A pattern chooses slots that are in reach and in view, writes the training conditions with their confounds, derives the
-variations that the template allows on the four axes, and lists balanced conditions.
+variations that the template allows on the four axes, and lists balanced conditions. New files in this folder are found
+automatically.
 """
 
+import importlib
+import pkgutil
+
 from betterbench.generation.patterns.pattern import PATTERNS, GeneratedTask, Unbuilt, pattern, pattern_of
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
 
 __all__ = ["PATTERNS", "GeneratedTask", "Unbuilt", "pattern", "pattern_of"]
