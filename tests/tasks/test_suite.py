@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 import pytest
 from tests.daily import part_of_today
 from tests.looping import each
+from tests.tasks.releasing import ground, releases
 
 from betterbench.errors import UnknownNameError
 from betterbench.sim.assets import build
@@ -230,34 +228,6 @@ def test_expected_behavior_is_that_of_the_suite(task):
 def test_a_variation_says_what_it_tests(task, variation):
     assert variation.hypothesis.endswith(".")
     assert variation.title
-
-
-def ground(condition: Condition, name: str, stacked: Mapping[str, str] = MappingProxyType({})) -> str:
-    """The slot above which an object is: its own, or that of what carries it.
-
-    ``stacked`` names what earlier steps put each object on.
-    """
-    if name in stacked:
-        return ground(condition, stacked[name], stacked)
-    if name in condition.layout:
-        return condition.layout[name]
-    place = condition.object(name).mount or condition.preplaced[name]
-    return ground(condition, place.target, stacked)
-
-
-def releases(condition: Condition) -> set[tuple[str, str, str, str]]:
-    """Where an instruction puts things: relation, kind of target, place of it, and the slot where the target then is.
-
-    A plate that an earlier step puts on another one stands, as a target, where that other one stands.
-    """
-    found, stacked = set(), {}
-    for goal in condition.instruction.subgoals:
-        where = ground(condition, goal.target, stacked)
-        found.add((goal.relation, condition.object(goal.target).kind, goal.region, where))
-        for name in condition.resolve(goal.reference):
-            if condition.object(name).mount is None:
-                stacked[name] = goal.target
-    return found
 
 
 @each_variation

@@ -1,0 +1,215 @@
+"""Draft of a generated task: training conditions, variations that are numbered per axis, and balanced conditions."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.generation.cast import Cast
+from betterbench.generation.layout import Table, crowding
+from betterbench.generation.patterns.pattern import GeneratedTask, Unbuilt
+from betterbench.tasks import authoring as a
+from betterbench.tasks.authoring.operations import Operation
+from betterbench.tasks.authoring.template import Template
+from betterbench.tasks.authoring.training_distribution import pairing
+from betterbench.tasks.axes import Axis
+from betterbench.tasks.condition import Condition, ObjectSpec, Role, Slot
+
+LEAST_VARIATIONS, LEAST_AXES = 4, 3
+"""Least number of variations of a generated task, and of axes with a variation."""
+
+
+@dataclass
+class Draft:
+    """Task under construction; :meth:`finish` checks it.
+
+    Attributes:
+        training: Training conditions, named train1, train2 and so on.
+        variations: Variations so far.
+        unbuilt: Variations that could not be derived.
+    """
+
+    template: Template
+    cast: Cast
+    table: Table
+    training: tuple[Condition, ...]
+    description: str
+    variations: list[a.Variation] = field(default_factory=list)
+    unbuilt: list[Unbuilt] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Name the training conditions."""
+        self.training = tuple(c.with_(name=f"train{i}") for i, c in enumerate(self.training, start=1))
+
+    def base_of(self, instruction: a.Instruction, layout: Mapping[ObjectSpec, Slot] | None = None) -> str:
+        """Return the name of the first training condition with an instruction, and with a layout if it is given."""
+        slots = None if layout is None else {o.name: slot.name for o, slot in layout.items()}
+        return next(
+            c.name
+            for c in self.training
+            if c.instruction == instruction and (slots is None or slots.items() >= c.layout.items())
+        )
+
+    def vary(
+        self,
+        axis: str,
+        operations: Sequence[Operation],
+        title: str,
+        hypothesis: str,
+        base: str = "train1",
+        *,
+        refuse: bool = False,
+        mid_task: bool = False,
+    ) -> bool:
+        """Add a variation, or list it as unbuilt if it cannot be carried out or its objects may touch.
+
+        Returns:
+            Whether it was added.
+        """
+        number = 1 + sum(v.name.startswith(axis) for v in self.variations)
+        made = a.Variation(
+            f"{axis}{number}",
+            tuple(operations),
+            title,
+            hypothesis,
+            base,
+            expected=a.Expected.REFUSE if refuse else a.Expected.SUCCEED,
+            mid_task_look=mid_task,
+            premise_broken=refuse,
+        )
+        problem = self._problem(made)
+        if problem is None:
+            self.variations.append(made)
+        else:
+            self.leave_out(axis, title, problem)
+        return problem is None
+
+    def leave_out(self, axis: str, title: str, reason: str) -> None:
+        """List a variation that cannot be derived."""
+        self.unbuilt.append(Unbuilt(axis, title, reason))
+
+    def _problem(self, variation: a.Variation) -> str | None:
+        """Return the reason why a variation is impossible or no test, or None."""
+        try:
+            condition = self._carried_out(variation)
+        except BetterError as error:
+            return str(error)
+        if pairing(condition) in {pairing(c) for c in self.training}:
+            return "training contains this condition"
+        if pairing(condition) in {pairing(self._carried_out(v)) for v in self.variations}:
+            return "another variation is the same condition"
+        problems = (*self.template.problems(condition), crowding(condition, self._slots))
+        return next((problem for problem in problems if problem), None)
+
+    def _carried_out(self, variation: a.Variation) -> Condition:
+        condition = next(c for c in self.training if c.name == variation.base)
+        for operation in variation.interventions:
+            condition, _ = operation.carry_out(condition)
+        return condition
+
+    def _tests(self) -> set[tuple[str, frozenset[tuple[str, str]]]]:
+        return {pairing(self._carried_out(v)) for v in self.variations}
+
+    def crossed(
+        self,
+        movers: Sequence[ObjectSpec],
+        slots: Sequence[Slot],
+        fixed: Mapping[ObjectSpec, Slot],
+        asked: Sequence[a.Instruction],
+    ) -> tuple[Condition, ...]:
+        """Return balanced conditions: every order of up to three movers in the slots, with every instruction.
+
+        More movers rotate through the slots instead. One condition in four lacks a mover that is not requested, and so
+        does every condition that would be a test.
+        """
+        turned = ((*slots[i:], *slots[:i]) for i in range(len(slots)))
+        orders = tuple(itertools.permutations(slots)) if len(slots) <= 3 else tuple(turned)
+        tests, found = self._tests(), []
+        for number, order in enumerate(orders):
+            for which, instruction in enumerate(asked):
+                layout = {**dict(zip(movers, order, strict=True)), **fixed}
+                kinds = {goal.reference.kind for goal in instruction.subgoals}
+                spare = next((o for o in reversed(movers) if o.kind not in kinds), None)
+                if spare is not None and (
+                    (number + which) % 4 == 2 or pairing(a.condition(layout, instruction)) in tests
+                ):
+                    del layout[spare]
+                found.append(a.condition(layout, instruction))
+        return tuple(found)
+
+    @property
+    def _slots(self) -> dict[str, Slot]:
+        return {slot.name: slot for slot in self.table.slots}
+
+    def finish(
+        self, balanced: Iterable[Condition], *, confounds: Sequence[str], crossed: Sequence[str]
+    ) -> GeneratedTask:
+        """Return the task.
+
+        A balanced condition that is the start and the instruction of a test is left out.
+
+        Raises:
+            InvalidInputError: If a condition breaks the template, its objects may touch, or variations are missing.
+        """
+        tests = self._tests()
+        kept = tuple(c for c in balanced if pairing(c) not in tests)
+        where = f"cast {self.cast.scenario.name!r}"
+        for condition in (*self.training, *kept):
+            problems = (*self.template.problems(condition), crowding(condition, self._slots))
+            found = next((problem for problem in problems if problem), None)
+            if found:
+                raise InvalidInputError(where, found, "Choose smaller objects")
+        axes = {Axis.of(v.name) for v in self.variations}
+        if len(self.variations) < LEAST_VARIATIONS or len(axes) < LEAST_AXES:
+            left = "; ".join(f"{u.axis} {u.title}: {u.reason}" for u in self.unbuilt)
+            problem = f"{len(self.variations)} variations over {len(axes)} axes can be derived, 4 over 3 are needed"
+            raise InvalidInputError(where, f"{problem} ({left})", "Choose objects that look alike, or other sizes")
+        used = {slot for c in (*self.training, *kept) for slot in c.layout.values()}
+        used |= {slot for v in self.variations for slot in self._carried_out(v).layout.values()}
+        task = a.Task(
+            version=1,
+            title=self.cast.scenario.name,
+            template=self.template,
+            slots=tuple(slot for slot in self.table.slots if slot.name in used),
+            training=self.training,
+            variations=tuple(self.variations),
+            description=self.description,
+        )
+        numbered = tuple(c.with_(name=f"balanced{i}") for i, c in enumerate(kept, start=1))
+        return GeneratedTask(task, tuple(confounds), numbered, tuple(crossed), tuple(self.unbuilt))
+
+
+def first_that_fits(tables: Sequence[Table], build: Callable[[Table], GeneratedTask]) -> GeneratedTask:
+    """Return the task on the first table with enough room; InvalidInputError of the first table if there is none."""
+    errors = []
+    for table in tables:
+        try:
+            return build(table)
+        except InvalidInputError as error:
+            errors.append(error)
+    raise errors[0]
+
+
+def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]:
+    """Return objects with a role."""
+    return tuple(replace(spec, role=role) for spec in objects)
+
+
+def second(spec: ObjectSpec) -> ObjectSpec:
+    """Return a second instance of an object."""
+    return replace(spec, name=f"{spec.name}_2")
+
+
+def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
+    """Return the look-alikes of an object as distractors, the most similar first."""
+    return in_role("distractor", cast.look_alikes.get(spec.name, ()))
+
+
+def shuffled(cast: Cast, slots: Sequence[Slot]) -> tuple[Slot, ...]:
+    """Return slots in an order drawn from the seed of a cast."""
+    order = np.random.default_rng(cast.seed).permutation(len(slots)).tolist()
+    return tuple(slots[i] for i in order)

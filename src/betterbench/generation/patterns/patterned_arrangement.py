@@ -1,0 +1,345 @@
+"""Patterned arrangement: items go to sides of an anchor, as in the tasks desk_meeting and breakfast_table."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.generation.cast import Cast
+from betterbench.generation.layout import Table, footprint, require_graspable
+from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of
+from betterbench.generation.patterns.pattern import GeneratedTask, pattern
+from betterbench.tasks import authoring as a
+from betterbench.tasks.authoring.operations import Operation
+from betterbench.tasks.condition import Condition, ObjectSpec, Slot
+
+_DESK = Table(
+    starts=tuple(
+        a.Slot(f"front_{i}", 0.68, y) for i, y in enumerate((-0.202, -0.012, 0.178, -0.178, 0.012, 0.202), start=1)
+    ),
+    stands=(
+        a.Slot("anchor_right", 0.47, 0.023, jitter_m=0.010, yaw_jitter=0.05),
+        a.Slot("anchor_left", 0.47, -0.023, jitter_m=0.010, yaw_jitter=0.05),
+    ),
+)
+"""Table of the suite's desk_meeting: six slots in front, three for each position of the anchor.
+
+The anchor is 2 cm farther from the slots than in the suite, so that no exchange of objects brings two in contact."""
+
+_SETTING = Table(
+    starts=(
+        a.Slot("left_edge", 0.52, -0.255, jitter_m=0.010),
+        a.Slot("right_edge", 0.52, 0.255, jitter_m=0.010),
+        a.Slot("front", 0.69, -0.04),
+        a.Slot("left_corner", 0.44, -0.255, jitter_m=0.010),
+        a.Slot("right_corner", 0.44, 0.255, jitter_m=0.010),
+        a.Slot("front_right", 0.69, 0.13),
+    ),
+    stands=(
+        a.Slot("anchor_right", 0.51, 0.06, jitter_m=0.008, yaw_jitter=0.05),
+        a.Slot("anchor_left", 0.51, -0.06, jitter_m=0.008, yaw_jitter=0.05),
+    ),
+    besides=(a.Slot("front_left", 0.69, -0.17), a.Slot("back_left", 0.32, -0.15), a.Slot("back", 0.29, 0.24)),
+)
+"""Table of the suite's breakfast_table: two long pieces lie at the edges, a compact one stands in front."""
+TABLES = (_DESK, _SETTING)
+
+_FRONT_M = 0.070
+"""Largest radius of an object in a slot in front [m]: longer ones reach out of view of the front camera."""
+_NARROW_M = 0.072
+"""Largest width of an object behind an anchor [m]; the gripper has little room there, and the handle of a mug none."""
+_WIDE_M = 0.115
+"""Largest width of an object at another side [m]."""
+_CUTLERY_M = 0.09
+"""Largest radius of a piece at the edge of the table [m]."""
+_TRIED_LAST = ("behind", "upper_right")
+"""Sides with little room, in the order of preference for the third item."""
+
+BY_KIND = "Objects are found by what they are, not by where they stood in training."
+BY_ANCHOR = "A side is relative to the anchor, not a place on the table."
+NEW_PAIR = "A known object and a known side are combined in a new way."
+LOOK_ALIKE = "The policy distinguishes an object from one that looks like it, in its slot."
+LONGER = "A chain of known steps that is longer than any in training is completed."
+
+Step = tuple[ObjectSpec, str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Items with their trained sides, and where they start.
+
+    Attributes:
+        anchor: Object with the sides.
+        steps: Each item with its side, three in number.
+        layouts: Start slots for the first and the second position of the anchor.
+        pairs: Trained pairs of steps.
+    """
+
+    anchor: ObjectSpec
+    steps: tuple[Step, Step, Step]
+    layouts: tuple[Mapping[ObjectSpec, Slot], Mapping[ObjectSpec, Slot]]
+    pairs: tuple[tuple[Step, Step], ...]
+
+    def put(self, *steps: Step) -> a.Instruction:
+        """Return the instruction to put objects to sides of the anchor."""
+        return a.arranged(self.anchor, *steps, close=_is_round(self.anchor))
+
+
+@pattern(a.PATTERNED_ARRANGEMENT)
+def patterned_arrangement(cast: Cast) -> GeneratedTask:
+    """Return a task in which two of three items go to their sides of the anchor.
+
+    Two long pieces and a compact one are laid around a round anchor as in a place setting; other items start in front
+    of the anchor. Distractors stand around a place setting, as far as there is room; elsewhere they are not used.
+
+    Raises:
+        InvalidInputError: If the anchor has fewer than three sides, there are not three items, an item cannot be
+            grasped or is too large, or none fits to the side with the least room.
+    """
+    (anchor,) = in_role("fixture", (cast.one("anchor"),))
+    items = in_role("item", cast.groups.get("items", ()))
+    sides = _sides(anchor)
+    if len(items) != 3:
+        problem = f"has {len(items)} objects, three are needed"
+        cure = "Choose three, so that known objects and sides can be combined in a new way"
+        raise InvalidInputError("cast group 'items'", problem, cure)
+    require_graspable("items", items)
+    long = [spec for spec in items if footprint(spec.category).radius_m > _FRONT_M]
+    if long and (not _is_round(anchor) or len(long) != 2):
+        _refuse_long(long[0])
+    return _setting(cast, anchor, items, sides) if long else _desk(cast, anchor, items, sides)
+
+
+def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
+    """Return two wide sides of an anchor, and the side with the least room."""
+    offered = footprint(anchor.category).regions & set(a.SIDES)
+    last = next((side for side in _TRIED_LAST if side in offered), None)
+    if last is None or not {"left", "right"} <= offered:
+        found = f"a {anchor.kind} (category {anchor.category}) has the sides {sorted(offered)}"
+        cure = (
+            "Choose an anchor with regions left and right, and behind or upper_right, such as a laptop or place_plate"
+        )
+        raise InvalidInputError("cast group 'anchor'", found, cure)
+    return "right", "left", last
+
+
+def _is_round(anchor: ObjectSpec) -> bool:
+    return anchor.category == "place_plate"
+
+
+def _refuse_long(spec: ObjectSpec) -> None:
+    """Refuse an object that would reach out of view."""
+    size = footprint(spec.category)
+    problem = f"a {spec.kind} reaches {1000 * size.radius_m:.0f} mm from its center"
+    cure = "Choose objects of at most 70 mm, or two pieces of cutlery and a compact object at a plate"
+    raise InvalidInputError(f"cast group 'items': {spec.name}", problem, cure)
+
+
+def _fits(spec: ObjectSpec, side: str) -> bool:
+    """Return whether there is room for an object at a side."""
+    size = footprint(spec.category)
+    across = size.y_m[1] - size.y_m[0] if size.longish else size.width_m
+    return across <= (_NARROW_M if side == "behind" else _WIDE_M)
+
+
+def _with_last(items: Sequence[ObjectSpec], last: ObjectSpec) -> tuple[ObjectSpec, ObjectSpec, ObjectSpec]:
+    first, second = (o for o in items if o is not last)
+    return first, second, last
+
+
+def _desk(cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tuple[str, str, str]) -> GeneratedTask:
+    """Return a task whose items start in front of the anchor."""
+    last = next((o for o in reversed(items) if _fits(o, sides[2])), None)
+    wide = next((o for o in items if not _fits(o, "right")), None)
+    if last is None or wide is not None:
+        spec = wide or items[-1]
+        width, most = footprint(spec.category).width_m, _WIDE_M if wide else _NARROW_M
+        problem = f"a {spec.kind} is {1000 * width:.0f} mm wide; at most {1000 * most:.0f} mm fit"
+        raise InvalidInputError(f"cast group 'items': {spec.name}", problem, "Choose a narrower object")
+    ordered = _with_last(items, last)
+    steps = tuple(zip(ordered, sides, strict=True))
+    turn = np.random.default_rng(cast.seed).permutation(3).tolist()
+    near = {o: _DESK.starts[turn[i]] for i, o in enumerate(ordered)}
+    far = {o: _DESK.starts[3 + (turn[i] + 1) % 3] for i, o in enumerate(ordered)}
+    layouts = ({**near, anchor: _DESK.stands[0]}, {**far, anchor: _DESK.stands[1]})
+    plan = _Plan(anchor, steps, layouts, tuple(itertools.permutations(steps, 2)))
+    draft = _draft(cast, plan, _DESK)
+    one, two, three = plan.steps
+    first, second, third = ordered
+    draft.vary("L", [a.swap(first, second)], f"{first.kind} and {second.kind} exchanged", BY_KIND)
+    _add_moved_anchor(draft, plan)
+    _add_recomposed(draft, plan, ((second, one[1]), (first, two[1])), (one, two))
+    _add_recomposed(draft, plan, ((third, two[1]), (second, one[1])), (three, two))
+    for x, y, z in ((first, second, third), (second, first, third), (third, first, second)):
+        pair = next(p for p in plan.pairs if [o for o, _ in p] == [x, y])
+        slots = near[z], near[x]
+        if _add_look_alike(draft, x, [a.remove(z), a.move(x, slots[0])], slots[1], draft.base_of(plan.put(*pair))):
+            break
+    else:
+        _leave_out_look_alike(draft)
+    title = f"all three in one instruction, {first.kind} and {third.kind} exchanged"
+    draft.vary("T", [a.swap(first, third), a.chain(plan.put(*plan.steps))], title, LONGER)
+    _leave_out_preplaced(draft)
+    return _finish(draft, plan, list(_desk_balanced(draft, plan)))
+
+
+def _draft(cast: Cast, plan: _Plan, table: Table) -> Draft:
+    return Draft(
+        a.PATTERNED_ARRANGEMENT,
+        cast,
+        table,
+        a.conditions(plan.layouts, [plan.put(*pair) for pair in plan.pairs]),
+        f"Put the named objects to the named sides of the {plan.anchor.kind}.",
+    )
+
+
+def _add_moved_anchor(draft: Draft, plan: _Plan) -> None:
+    """Move the anchor, for a pair that does not begin with the object in the slot that is first by name.
+
+    A policy that always begins in its favorite slot would pass otherwise.
+    """
+    layout = plan.layouts[0]
+    favorite = min(slot.name for o, slot in layout.items() if o is not plan.anchor)
+    pair = next(p for p in plan.pairs if layout[p[0][0]].name != favorite)
+    moved = a.move(plan.anchor, plan.layouts[1][plan.anchor])
+    title = f"{plan.anchor.kind} at its other position"
+    draft.vary("L", [moved], title, BY_ANCHOR, draft.base_of(plan.put(*pair)))
+
+
+def _add_recomposed(draft: Draft, plan: _Plan, steps: tuple[Step, Step], base: tuple[Step, Step]) -> None:
+    title = ", ".join(f"{o.kind} {side.replace('_', ' ')}" for o, side in steps)
+    draft.vary("R", [a.instruct(plan.put(*steps))], title, NEW_PAIR, draft.base_of(plan.put(*base)))
+
+
+def _add_look_alike(draft: Draft, spec: ObjectSpec, room: Sequence[Operation], slot: Slot, base: str) -> bool:
+    """Add a look-alike of an object in its slot, after the operations that make room; return whether one fits."""
+    for other in look_alikes_of(draft.cast, spec):
+        if draft.vary("O", [*room, a.add(other, slot)], f"{other.kind} where the {spec.kind} stood", LOOK_ALIKE, base):
+            return True
+    return False
+
+
+def _leave_out_look_alike(draft: Draft) -> None:
+    reason = "the cast has no look-alike of an item that fits; a library with more objects of these colors would help"
+    draft.leave_out("O", "look-alike in the slot of an item", reason)
+
+
+def _leave_out_preplaced(draft: Draft) -> None:
+    reason = "an object at a side of an anchor is part of the setup, and no relation places it there from the start"
+    draft.leave_out("T", "one item already at its side", reason)
+
+
+def _finish(draft: Draft, plan: _Plan, balanced: Sequence[Condition]) -> GeneratedTask:
+    tied = ", ".join(f"the {o.kind} {side.replace('_', ' ')}" for o, side in plan.steps)
+    return draft.finish(
+        balanced,
+        confounds=(
+            f"Each object always goes to the same side: {tied}.",
+            "Each object starts in one slot for each position of the anchor.",
+            "Each position of the anchor has its own start layout.",
+        ),
+        crossed=(
+            "each object starts in each of its slots, with the anchor at either position",
+            "each object goes to every side with enough room, first or second",
+            "three objects at the start, or the two requested ones",
+        ),
+    )
+
+
+def _new_pairs(draft: Draft, plan: _Plan) -> Iterator[tuple[Step, Step]]:
+    """Yield the pairs of steps with different objects and sides, without those of tests that training lacks."""
+    sides = [side for _, side in plan.steps]
+    trained = {frozenset(pair) for pair in plan.pairs}
+    asked = {g.name for v in draft.variations for o in v.interventions for g in _goals(o.arguments.get("instruction"))}
+    for one, two in itertools.combinations([o for o, _ in plan.steps], 2):
+        for left, right in itertools.permutations(sides, 2):
+            pair = ((one, left), (two, right))
+            if not (_fits(one, left) and _fits(two, right)):
+                continue
+            names = {f"{o.name}_{side}" for o, side in pair}
+            if frozenset(pair) in trained or not names <= asked:
+                yield pair
+
+
+def _goals(instruction: object) -> tuple[a.Subgoal, ...]:
+    return instruction.subgoals if isinstance(instruction, a.Instruction) else ()
+
+
+def _desk_balanced(draft: Draft, plan: _Plan) -> Iterator[Condition]:
+    """Yield each pair of steps in either order, with the objects in each slot and the anchor at either position."""
+    objects = [o for o, _ in plan.steps]
+    starts, stands = draft.table.starts, draft.table.stands
+    for number, pair in enumerate(_new_pairs(draft, plan)):
+        for order, steps in enumerate((pair, pair[::-1])):
+            for which in (0, 1):
+                part = starts[:3] if (number + which) % 2 else starts[3:]
+                turn = (number // 2 + order + which) % 3
+                layout = {o: part[(i + turn) % 3] for i, o in enumerate(objects)}
+                if (number + order + which) % 3 == 0:
+                    del layout[next(o for o in objects if o not in [step[0] for step in steps])]
+                yield a.condition({**layout, plan.anchor: stands[(which + order) % 2]}, plan.put(*steps))
+
+
+def _setting(cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tuple[str, str, str]) -> GeneratedTask:
+    """Return a task with two long pieces at the edges of the table and a compact one in front."""
+    table = _SETTING
+    left, right = (o for o in items if footprint(o.category).radius_m > _FRONT_M)
+    (compact,) = (o for o in items if o not in (left, right))
+    for piece in (left, right):
+        if footprint(piece.category).radius_m > _CUTLERY_M or not footprint(piece.category).longish:
+            _refuse_long(piece)
+    edge_1, edge_2, front, corner_1, corner_2, front_right = table.starts
+    distractors = [o for o in in_role("distractor", cast.groups.get("distractors", ())) if _is_compact(o)]
+    spare = distractors[:1]
+    smallest_first = sorted(distractors[1:], key=lambda o: footprint(o.category).radius_m)
+    others = dict(zip(smallest_first, table.besides, strict=False))
+    layouts = (
+        {left: edge_1, compact: front, right: edge_2, **dict.fromkeys(spare, front_right)},
+        {left: corner_1, compact: front_right, right: corner_2, **dict.fromkeys(spare, front)},
+    )
+    layouts = tuple({**layout, **others, anchor: stand} for layout, stand in zip(layouts, table.stands, strict=True))
+    f, c, s = (left, "left"), (compact, sides[2]), (right, "right")
+    plan = _Plan(anchor, (f, s, c), layouts, ((f, c), (s, f), (c, s)))
+    draft = _draft(cast, plan, table)
+    away = [a.swap(compact, spare[0])] if spare else [a.move(compact, front_right)]
+    moved = f"{compact.kind} and {spare[0].kind} exchanged" if spare else f"{compact.kind} in its other slot"
+    draft.vary("L", away, moved, BY_KIND)
+    _add_moved_anchor(draft, plan)
+    _add_recomposed(draft, plan, ((right, "left"), (compact, "right")), (c, s))
+    exchanged = f"{right.kind} where the {left.kind} lay, {left.kind} where the {right.kind} lay"
+    draft.vary("O", [a.swap(left, right)], exchanged, LOOK_ALIKE)
+    room = [*(a.remove(o) for o in spare), a.move(compact, front_right)]
+    if not _add_look_alike(draft, compact, room, front, "train1"):
+        _leave_out_look_alike(draft)
+    title = f"all three in one instruction, {moved}"
+    draft.vary("T", [*away, a.chain(plan.put(f, c, s))], title, LONGER)
+    _leave_out_preplaced(draft)
+    return _finish(draft, plan, list(_setting_balanced(draft, plan, spare, others)))
+
+
+def _is_compact(spec: ObjectSpec) -> bool:
+    return footprint(spec.category).radius_m <= 0.06
+
+
+def _setting_balanced(
+    draft: Draft, plan: _Plan, spare: Sequence[ObjectSpec], others: Mapping[ObjectSpec, Slot]
+) -> Iterator[Condition]:
+    """Yield each pair of steps in either order, with the pieces at each edge and the anchor at either position."""
+    (left, _), (right, _), (compact, _) = plan.steps
+    edge_1, edge_2, front, corner_1, corner_2, front_right = draft.table.starts
+    for number, pair in enumerate(_new_pairs(draft, plan)):
+        for order, steps in enumerate((pair, pair[::-1])):
+            for which, stand in enumerate(draft.table.stands):
+                edges = (edge_1, edge_2) if which == 0 else (corner_1, corner_2)
+                fronts = (front, front_right)
+                one, two = edges if (number + order) % 2 else edges[::-1]
+                here, there = fronts if (number // 2 + which) % 2 else fronts[::-1]
+                layout = {left: one, right: two, compact: here, **dict.fromkeys(spare, there)}
+                if (number + order + which) % 3 == 0:
+                    asked = [step[0] for step in steps]
+                    del layout[next(o for o in (left, right, compact) if o not in asked)]
+                yield a.condition({**layout, **others, plan.anchor: stand}, plan.put(*steps))
