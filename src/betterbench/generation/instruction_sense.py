@@ -26,15 +26,11 @@ VERBS = frozenset(
 )
 """Verbs that may begin an instruction."""
 
-_CHAINS = frozenset(
-    "then afterward afterwards after before finally followed firstly secondly lastly once until".split()
-)
+_CHAINS = frozenset("then afterward afterwards after before finally followed firstly secondly lastly once until".split())
 """Words that put steps into an order."""
 _STEPS = re.compile(r"\b(?:first|next|last|second|third)\s*,|\band (?:first|next|last|finally)\b", re.IGNORECASE)
 
-_DETERMINERS = frozenset(
-    "a an the both all two three four five six some each every this these my your our his her".split()
-)
+_DETERMINERS = frozenset("a an the both all two three four five six some each every this these my your our his her".split())
 _STOPS = frozenset(
     """
     in into inside onto on to of for from with without at by beside next near around behind under over between left
@@ -132,13 +128,7 @@ def _noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())
     free |= frozenset(terms(scenario.context))
-<<<<<<< HEAD
-    tokens = [
-        t if t in ",.:()%" else singular(t) for t in re.findall(r"[^\W_]+|[,.:()%]", scenario.instruction.lower())
-    ]
-=======
     tokens = sentence_tokens(scenario.instruction)
->>>>>>> h-scen
     cure = "Name only objects of the scenario"
     said: set[str] = set()
     for at, noun in known_nouns(tokens):

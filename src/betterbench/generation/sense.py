@@ -92,11 +92,7 @@ def _name_problems(scenario: Scenario) -> Iterator[Found]:
     for path, described, _ in _objects(scenario, None):
         name = described.instance_name
         if name in first:
-            yield (
-                f"{path}.instance_name",
-                f"{name!r} is also the name of {first[name]}",
-                "Give each object its own name",
-            )
+            yield f"{path}.instance_name", f"{name!r} is also the name of {first[name]}", "Give each object its own name"
         first.setdefault(name, path)
 
 

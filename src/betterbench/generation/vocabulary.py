@@ -12,17 +12,13 @@ from collections.abc import Iterable
 
 from betterbench.sim.assets.catalogue.terms import terms
 
-_FRUIT = (
-    "apple, orange, lemon, lime, banana, pear, peach, plum, cherry, grape, strawberry, kiwi, mango, avocado, tangerine"
-)
+_FRUIT = "apple, orange, lemon, lime, banana, pear, peach, plum, cherry, grape, strawberry, kiwi, mango, avocado, tangerine"
 _MEAL = """
 burger, hamburger, cheeseburger, sandwich, hot dog, fries, french fries, fries box, sausage, egg, boiled egg, bagel, croissant,
 donut, cupcake, muffin, cookie, cake, pie, chocolate bar, candy bar, granola bar, yogurt, cereal, rice, soup, steak,
 chicken, nut, pizza, taco, sushi, cracker, snack, tomato, carrot, cucumber, pepper, onion, potato, corn, mushroom, celery
 """
-_CONDIMENT = (
-    "jam, honey, sauce, ketchup, mustard, syrup, butter, salt, paprika, spice, sugar, salt shaker, pepper shaker"
-)
+_CONDIMENT = "jam, honey, sauce, ketchup, mustard, syrup, butter, salt, paprika, spice, sugar, salt shaker, pepper shaker"
 _DRINK = "can, soda, soda can, drink, juice, juice box, milk carton, water bottle, soft drink, paper cup, drink cup"
 _LAYER = """
 patty, burger patty, cheese, cheese slice, lettuce, lettuce leaf, bun, top bun, bottom bun, burger bun, bread,
@@ -35,9 +31,7 @@ notepad, notebook, calculator, computer mouse, mouse, hole punch, usb stick, bat
 """
 _WASH = "sponge, soap, soap bar, bar of soap, brush, toothbrush, toothpaste, detergent, cloth, towel"
 _WASTE = "crushed can, crumpled napkin, paper ball, napkin, wrapper, tissue, bottle cap, peel, waste paper"
-_CUP = (
-    "cup, tea cup, teacup, mug, coffee mug, tumbler, glass, drinking glass, paper cup, drink cup, beaker, espresso cup"
-)
+_CUP = "cup, tea cup, teacup, mug, coffee mug, tumbler, glass, drinking glass, paper cup, drink cup, beaker, espresso cup"
 _CUTLERY = "fork, spoon, knife, teaspoon, soup spoon, butter knife, chopstick, spork"
 _PLATE = "plate, dinner plate, serving plate, place plate, breakfast plate, dish, saucer, platter"
 _BOWL = "bowl, soup bowl, cereal bowl, shallow bowl, salad bowl, mixing bowl"

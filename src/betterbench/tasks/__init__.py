@@ -21,6 +21,9 @@ from betterbench.tasks.authoring.training_distribution import TrainingDistributi
 from betterbench.tasks.authoring.variation import Variation
 from betterbench.tasks.axes import Axis, Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
+
+# The regimes of the suite are in files of their own, which belong to the tasks and use the names above.
+from betterbench.tasks.interventions import listed_regimes as _listed_regimes  # noqa: F401
 from betterbench.tasks.judging.goal import GoalTracker
 from betterbench.tasks.judging.premise import broken_premises
 from betterbench.tasks.judging.truth import Truth

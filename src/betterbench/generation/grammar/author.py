@@ -171,9 +171,6 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
     return Theme(grammar.requested, "table", (grammar.general,), groups)
 
 
-<<<<<<< HEAD
-def _scenario(template: str, theme: Theme, choice: Choice, rng: np.random.Generator, instruction: str) -> Scenario:
-=======
 def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
     """Return the themes that share the most words with a text; all if none shares one."""
     words = set(terms(about))
@@ -197,7 +194,6 @@ _SAY_LITTLE = frozenset(
 
 
 def _scenario(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
->>>>>>> h-scen
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
@@ -215,9 +211,7 @@ def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
     for described_object in objects:
         name = described_object.instance_name
         seen[name] += 1
-        found.append(
-            replace(described_object, instance_name=f"{name}_{seen[name]}") if seen[name] > 1 else described_object
-        )
+        found.append(replace(described_object, instance_name=f"{name}_{seen[name]}") if seen[name] > 1 else described_object)
     return tuple(found)
 
 

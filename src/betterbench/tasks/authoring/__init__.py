@@ -14,6 +14,7 @@ from betterbench.tasks.authoring.operations import (
     replace,
     swap,
 )
+from betterbench.tasks.authoring.regimes import ListedRegime
 from betterbench.tasks.authoring.registry import task
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.authoring.templates import (
@@ -195,6 +196,7 @@ __all__ = [
     "Condition",
     "Expected",
     "Instruction",
+    "ListedRegime",
     "ObjectSpec",
     "Reference",
     "Relation",

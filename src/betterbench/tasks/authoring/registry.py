@@ -6,16 +6,19 @@ Decorated functions register tasks; commands, task cards and tests are derived f
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.tasks.authoring.no_test import require_no_test
 from betterbench.tasks.authoring.readable import require_readable
+from betterbench.tasks.authoring.regimes import ListedRegime, named_regimes
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.suite_folder import is_suite_folder, read_suite_folder
 from betterbench.tasks.user_files import load_declared, load_task_files, registered
 
 _BUILDERS: dict[str, Callable[[], Task]] = {}
+_REGIME_SOURCES: list[Callable[[str], Mapping[str, ListedRegime]]] = []
 
 
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
@@ -40,12 +43,14 @@ def named_task(made: Task, name: str, description: str) -> Task:
     """Return a task with its id and description, and with the names of its training conditions.
 
     Raises:
-        InvalidInputError: If a text of the task cannot be shown.
+        InvalidInputError: If a text of the task cannot be shown, or a condition of a regime is a test.
     """
     numbered = enumerate(made.training, start=1)
     training = tuple(dataclasses.replace(c, task=name, name=f"train{i}") for i, c in numbered)
-    whole = dataclasses.replace(made, id=name, description=description, training=training)
+    regimes = named_regimes(_regimes_of(made, name), name)
+    whole = dataclasses.replace(made, id=name, description=description, training=training, regimes=regimes)
     require_readable(whole)
+    require_no_test(whole)
     return whole
 
 
@@ -65,6 +70,21 @@ def registered_for_now(made: Task) -> Iterator[Task]:
         yield whole
     finally:
         del _BUILDERS[made.id]
+
+
+def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
+    """Return the regimes of a task: its own and those of further files, without those of a task it was derived from."""
+    found = {regime: listed for source in _REGIME_SOURCES for regime, listed in source(name).items()}
+    for regime, listed in made.regimes.items():
+        if all(condition.task in ("", name) for condition in listed.conditions):
+            found[regime] = listed
+    return found
+
+
+def regimes_from(source: Callable[[str], Mapping[str, ListedRegime]]) -> Callable[[str], Mapping[str, ListedRegime]]:
+    """Register a function that returns the regimes of a task by its name, for regimes in files of their own."""
+    _REGIME_SOURCES.append(source)
+    return source
 
 
 def get_task(name: str) -> Task:

@@ -1,8 +1,10 @@
 """Tasks: fixtures, slots, training conditions with confounds, and variations."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from betterbench.errors import find_named
+from betterbench.tasks.authoring.regimes import ListedRegime
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.authoring.variation import Variation
 from betterbench.tasks.condition import Condition, Slot
@@ -18,6 +20,7 @@ class Task:
         training: The training regime; the registry names its conditions train1, train2, ... in this order.
         id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
         description: Description of the task; the registry sets it to the first line of that function's docstring.
+        regimes: Listed regimes by name: "balanced", "diverse-confounded".
     """
 
     version: int
@@ -28,6 +31,7 @@ class Task:
     variations: tuple[Variation, ...]
     id: str = ""
     description: str = ""
+    regimes: Mapping[str, ListedRegime] = field(default_factory=dict)
 
     def slot(self, name: str) -> Slot:
         """Return a slot by name.

@@ -18,8 +18,10 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, one_line
 from betterbench.json_form import NO_TRUTH, parse_json, read_form, strict_form
 from betterbench.tasks.authoring import registry
+from betterbench.tasks.authoring.no_test import require_no_test
 from betterbench.tasks.authoring.operations import Operation, operation_named
 from betterbench.tasks.authoring.readable import require_readable
+from betterbench.tasks.authoring.regimes import ListedRegime, named_regimes
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.authoring.template_form import template_from_json, template_to_json
@@ -130,6 +132,14 @@ class _Variation:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
+class _Regime:
+    conditions: Annotated[tuple[_Condition, ...], Field(min_length=1)]
+    crossed: tuple[_Text, ...] = ()
+    slots: tuple[_Slot, ...] = ()
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
 class _Form:
     schema_version: Annotated[Literal[1], NO_TRUTH]
     id: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
@@ -142,6 +152,7 @@ class _Form:
     training: Annotated[tuple[_Condition, ...], Field(min_length=1)]
     variations: tuple[_Variation, ...]
     notes: str = ""
+    regimes: dict[Literal["balanced", "diverse-confounded"], _Regime] = dataclasses.field(default_factory=dict)
 
 
 _FORM = TypeAdapter(_Form)
@@ -163,7 +174,8 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
     slots = {slot.name: slot for slot in task.slots}
     objects: dict[str, ObjectSpec] = {}
     arguments = [value for v in task.variations for o in v.interventions for value in o.arguments.values()]
-    for value in [*(o for c in task.training for o in c.objects), *arguments]:
+    listed = [o for regime in task.regimes.values() for c in regime.conditions for o in c.objects]
+    for value in [*(o for c in task.training for o in c.objects), *arguments, *listed]:
         known: dict[str, Any] = objects if isinstance(value, ObjectSpec) else slots
         if isinstance(value, ObjectSpec | Slot) and known.setdefault(value.name, value) != value:
             problem = f"two different objects or slots are named {value.name!r}"
@@ -182,6 +194,8 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
         "training": [_condition_form(condition) for condition in task.training],
         "variations": [_variation_form(variation) for variation in task.variations],
     }
+    if task.regimes:
+        form["regimes"] = {name: _regime_form(regime) for name, regime in task.regimes.items()}
     plain: dict[str, Any] = json.loads(json.dumps(form))  # lists for tuples, texts for enumerations
     return plain
 
@@ -190,6 +204,11 @@ def _condition_form(condition: Condition) -> dict[str, Any]:
     form = condition.to_json()
     del form["task"], form["name"]
     return {**form, "objects": [o.name for o in condition.objects]}
+
+
+def _regime_form(regime: ListedRegime) -> dict[str, Any]:
+    conditions = [_condition_form(condition) for condition in regime.conditions]
+    return {"conditions": conditions, "crossed": regime.crossed, "slots": [asdict(slot) for slot in regime.slots]}
 
 
 def _variation_form(variation: Variation) -> dict[str, Any]:
@@ -237,8 +256,13 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
         training=training,
         variations=variations,
     )
+    task = dataclasses.replace(task, regimes=_regimes(read.regimes, names))
     require_readable(task)
     _require_applicable(task, names)
+    try:
+        require_no_test(task)
+    except InvalidInputError as error:
+        raise names.wrong(error.where.partition(": ")[2], error.problem, error.cure) from error
     return task
 
 
@@ -340,6 +364,22 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
     )
 
 
+def _regimes(form: Mapping[str, _Regime], names: _Names) -> dict[str, ListedRegime]:
+    """Return listed regimes; their conditions may use slots of their own, in addition to those of the task."""
+    found = {}
+    own = dict(names.slots)
+    for regime, listed in form.items():
+        path = f"regimes.{regime}"
+        slots = tuple(Slot(**asdict(slot)) for slot in listed.slots)
+        names.require_distinct(f"{path}.slots", [*own, *(slot.name for slot in slots)])
+        names.slots = {**own, **{slot.name: slot for slot in slots}}
+        numbered = enumerate(listed.conditions)
+        conditions = tuple(_condition(c, names, f"{path}.conditions[{i}]", name="") for i, c in numbered)
+        found[regime] = ListedRegime(conditions, listed.crossed, slots)
+    names.slots = own
+    return named_regimes(found, names.task)
+
+
 def _variation(form: _Variation, names: _Names, path: str) -> Variation:
     try:
         Axis.of(form.name)
@@ -392,6 +432,9 @@ def _require_applicable(task: Task, names: _Names) -> None:
     bases = {condition.name: condition for condition in task.training}
     for i, condition in enumerate(task.training):
         _require_pattern(task, condition, names, f"training[{i}]")
+    for regime, listed in task.regimes.items():
+        for i, condition in enumerate(listed.conditions):
+            _require_pattern(task, condition, names, f"regimes.{regime}.conditions[{i}]")
     for i, variation in enumerate(task.variations):
         path = f"variations[{i}]"
         condition = names.find(f"{path}.base", "training condition", variation.base, bases)

@@ -8,8 +8,7 @@ from typing import Literal
 from betterbench.errors import InvalidInputError
 from betterbench.tasks import Condition, Task
 from betterbench.tasks.interventions.apply import vary
-from betterbench.tasks.interventions.balanced import slots_aside
-from betterbench.tasks.interventions.listed_regimes import LISTED, listed_conditions, listed_tasks
+from betterbench.tasks.interventions.listed_regimes import listed_tasks
 
 Regime = Literal["training", "balanced", "diverse-confounded", "covered"]
 """The task's own training conditions with confounds.
@@ -25,17 +24,17 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
         return task.training
     if regime == "covered":
         return tuple(vary(task, variation)[0] for variation in task.variations)
-    found = listed_conditions(regime, task.id)
-    if not found:
+    if regime not in task.regimes:
         problem = f"{task.id} has no {regime} conditions"
         cure = f"Choose training or covered for it, or name tasks that have them: {', '.join(listed_tasks(regime))}"
         raise InvalidInputError("--regime", problem, cure)
-    return found
+    return task.regimes[regime].conditions
 
 
 def in_regime(task: Task, regime: Regime) -> Task:
     """Return a task with the conditions and slots of a regime; InvalidInputError if the task lacks the regime."""
     if regime == "training":
         return task
-    slots = (*task.slots, *slots_aside(task.id)) if regime in LISTED else task.slots
+    listed = task.regimes.get(regime)
+    slots = task.slots if listed is None else (*task.slots, *listed.slots)
     return replace(task, training=conditions_of(task, regime), slots=slots)

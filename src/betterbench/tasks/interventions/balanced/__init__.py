@@ -1,20 +1,21 @@
 """Balanced training conditions: the same skills with words, slots, orders and objects crossed.
 
-One file per task, see :mod:`betterbench.tasks.interventions.listed_regimes`. Slots that neither training nor variations
-use are listed in ``ASIDE``; nothing is picked from these slots.
+One file per task of the suite, see :mod:`betterbench.tasks.interventions.listed_regimes`. Slots that neither training
+nor variations use are listed in ``ASIDE``; nothing is picked from these slots.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+from betterbench.tasks.authoring.registry import get_task
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.condition import Condition, Slot
 from betterbench.tasks.interventions import listed_regimes
 
 
 def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
-    """Return the balanced conditions of a task, named balanced1, balanced2, ...; empty if the suite lists none."""
+    """Return the balanced conditions of a task, named balanced1, balanced2, ...; empty if it has none."""
     return listed_regimes.listed_conditions("balanced", task_id)
 
 
@@ -24,13 +25,15 @@ def crossed(task_id: str) -> tuple[str, ...]:
 
 
 def slots_aside(task_id: str) -> tuple[Slot, ...]:
-    """Return the slots of a task that occur only in hand-written regimes."""
-    module = listed_regimes.listing_of("balanced", task_id)
-    slots: tuple[Slot, ...] = getattr(module, "ASIDE", ())
-    return slots
+    """Return the slots of a task that occur only in listed regimes."""
+    return _aside(get_task(task_id))
+
+
+def _aside(task: Task) -> tuple[Slot, ...]:
+    return tuple({slot.name: slot for listed in task.regimes.values() for slot in listed.slots}.values())
 
 
 def with_slots_of(task: Task, condition: Condition) -> Task:
     """Return a task with the additional slots of a condition; the task itself if there are none."""
-    used = tuple(slot for slot in slots_aside(task.id) if slot.name in condition.layout.values())
+    used = tuple(slot for slot in _aside(task) if slot.name in condition.layout.values())
     return replace(task, slots=(*task.slots, *used)) if used else task

@@ -1,0 +1,31 @@
+"""The check that listed regimes contain no test."""
+
+from betterbench.errors import InvalidInputError
+from betterbench.tasks.authoring.task import Task
+from betterbench.tasks.authoring.training_distribution import pairing
+
+
+def require_no_test(task: Task) -> None:
+    """Check that no condition of a listed regime is a test, unless training contains it too.
+
+    A test is the start of a variation together with the instruction of the variation.
+
+    Raises:
+        InvalidInputError: If a condition is a test, with the names of both.
+    """
+    if not task.regimes:
+        return
+    trained = {pairing(condition) for condition in task.training}
+    tests = {}
+    for variation in task.variations:
+        condition = task.train(variation.base)
+        for operation in variation.interventions:
+            condition, _ = operation.carry_out(condition)
+        tests[pairing(condition)] = variation.name
+    for regime, listed in task.regimes.items():
+        for number, condition in enumerate(listed.conditions):
+            test = tests.get(pairing(condition))
+            if test is not None and pairing(condition) not in trained:
+                where = f"task {task.id}: regimes.{regime}.conditions[{number}]"
+                problem = f"{condition.name} is the test {task.id}/{test}"
+                raise InvalidInputError(where, problem, "Change the layout or the instruction, or leave it out")
