@@ -17,6 +17,7 @@ from betterbench.generation.patterns import GeneratedTask, pattern_of
 from betterbench.generation.scenario import Scenario
 from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks import Task
+from betterbench.tasks.authoring.regimes import ListedRegime
 
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
 """Smallest numbers of variations of a task, and of axes among them."""
@@ -99,7 +100,9 @@ def build_task(
                 attempts.append(Attempt(change, "there are none"))
                 continue
             tried.append(made)
-            task = dataclasses.replace(made.task, id=task_id)
+            balanced = ListedRegime(made.balanced, made.crossed, made.aside)
+            regimes = {"balanced": balanced} if made.balanced else {}
+            task = dataclasses.replace(made.task, id=task_id, regimes=regimes)
             lacking = _lacking(task)
             if lacking:
                 reasons = "; ".join(f"{u.title}: {u.reason}" for u in made.unbuilt)
