@@ -111,6 +111,18 @@ def test_order_violation_is_a_step_made_up_for_later(stage, policies):
     assert Label.ORDER_VIOLATION.value in diagnose_record(record).evidence.candidates
 
 
+@pytest.mark.parametrize(("since", "result"), [(1.0, "target"), (6.0, "distractor")])
+def test_a_step_that_comes_undone_on_the_way_to_the_next_leaves_the_next_right(stage, since, result):
+    s = stage("cheeseburger", "train1")
+    patty, cheese = s.of("patty"), s.of("cheese")
+    s.bring(patty).home()
+    x, y, z = s.positions[patty]
+    s.positions[patty] = np.array([x, y - 0.14, z])  # swept off by the empty hand
+    found = diagnose_record(s.wait(since).bring(cheese).home().wait(1).end())
+    assert [attempt.result for attempt in found.attempts] == ["target", result]
+    assert found.label is Label.EXECUTION_FAILURE or since > 3.0
+
+
 def test_causal_confusion_is_a_finished_step_repeated(stage):
     s = stage("fast_food", "train1")
     found = diagnose_record(s.bring(s.at("first")).bring(s.at("second")).bring(s.of("fries")).wait(1).end())
@@ -204,6 +216,16 @@ def test_a_freeze_in_a_mid_task_scene_is_a_phase_conflict(stage):
 def test_going_to_and_fro_is_a_phase_conflict_in_usual_scenes_too(stage):
     found = diagnose_record(stage("fast_food", "train1").wander(10).end())
     assert (found.label, found.evidence.rule) == (Label.PHASE_CONFLICT, "to_and_fro")
+
+
+def test_wandering_after_things_were_swept_aside_is_no_phase_conflict(stage):
+    s = stage("fast_food", "train1")
+    fries = s.of("fries")
+    s.wait(1)
+    s.positions[fries] = s.positions[fries] + np.array([0.0, 0.09, 0.0])
+    found = diagnose_record(s.wander(10).end())
+    assert found.label is not Label.PHASE_CONFLICT
+    assert found.kind is not Kind.REASONING
 
 
 def test_staying_still_is_right_where_nothing_is_to_do(stage):

@@ -345,6 +345,27 @@ def test_a_rule_that_leaves_attempts_unexplained_is_not_that_of_the_policy():
     assert rule_of_all_tasks(every, {task: judge_rules(mine) for task, mine in every.items()}) == "word"
 
 
+def one_attempt(task: str, *, habit: bool) -> dict[str, Choice]:
+    """Makes a task with one first attempt, at a place to which the word leads, and the habit too if it should."""
+    things, far = frozenset({"far": "burger", "near": "fries", "left": "drink"}.items()), frozenset(("far",))
+    return {
+        f"{task}/L1/0": Choice(
+            things, frozenset(("near",)), "far", False, far, far if habit else frozenset(), frozenset(), 3, "burger"
+        )
+    }
+
+
+@pytest.mark.parametrize("habit", [True, False])
+def test_the_word_that_explains_all_other_tasks_explains_a_task_with_one_attempt(habit):
+    """It abstained, or named the habit, in tasks whose own trials cannot tell the word from the place or the habit."""
+    last = one_attempt("last", habit=habit)
+    words = {f"task{n}": one_wrong(f"task{n}", word=True) for n in range(4)}
+    assert judge_policy({**words, "last": last})["last"].rulings["last/L1/0"] == Ruling("upheld")
+    assert judge_policy({"last": last})["last"].rulings["last/L1/0"].shortcut == "open"
+    places = {f"task{n}": coffee_run(lambda _: "far", 1.0, seeds=2) for n in range(4)}
+    assert judge_policy({**places, "last": last})["last"].rulings["last/L1/0"].shortcut != "upheld"
+
+
 def test_one_other_task_is_not_enough_to_do_without_a_pair():
     found = judge_policy({"coffee": coffee_run(lambda _: "far", 0.5), "lunch": lunch()})
     assert found["lunch"].rulings["lunch/L1/0"].place != "upheld"

@@ -61,7 +61,9 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
         prior_costs = _in_favor_of(usual, prior_costs)
     ordered = mistakes_order(choices, alone)
     return {
-        task: judge_rules(mine, prior_costs, known=_proven_elsewhere(task, alone, prior_costs), ordered=ordered)
+        task: judge_rules(
+            mine, prior_costs, known=_proven_elsewhere(task, choices, alone, prior_costs), ordered=ordered
+        )
         for task, mine in choices.items()
     }
 
@@ -72,10 +74,17 @@ def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, floa
     return {**prior_costs, **others, usual: 0.0}
 
 
-def _proven_elsewhere(task: str, alone: Mapping[str, TaskRules], prior_costs: Mapping[str, float]) -> list[str]:
-    """Return the policy's most frequent kinds of rule that enough other tasks have proven."""
+def _proven_elsewhere(
+    task: str, choices: _Attempts, alone: Mapping[str, TaskRules], prior_costs: Mapping[str, float]
+) -> list[str]:
+    """Return the kinds of rule that the other tasks have proven for the policy.
+
+    Favorite places and mistaken orders need proofs in enough other tasks. The word needs to be the rule of all other
+    tasks together.
+    """
     others = [found for name, found in alone.items() if name != task]
-    return [
+    word = rule_of_all_tasks(*({n: f for n, f in found.items() if n != task} for found in (choices, alone))) == WORD
+    return [WORD] * word + [
         family
         for family in (PLACE, LATER)
         if prior_costs[family] == 0.0

@@ -55,8 +55,9 @@ def judge_rules(
         choices: First attempt per trial key.
         prior_costs: Prior cost of each kind of rule [nats]; zero if not given.
         known: Kinds of rule that other tasks have proven for the policy. A known "place" needs no pair of trials in
-            this task. "later" is judged only by other tasks, because within one task a favorite place may look the
-            same. None if other tasks have not been judged yet; all rules are then judged by the trials of this task.
+            this task, and a known "word" no trials that distinguish it from a place. "later" is judged only by other
+            tasks, because within one task a favorite place may look the same. None if other tasks have not been judged
+            yet; all rules are then judged by the trials of this task.
         ordered: Whether the policy is known to mistake the order. A premature attempt then proves neither word nor
             place.
     """
@@ -68,7 +69,7 @@ def judge_rules(
     confusion = confusion_cost(attempts) + prior[CONFUSION]
     proven = _proven(attempts, rules, confusion, known)
     open_slots = _open_slots(attempts, rules, confusion, prior, place_known=place_known)
-    judged = _Judged(attempts, rules, proven, open_slots, ordered)
+    judged = _Judged(attempts, rules, proven, open_slots, ordered, word_known=known is not None and WORD in known)
     rulings = {key: judged.ruling(choice) for key, choice in trials.items()}
     wrong = [rulings[key] for key, choice in trials.items() if not choice.correct]
     return TaskRules(
@@ -193,6 +194,7 @@ class _Judged:
         proven: Names of the upheld rules.
         open_slots: Possible favorite slots that these trials could not prove for any policy.
         ordered: Whether the policy is known to mistake the order.
+        word_known: Whether the word is the rule of the policy in its other tasks.
     """
 
     attempts: Sequence[Choice]
@@ -200,6 +202,7 @@ class _Judged:
     proven: frozenset[str]
     open_slots: frozenset[str]
     ordered: bool
+    word_known: bool
 
     def ruling(self, choice: Choice) -> Ruling:
         """Return the ruling on one trial."""
@@ -228,5 +231,7 @@ class _Judged:
 
     def _word_is_told_from(self, slot: str) -> bool:
         """Return whether the trials distinguish "the word leads there" from "always this slot"."""
+        if self.word_known:
+            return True
         place = place_rule(slot)
         return bool({place, PLACE} & self.proven) or any(fits(WORD, c) != fits(place, c) for c in self.attempts)

@@ -22,6 +22,11 @@ BETWEEN = threshold("between", 0.02, "m",
     "than the requested one; about the noise of a closing point.",
     "Larger: more misses are ambiguous; more execution_failure without a first attempt that counts, fewer "
     "wrong_object.")
+UNDONE_WITHIN = threshold("undone_within", 3.0, "s",
+    "Time before an attempt within which a finished step that comes undone does not change the choice of the target: "
+    "the gripper is already on its way, and often knocked the object away itself.",
+    "Larger: more attempts at a later step are right; fewer order_violation and causal_confusion, more "
+    "execution_failure.")
 SQUEEZES = threshold("squeezes", 3, "1",
     "Number of times that the fingers must partly close around a requested object and open again to count as an "
     "attempt; one or two may be flicker of the command.",

@@ -14,7 +14,7 @@ import numpy as np
 from betterbench.diagnosis.analysis.approaches import Stay, chosen_by_staying, find_pushes, find_shoves, is_down
 from betterbench.diagnosis.analysis.harm import DatedHarm
 from betterbench.diagnosis.analysis.trace import Trace, Whereabout, place_middle
-from betterbench.diagnosis.thresholds import BETWEEN, DOUBT, SQUEEZES
+from betterbench.diagnosis.thresholds import BETWEEN, DOUBT, SQUEEZES, UNDONE_WITHIN
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.geometry import rotate
 from betterbench.interface.state import WorldState
@@ -709,9 +709,28 @@ def _step(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
 ) -> Step:
     """Return an attempt, compared with the due steps; ``at`` is the object of an attempt without a grasp."""
+    step = _compared(trace, instruction, known, grasp, at=at, chosen=grasp.start)
+    if step.target is not AttemptTarget.LATER:
+        return step
+    before = _before_undone(trace, instruction, grasp.start)
+    return step if before is None else _compared(trace, instruction, known, grasp, at=at, chosen=before)
+
+
+def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
+    """Return the last row at which the steps that are due at a row were still done, shortly before; None if none."""
+    _, now = _due(trace, instruction, row)
+    first = max(0, row - trace.steps(UNDONE_WITHIN))
+    done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)
+    return first + int(done[-1]) if done.size else None
+
+
+def _compared(
+    trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None, chosen: int
+) -> Step:
+    """Return an attempt, compared with the steps that were due at the row at which it was chosen."""
     row = grasp.start
-    due, now = _due(trace, instruction, row)
-    wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
+    due, now = _due(trace, instruction, chosen)
+    wanted = {g: _wanted(trace, g, chosen) | _drawn(trace, g, grasp) for g in due}
     needed = {i for g in now for i in wanted[g]}
     astride = _astride(trace, grasp, needed) if at is None else None
     if astride is not None:

@@ -22,6 +22,7 @@ from betterbench.diagnosis.verdict import Evidence
 from betterbench.statistics.wording import listed
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
+from betterbench.tasks.thresholds import DISPLACED
 
 
 def _exposed(x: Exposure) -> bool:
@@ -69,9 +70,12 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether motion to and fro moves an object aside or leads to a requested object."""
-    moves = any(shove.end >= rows[0] for shove in episode.shoves)
-    return moves or comes_nearer(episode.trace, rows, episode.wanted(rows[0]))
+    """Return whether the empty gripper moves an object aside after its last closing, or leads to a requested object."""
+    first, last = min(rows[0], episode.idle_from), rows[1]
+    shoves = any(shove.end >= first for shove in episode.shoves)
+    way = episode.trace.positions[last] - episode.trace.positions[first]
+    sweeps = bool(np.any(np.linalg.norm(way[list(episode.trace.items)], axis=-1) > DISPLACED))
+    return shoves or sweeps or comes_nearer(episode.trace, rows, episode.wanted(rows[0]))
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
