@@ -79,11 +79,11 @@ def trials_to_flag(chance: float, cells: int) -> int:
     return n
 
 
-def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS) -> PowerTrials:
+def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS, probes: bool = True) -> PowerTrials:
     """Return the trials of a matrix of the named tasks, or of the whole suite.
 
     A pretender with a missing input gets enough trials for significance over all cells on a variation that it always
-    solves.
+    solves. Without ``probes``, only faulty rules are tried, which are few trials.
     """
     suite = [get_task(name) for name in suite_tasks("better60")]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
@@ -91,13 +91,16 @@ def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS) -
     # The number of cells is that of the whole suite even if few tasks are measured, so that the trials stay the same.
     cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
     chances = {key: chance_of(*key) for key in keys}
+    rules = {name: dict.fromkeys(keys, rule_trials) for name in witnessed() if name not in BLIND}
+    if not probes:
+        return PowerTrials({EXPERT: dict.fromkeys(keys, rule_trials)} | rules, chances)
     replayed = trials_to_flag(REPLAY_LIMIT, cells)
     guessed = {
         key: max(replayed, GUESS_TRIALS, trials_to_flag(chance, cells) if chance < MOST_CHANCE else 0)
         for key, chance in chances.items()
     }
     of = {EXPERT: {key: max(rule_trials, guessed[key]) for key in keys}}
-    of |= {name: dict.fromkeys(keys, rule_trials) for name in witnessed() if name not in BLIND}
+    of |= rules
     of[_NO_LANGUAGE] = guessed
     of |= {name: dict.fromkeys(keys, replayed) for name in (*BLIND[1:], FLOOR[0])}
     of[FLOOR[1]] = dict.fromkeys(keys, STILL_TRIALS)

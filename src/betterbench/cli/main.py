@@ -95,6 +95,7 @@ VERBS: dict[str, Verb] = {
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
     "generate": Verb("generate:generate_command", "Write scenarios of a template or about a sentence."),
+    "build": Verb("build:build_command", "Build certified tasks from scenarios."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
@@ -129,7 +130,7 @@ VERBS: dict[str, Verb] = {
 }
 RESUMING = frozenset(
     ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
-) | {"vqa", "demo", "train", "study", "assets", "review", "generate"}
+) | {"vqa", "demo", "train", "study", "assets", "review", "generate", "build"}
 """Verbs whose command can be repeated to resume after an interruption."""
 
 EXIT_BAD_INPUT = 2

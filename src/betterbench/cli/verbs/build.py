@@ -1,0 +1,201 @@
+"""``better build``: certified tasks from scenarios."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from betterbench.diagnosis.measures.power_matrix import PowerMatrix
+    from betterbench.generation.building.job import BuildReport, Result
+    from betterbench.generation.scenario import Scenario
+    from betterbench.jobs import JobProgress
+
+PAGE, CARDS, POWER = "suite.html", "cards", "power"
+
+
+def build_command(
+    scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional],
+    *,
+    out: Path,
+    name: str = "generated",
+    seeds: int = 3,
+    demonstrations: int = 24,
+    power: int = 0,
+    workers: int | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Build tasks from scenarios, certify them, and write them as a suite.
+
+    Assets are chosen by a search of the catalogue. A task that fails its certificate is changed and tried again:
+    without the failing variations, with other slots, with other assets. What cannot be certified is listed on the page
+    with the clause that failed. The same command gives the same files and resumes, also after Ctrl-C.
+
+    Example: better build picnic/scenarios --out picnic/suite
+
+    Args:
+        scenarios: Files of scenarios, or folders with such files, as better generate writes them.
+        out: Folder of the build, which holds the folder of the suite.
+        name: Name of the suite; a digest of its tasks is added.
+        seeds: Seeds of each condition to certify.
+        demonstrations: Demonstrations of the expert to measure per task.
+        power: Trials of each faulty policy per variation, which measure whether the variation exposes a fault; 0 for
+            none.
+        workers: Worker processes; one per processor if not given.
+        overwrite: Replace files in the folder that better build did not write.
+        json: Print one JSON document instead of a table.
+    """
+    build_and_tell(
+        read_scenarios(scenarios),
+        out,
+        name=name,
+        seeds=seeds,
+        demonstrations=demonstrations,
+        power=power,
+        workers=workers,
+        overwrite=overwrite,
+        json=json,
+    )
+
+
+def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
+    """Return the scenarios of files and folders, in the order of the paths and then of the file names.
+
+    Raises:
+        InvalidInputError: If a path does not exist, a folder holds no scenario, or a file is no scenario.
+    """
+    from betterbench.generation.scenario_form import scenario_from_json
+    from betterbench.json_form import read_bounded
+
+    cure = "Name a folder that better generate has written"
+    found = []
+    for path in paths:
+        folder = path / "scenarios" if (path / "scenarios").is_dir() else path
+        files = sorted(folder.glob("*.json")) if folder.is_dir() else [path]
+        if not files:
+            raise InvalidInputError(str(path), "the folder has no scenario", cure)
+        for file in files:
+            found.append(scenario_from_json(read_bounded(file, max_bytes=1 << 20, cure=cure), where=str(file)))
+    return found
+
+
+def build_and_tell(
+    scenarios: Sequence[Scenario],
+    out: Path,
+    *,
+    name: str,
+    seeds: int,
+    demonstrations: int,
+    power: int,
+    workers: int | None,
+    overwrite: bool,
+    json: bool,
+) -> None:
+    """Build scenarios, draw the cards, measure the power if requested, write the page, and print the outcome."""
+    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.generation.building.attempts import Settings
+    from betterbench.generation.building.job import build_suite
+    from betterbench.jobs.outputs import OutputFolder
+    from betterbench.report.pages.build_page import write_build_page
+
+    settings = Settings(_between("--seeds", seeds, 1, 1000), _between("--demonstrations", demonstrations, 1, 10_000))
+    processes = workers or os.cpu_count() or 1
+    prepare_robot("panda")
+    with OutputFolder(out, "build", overwrite=overwrite):
+        with progress_bar("build", len(scenarios)) as (bar, task):
+
+            def told(progress: JobProgress[Result]) -> None:
+                last = progress.last
+                bar.update(task, completed=progress.done, note="" if last is None else last.task_id)
+                if last is not None and not last.certified:
+                    say(f"{last.task_id}: refused: {last.attempts[0].reason}")
+
+            built = build_suite(scenarios, out, name=name, settings=settings, workers=processes, on_progress=told)
+        cards, matrix = {}, None
+        if built.suite is not None:
+            cards = _draw_cards(built, out)
+            matrix = _measure_power(built, out, _between("--power", power, 0, 1000), processes) if power else None
+        page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
+    _tell(built, page, json=json)
+
+
+def _between(option: str, value: int, low: int, high: int) -> int:
+    if not low <= value <= high:
+        raise InvalidInputError(option, f"{value} is out of range", f"Give a number from {low} to {high}")
+    return value
+
+
+def _draw_cards(built: BuildReport, out: Path) -> dict[str, str]:
+    """Draw the card of each certified task that has none yet, and return their addresses by task."""
+    from betterbench.evaluation.figures.show import image_file, show_card
+    from betterbench.jobs import write_durably
+    from betterbench.jobs.outputs import mark_of
+    from betterbench.tasks.user_files import load_task_files
+
+    load_task_files([] if built.suite is None else [built.suite])
+    (out / CARDS).mkdir(exist_ok=True)
+    certified = [result for result in built.results if result.certified]
+    cards = {}
+    with progress_bar("cards", len(certified)) as (bar, task):
+        for number, result in enumerate(certified, start=1):
+            path = out / CARDS / f"{result.task_id}-{result.key[:12]}.jpg"
+            if not path.exists():
+                write_durably(path, image_file(show_card(result.task_id), ".jpg", remark=mark_of("build")))
+            cards[result.task_id] = f"{CARDS}/{path.name}"
+            bar.update(task, completed=number)
+    return cards
+
+
+def _measure_power(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
+    """Run the faulty rules on every variation of the suite, and write the matrix into its folder."""
+    from betterbench.calibration import measure_power, power_trials
+    from betterbench.jobs import write_durably
+
+    tasks = [result.task_id for result in built.results if result.certified]
+    planned = power_trials(tasks, rule_trials=trials, probes=False)
+    with progress_bar("power", planned.total) as (bar, task):
+        found = measure_power(
+            planned,
+            out / POWER,
+            workers=workers,
+            on_progress=lambda progress: bar.update(task, completed=progress.done, note=progress.policy),
+        )
+    if built.suite is not None:
+        write_durably(built.suite / "power.json", found.to_text().encode())
+    return found
+
+
+def _tell(built: BuildReport, page: Path, *, json: bool) -> None:
+    certified = [result for result in built.results if result.certified]
+    if json:
+        print_json(
+            {
+                "suite": None if built.suite is None else str(built.suite),
+                "page": str(page),
+                "certified": [r.task_id for r in certified],
+                "refused": {r.task_id: r.attempts[0].reason for r in built.results if not r.certified},
+            }
+        )
+        return
+    rows = [
+        (r.task_id, r.template, ", ".join(v["name"] for v in (r.task or {})["variations"]), r.attempts[-1].change)
+        for r in certified
+    ]
+    if rows:
+        print_table(("task", "template", "variations", "built"), rows, title="certified:")
+    refused = [(r.task_id, r.attempts[0].reason) for r in built.results if not r.certified]
+    if refused:
+        print_table(("scenario", "reason"), refused, title="refused:")
+    OUT.print(f"certified  {len(certified)} of {len(built.results)} scenarios", markup=False)
+    if built.suite is not None:
+        OUT.print(f"suite      {built.suite}", markup=False, soft_wrap=True)
+    OUT.print(f"page       {page}", markup=False, soft_wrap=True)

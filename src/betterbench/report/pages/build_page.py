@@ -1,0 +1,53 @@
+"""Page of a generated suite: certified tasks with their cards, and refused scenarios with what was tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from betterbench.diagnosis.measures.power_matrix import PowerMatrix
+from betterbench.generation.building.attempts import Settings
+from betterbench.generation.building.job import BuildReport
+from betterbench.report.html import environment, write
+
+
+def write_build_page(
+    built: BuildReport,
+    path: Path,
+    *,
+    settings: Settings,
+    cards: Mapping[str, str],
+    power: PowerMatrix | None = None,
+) -> Path:
+    """Write the page and return its path.
+
+    Args:
+        built: Outcome of the build.
+        path: File to write.
+        settings: Settings of the build.
+        cards: Address of each task's card, relative to the page.
+        power: Power of the variations, if it was measured.
+    """
+    certified = [result for result in built.results if result.certified]
+    page = (
+        environment()
+        .get_template("build.html.jinja")
+        .render(
+            name="(no task)" if built.suite is None else built.suite.name,
+            total=len(built.results),
+            certified=certified,
+            refused=[result for result in built.results if not result.certified],
+            variations=sum(len((result.task or {})["variations"]) for result in certified),
+            seeds=settings.seeds,
+            cards=cards,
+            powerless={result.task_id: _powerless(result.task_id, power) for result in certified},
+        )
+    )
+    return write(path, page)
+
+
+def _powerless(task: str, power: PowerMatrix | None) -> Sequence[str]:
+    """Return the variations of a task that every rule of a power matrix solves."""
+    if power is None:
+        return ()
+    return [name for owner, name in power.variations if owner == task and power.control((owner, name))]
