@@ -68,7 +68,7 @@ _SYNONYMS: dict[str, str] = {
     "coffee_machine": "machine, coffee maker, espresso machine",
     "computer_mouse": "mouse",
     "crumpled_napkin": "napkin",
-    "crushed_can": "can",
+    "crushed_can": "empty can",
     "cup": "tea cup, teacup, coffee cup",
     "dinner_plate": "plate",
     "drawer_cabinet": "drawer cabinet, desk cabinet",
@@ -148,7 +148,7 @@ def checked_sentence(sentence: str) -> str:
     try:
         plain_text(text)
     except ValueError as error:
-        raise InvalidInputError("sentence", str(error).partition(";")[0], "Write letters and plain punctuation") from error
+        raise InvalidInputError("sentence", str(error).partition("; write")[0], "Write letters and plain punctuation") from error
     return capitalized(text if text.endswith(".") else f"{text}.")
 
 
@@ -215,7 +215,9 @@ def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
         for category, color in (kind for pool in pools for c in pool.categories for kind in pool.kinds(c)):
             short = phrase_of(category, color).short
             exact.setdefault(tuple(terms(short)), {})[category, color] = group_id
-            texts = (category.replace("_", " "), *_SYNONYMS.get(category, "").split(","), short.split()[-1])
+            # the color of a spice jar says which spice it holds
+            spice = short.removesuffix(" jar") if category == "spice_jar" else ""
+            texts = (category.replace("_", " "), spice, *_SYNONYMS.get(category, "").split(","))
             for text in filter(str.strip, texts):
                 other.setdefault(tuple(terms(text)), {})[category, color] = group_id
     return {**other, **exact}

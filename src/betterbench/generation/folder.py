@@ -54,7 +54,7 @@ class GenerateSettings:
 
     Attributes:
         target: Name of a template, or a sentence.
-        num: Number of scenarios.
+        num: Number of scenarios; None for 10 of a template, or one about a sentence.
         model: "offline", or the address of a chat endpoint with the name of the model, "URL#MODEL".
         seed: Seed of the offline author.
         tries: Number of answers of a model per scenario.
@@ -64,7 +64,7 @@ class GenerateSettings:
     """
 
     target: str
-    num: int = 10
+    num: int | None = None
     model: str = OFFLINE
     seed: int = 0
     tries: int = DEFAULT_TRIES
@@ -76,6 +76,13 @@ class GenerateSettings:
     def asks_model(self) -> bool:
         """Whether the scenarios are of a model, live or kept."""
         return self.model != OFFLINE or self.replay is not None
+
+    @property
+    def count(self) -> int:
+        """Number of scenarios."""
+        if self.num is None:
+            return 10 if self.target in TEMPLATES else 1
+        return self.num
 
     @property
     def sentence(self) -> str:
@@ -165,9 +172,9 @@ def endpoint_of(settings: GenerateSettings) -> ChatEndpoint | None:
 
 def _offline(settings: GenerateSettings, sentence: str) -> Generated:
     if sentence:
-        chosen = scenarios_about(sentence, settings.num, seed=settings.seed)
+        chosen = scenarios_about(sentence, settings.count, seed=settings.seed)
         return Generated(chosen.template, _numbered(chosen.scenarios), {}, is_worded=chosen.is_worded)
-    written = write_scenarios(settings.target, settings.num, seed=settings.seed)
+    written = write_scenarios(settings.target, settings.count, seed=settings.seed)
     return Generated(settings.target, _numbered(written), {})
 
 
@@ -180,7 +187,7 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
     asked: Asked = ask_for_scenarios(
         template,
         chat,
-        settings.num,
+        settings.count,
         tries=settings.tries,
         sentence=sentence,
         vocabulary=nouns_of_library(template) if settings.vocabulary == "library" else None,
@@ -198,7 +205,7 @@ def _open_exchanges(out: Path) -> Iterator[ExchangeFile]:
 def _require_same_settings(out: Path, settings: GenerateSettings) -> None:
     """Write the settings of a folder; refuse a folder with other settings, or with more scenarios."""
     path = out / SETTINGS_NAME
-    form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.num}
+    form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.count}
     if settings.asks_model:
         source = "replay" if settings.model == OFFLINE else settings.model
         form |= {"model": source, "prompt": PROMPT_ID, "vocabulary": settings.vocabulary}
@@ -207,18 +214,23 @@ def _require_same_settings(out: Path, settings: GenerateSettings) -> None:
     if path.is_file():
         there = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder")
         number = there.get("num")
-        if type(number) is int and number > settings.num:
-            problem = f"{out}: this folder holds {number} scenarios, not {settings.num}"
+        if type(number) is int and number > settings.count:
+            problem = f"{out}: this folder holds {number} scenarios, not {settings.count}"
             raise RunConflictError(f"{problem}. Give --num {number} or more, or choose another folder.")
-        require_same(out, {**there, "num": settings.num}, form, "set of scenarios", where="settings")
+        require_same(out, {**there, "num": settings.count}, form, "set of scenarios", where="settings")
     write_durably(path, (json_text(form, indent=1) + "\n").encode())
 
 
 def _write(out: Path, number: int, scenario: Scenario) -> Path:
     """Write a scenario to "scenarios/003_packing_a_picnic.json"; the name has only letters, digits and underscores."""
     path = out / SCENARIOS / f"{number:03d}_{slug_of(scenario.name)}.json"
-    write_durably(path, (json.dumps(scenario_to_json(scenario), indent=1) + "\n").encode())
+    text = json.dumps(scenario_to_json(scenario), indent=1)
+    write_durably(path, (_RANGE.sub(r"[\1, \2]", text) + "\n").encode())
     return path
+
+
+_RANGE = re.compile(r"\[\s+([\d.]+),\s+([\d.]+)\s+\]")
+"""A range of two numbers on four lines, which is written on one."""
 
 
 def slug_of(name: str) -> str:

@@ -107,20 +107,21 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
 
 
 def _lists_all(text: str, objects: tuple[DescribedObject, ...]) -> bool:
-    """Return whether each object is named; of objects with the same noun, each must be named with its color."""
+    """Return whether each object is named: by a word of its noun that no other noun has, or by noun and color."""
     words = set(terms(text))
     heads = [_head(o) for o in objects]
+    shared = {word for head in heads for word in head if sum(word in other for other in heads) > 1}
 
-    def named(o: DescribedObject, head: str) -> bool:
-        alone = heads.count(head) == 1
-        return head in words and (alone or bool(COLORS & words & set(terms(f"{o.asset_query} {o.description}"))))
+    def named(o: DescribedObject, head: frozenset[str]) -> bool:
+        by_color = COLORS & words & set(terms(f"{o.asset_query} {o.description}"))
+        return bool(words & (head - shared)) or bool(words & head and by_color)
 
     return all(named(o, head) for o, head in zip(objects, heads, strict=True))
 
 
-def _head(described: DescribedObject) -> str:
+def _head(described: DescribedObject) -> frozenset[str]:
     nouns = head_nouns(described.asset_query) or head_nouns(described.description)
-    return nouns[-1][-1] if nouns else (terms(described.asset_query) or [""])[-1]
+    return frozenset(nouns[-1]) if nouns else frozenset(terms(described.asset_query)[-1:])
 
 
 def _noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:

@@ -18,7 +18,7 @@ def generate_command(
     target: Annotated[str, tyro.conf.Positional],
     *,
     out: Path,
-    num: int = 10,
+    num: int | None = None,
     model: str = "offline",
     seed: int = 0,
     tries: int = 3,
@@ -40,7 +40,7 @@ def generate_command(
     Args:
         target: Name of a template (better list templates), or a sentence in quotes.
         out: Folder of the scenarios.
-        num: Number of scenarios.
+        num: Number of scenarios; if not given, 10 of a template, or one about a sentence.
         model: "offline", or a chat endpoint with OpenAI's protocol and its model, as
             http://localhost:8000/v1#my-model.
         seed: Seed of the offline author.
@@ -54,7 +54,7 @@ def generate_command(
     from betterbench.generation.folder import GenerateSettings, generate_scenarios
 
     settings = GenerateSettings(target, num, model, seed, tries, vocabulary, replay, key_variable)
-    with progress_bar(f"scenarios by {model}", num, stays=settings.asks_model) as (bar, shown):
+    with progress_bar(f"scenarios by {model}", settings.count, stays=settings.asks_model) as (bar, shown):
         made = generate_scenarios(
             settings,
             out,

@@ -14,7 +14,7 @@ from betterbench.generation.scenario import Scenario
 from betterbench.generation.scenario_form import NAME_PATTERN
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.authoring.template_form import template_to_json
-from betterbench.vqa.llm import Message, user_message
+from betterbench.vqa.llm import Message
 
 PROMPT_ID = "betterbench-scenario-1"
 """Identifier of this wording; change it with every change of a word, because kept exchanges name it."""
@@ -92,7 +92,7 @@ def scenario_messages(
         parts.append(f"Use only these words as asset_query; leave groups that are not listed empty:\n{listed}")
     if written:
         parts.append(f"These exist already; choose other objects:\n{written_lines(written)}")
-    return [{"role": "system", "content": SYSTEM}, user_message("\n\n".join(parts))]
+    return [{"role": "system", "content": SYSTEM}, _user("\n\n".join(parts))]
 
 
 def written_lines(written: Sequence[Scenario]) -> str:
@@ -107,7 +107,7 @@ def correction(answer: str, problems: Sequence[str]) -> list[Message]:
     """Return the messages that send a refused answer back with its problems."""
     listed = "\n".join(f"- {problem}" for problem in problems)
     text = f"This answer was refused:\n{listed}\n\nWrite the whole answer again, as JSON only, with these fields corrected."
-    return [{"role": "assistant", "content": answer}, user_message(text)]
+    return [{"role": "assistant", "content": answer}, _user(text)]
 
 
 def template_messages(sentence: str, templates: Sequence[Template]) -> list[Message]:
@@ -119,5 +119,10 @@ def template_messages(sentence: str, templates: Sequence[Template]) -> list[Mess
     )
     return [
         {"role": "system", "content": system},
-        user_message(f"Templates:\n{listed}\n\nRequest:\n{sentence}"),
+        _user(f"Templates:\n{listed}\n\nRequest:\n{sentence}"),
     ]
+
+
+def _user(text: str) -> Message:
+    """Return a message as plain text, which servers of language models without images accept too."""
+    return {"role": "user", "content": text}

@@ -30,7 +30,7 @@ GRAMMAR = register(
                 ("Pack the picnic into the {container}.", "Pack the {container} for the picnic."),
                 {
                     "container": _LUNCHBOX,
-                    "items": several(3, "apple", "orange", "can", "jam_jar", "napkin_stack", "salt_shaker"),
+                    "items": several(3, "apple", "orange", "lemon", "can", "jam_jar", "napkin_stack", "salt_shaker"),
                 },
             ),
             Theme(
