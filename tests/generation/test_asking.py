@@ -32,7 +32,7 @@ class Model:
     def __init__(self, *script):
         self.script, self.asked = list(script), []
 
-    def complete(self, messages, *, max_tokens=256):
+    def complete(self, messages, *, max_tokens=256):  # noqa: ARG002 - part of the protocol
         self.asked.append([dict(m) for m in messages])
         answer = self.script.pop(0) if len(self.script) > 1 else self.script[0]
         if isinstance(answer, BaseException):
@@ -164,7 +164,7 @@ def test_the_objects_of_a_sentence_must_be_there(tmp_path):
 
 
 def test_a_model_chooses_the_template_and_a_wrong_one_goes_back(tmp_path):
-    model = Model('{"template": "packing"}', "```\n{\"template\": \"loose_packing\"}\n```")
+    model = Model('{"template": "packing"}', '```\n{"template": "loose_packing"}\n```')
     with ExchangeFile(tmp_path / "e.jsonl") as file:
         assert ask_for_template("Pack it.", KeptChat(file, model)) == "loose_packing"
     assert all(name in model.asked[0][1]["content"] for name in TEMPLATES)
@@ -184,7 +184,9 @@ SETTINGS = GenerateSettings("loose_packing", 2, "http://localhost:1/v1#tiny")
 
 def contents(folder):
     """The bytes of the files that must be the same."""
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*.json*")) if p.name != ".lock"}
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*.json*")) if p.name != ".lock"
+    }
 
 
 def test_an_interrupted_command_goes_on_without_asking_again(tmp_path):
@@ -232,7 +234,7 @@ def test_a_changed_exchange_is_detected(tmp_path):
 def test_another_command_in_the_same_folder_is_refused(tmp_path):
     generate_scenarios(SETTINGS, tmp_path / "out", chat=Model(text(GOOD), text(OTHER)))
     other = GenerateSettings("loose_packing", 2, "http://localhost:1/v1#large")
-    with pytest.raises(RunConflictError, match="settings.model"):
+    with pytest.raises(RunConflictError, match=r"settings\.model"):
         generate_scenarios(other, tmp_path / "out", chat=Model(text(GOOD)))
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign/thesis.txt").write_text("mine")

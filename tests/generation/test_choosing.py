@@ -37,14 +37,17 @@ def test_words_choose_the_template(sentence, template):
 def test_a_sentence_that_fits_nothing_lists_the_templates():
     with pytest.raises(InvalidInputError, match=r"fits no template.*loose_packing \(Put the named.*recursive_stacking"):
         choose_template("Do my taxes.")
-    with pytest.raises(InvalidInputError, match="fits several templates.*container_loading.*precision_insertion"):
+    with pytest.raises(InvalidInputError, match=r"fits several templates.*container_loading.*precision_insertion"):
         choose_template("Use the drawer and the hole.")
 
 
 @pytest.mark.parametrize(
     ("sentence", "names"),
     [
-        ("Pack the red apple, the lemon and the blue soda can into the green lunchbox", "red_apple lemon blue_soda_can"),
+        (
+            "Pack the red apple, the lemon and the blue soda can into the green lunchbox",
+            "red_apple lemon blue_soda_can",
+        ),
         ("Arrange the white mouse, a mug and the speaker around the laptop", "white_computer_mouse mug speaker"),
         ("Put the stapler and the blue tape into the drawers", "stapler blue_tape"),
         ("Put the salt, the pepper and the paprika into the rack", "salt_jar pepper_jar paprika_jar"),

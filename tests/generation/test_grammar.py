@@ -78,7 +78,9 @@ def test_different_categories_come_before_different_colors(template):
     grammar = GRAMMARS[template]
     group = "layers" if template == "logical_assembly" else "plates" if template == "recursive_stacking" else "items"
     possible = {
-        tuple(sorted(category for category, _ in choice[group])) for theme in grammar.themes for choice in theme.choices()
+        tuple(sorted(category for category, _ in choice[group]))
+        for theme in grammar.themes
+        for choice in theme.choices()
     }
     written = write_scenarios(template, 10, seed=0)
     seen = Counter(tuple(sorted(category for category, _ in kinds_of(s)[group])) for s in written)

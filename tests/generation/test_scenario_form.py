@@ -79,7 +79,7 @@ def test_no_accepted_text_has_a_character_with_a_meaning_in_a_file(text):
         plain_text(text)
     except ValueError:
         return
-    assert not set(text) & set("<>&\"`$|;{}[]\\/*?!#~^=\0\n\r\t")
+    assert not set(text) & set('<>&"`$|;{}[]\\/*?!#~^=\0\n\r\t')
 
 
 def test_an_unknown_template_is_answered_with_the_closest():

@@ -29,13 +29,22 @@ GADGET = described("gadget", "gizmo", [0.02, 0.03], [0.06, 0.07])
     ("form", "said"),
     [
         (changed(["instantiation", "item"], []), "instantiation: Unknown group 'item'. Did you mean 'items'"),
-        (changed(["instantiation", "container"], ...), "instantiation.container: has 0 objects. Give 1, the count_range"),
+        (
+            changed(["instantiation", "container"], ...),
+            "instantiation.container: has 0 objects. Give 1, the count_range",
+        ),
         (changed(["instantiation", "items"], SEVEN), "instantiation.items: has 7 objects. Give 1 to 6"),
         (item(1, instance_name="apple"), "items[1].instance_name: 'apple' is also the name of instantiation.items[0]"),
-        (item(1, asset_query="red fire truck", description="A truck", tags=[]), "items[1].asset_query: 'red fire truck' is not of an allowed type"),
+        (
+            item(1, asset_query="red fire truck", description="A truck", tags=[]),
+            "items[1].asset_query: 'red fire truck' is not of an allowed type",
+        ),
         (item(1, asset_query="laptop", tags=["food"]), "items[1].asset_query: 'laptop' is not of an allowed type"),
         (changed(["instantiation", "items", 1], SPONGE), "'yellow sponge' (cleaning supply) does not belong with"),
-        (item(0, estimated_size=[0.1, 0.12]), "items[0].estimated_size: [0.1, 0.12] m does not fit between the fingers"),
+        (
+            item(0, estimated_size=[0.1, 0.12]),
+            "items[0].estimated_size: [0.1, 0.12] m does not fit between the fingers",
+        ),
         (item(1, estimated_size=[0.3, 0.6]), "items[1].estimated_size: [0.3, 0.6] m is too large"),
         (item(1, estimated_size=[0.001, 0.002]), "items[1].estimated_size: [0.001, 0.002] m is too small"),
         (item(2, estimated_size=[0.012, 0.02]), "items[2].estimated_size: [0.012, 0.02] m is not a usual size"),

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -126,7 +125,7 @@ def generate_scenarios(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Generated:
-    """Write scenarios into a folder. The same settings give the same bytes; an interrupted call is resumed by repeating.
+    """Write scenarios into a folder. The same settings give the same bytes, and repeating a call resumes it.
 
     Args:
         settings: What to generate.
@@ -144,13 +143,15 @@ def generate_scenarios(
     sentence = settings.sentence
     live = chat or endpoint_of(settings)
     kept = {} if settings.replay is None else read_exchanges(settings.replay)
-    if not settings.asks_model:
-        made = _offline(settings, sentence)  # before a folder is made, because wrong input is found here
+    # before a folder is made, because wrong input is found here
+    written = None if settings.asks_model else _offline(settings, sentence)
     with OutputFolder(out, "generate", overwrite=overwrite):
         _require_same_settings(out, settings)
-        if settings.asks_model:
-            with _open_exchanges(out) as file:
+        if written is None:
+            with ExchangeFile(out / FILE_NAME) as file:
                 made = _by_model(settings, sentence, KeptChat(file, live, kept), on_progress)
+        else:
+            made = written
         files = {number: _write(out, number, scenario) for number, scenario in made.scenarios.items()}
     return Generated(made.template, made.scenarios, files, made.refused, made.is_worded)
 
@@ -194,12 +195,6 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
         on_progress=on_progress,
     )
     return Generated(template, asked.scenarios, {}, asked.refused)
-
-
-@contextmanager
-def _open_exchanges(out: Path) -> Iterator[ExchangeFile]:
-    with ExchangeFile(out / FILE_NAME) as file:
-        yield file
 
 
 def _require_same_settings(out: Path, settings: GenerateSettings) -> None:

@@ -65,7 +65,9 @@ def generate_command(
     if not made.scenarios:
         first = made.refused[0]
         cure = f"Read {out / 'exchanges.jsonl'}, and try another model or more --tries"
-        raise InvalidInputError("better generate", f"the model wrote no scenario that makes sense ({first.problem})", cure)
+        raise InvalidInputError(
+            "better generate", f"the model wrote no scenario that makes sense ({first.problem})", cure
+        )
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:
@@ -78,10 +80,15 @@ def _tell(made: Generated, out: Path, *, json: bool) -> None:
         print_json({"out": str(out), "template": made.template, "scenarios": scenarios, "refused": refused})
         return
     rows = [
-        (str(number), s.context, s.instruction, ", ".join(o.instance_name for group in s.groups.values() for o in group))
+        (
+            str(number),
+            s.context,
+            s.instruction,
+            ", ".join(o.instance_name for group in s.groups.values() for o in group),
+        )
         for number, s in made.scenarios.items()
     ]
     print_table(("scenario", "context", "instruction", "objects"), rows, title=f"{made.template}:")
-    for refused in made.refused:
-        say(f"scenario {refused.number} was refused after {refused.tries} tries: {refused.problem}")
+    for left_out in made.refused:
+        say(f"scenario {left_out.number} was refused after {left_out.tries} tries: {left_out.problem}")
     OUT.print(str(out / "scenarios"), markup=False, soft_wrap=True)

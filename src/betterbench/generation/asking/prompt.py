@@ -26,8 +26,8 @@ SYSTEM = f"""You write scenarios for a benchmark of robot manipulation in simula
 gripper stands at a table. A template describes an abstract interaction; you fill it with an everyday situation and with
 concrete objects.
 
-You get a template as JSON. Its "meta" describes the interaction, the start and the goal. Its "object_groups" each have a
-"group_id", a "description", the "allowed_types" of objects, and a "count_range" [fewest, most].
+You get a template as JSON. Its "meta" describes the interaction, the start and the goal. Its "object_groups" each
+have a "group_id", a "description", the "allowed_types" of objects, and a "count_range" [fewest, most].
 
 Write scenarios of this template. For each of them:
 - Think of a real situation in which a person would do this, and of the objects that are part of it.
@@ -106,7 +106,8 @@ def written_lines(written: Sequence[Scenario]) -> str:
 def correction(answer: str, problems: Sequence[str]) -> list[Message]:
     """Return the messages that send a refused answer back with its problems."""
     listed = "\n".join(f"- {problem}" for problem in problems)
-    text = f"This answer was refused:\n{listed}\n\nWrite the whole answer again, as JSON only, with these fields corrected."
+    cure = "Write the whole answer again, as JSON only, with these fields corrected."
+    text = f"This answer was refused:\n{listed}\n\n{cure}"
     return [{"role": "assistant", "content": answer}, _user(text)]
 
 
