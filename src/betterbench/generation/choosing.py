@@ -1,4 +1,4 @@
-"""Scenarios from a user's sentence, without a model: the template by its words, and the objects by the grammar's nouns."""
+"""Scenarios about a sentence, without a model: words choose the template, and nouns of the grammar the objects."""
 
 from __future__ import annotations
 
@@ -29,32 +29,27 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 LEAST_SCORE = 2
 """Least sum of the weights of the words that decide for a template."""
 
+
+def _weighted(*, decides: str = "", hints: str) -> dict[str, int]:
+    return {**dict.fromkeys(hints.split(), 1), **dict.fromkeys(decides.split(), 2)}
+
+
 WEIGHTS: dict[str, dict[str, int]] = {
-    "loose_packing": {
-        **dict.fromkeys("lunchbox box bin bag basket".split(), 2),
-        **dict.fromkeys("pack throw toss into lunch picnic takeout takeaway trash".split(), 1),
-    },
-    "patterned_arrangement": {
-        **dict.fromkeys("laptop fork spoon cutlery".split(), 2),
-        **dict.fromkeys("around beside next left right behind arrange lay set table breakfast".split(), 1),
-    },
-    "constrained_positioning": {
-        **dict.fromkeys("machine ring spout espresso".split(), 2),
-        **dict.fromkeys("coffee mug cup mark under".split(), 1),
-    },
-    "container_loading": {
-        **dict.fromkeys("drawer cabinet".split(), 2),
-        **dict.fromkeys("store file close into".split(), 1),
-    },
-    "logical_assembly": {
-        **dict.fromkeys("tower layer patty cheeseburger hamburger block".split(), 2),
-        **dict.fromkeys("stack build assemble make burger bun cheese lettuce sandwich".split(), 1),
-    },
-    "precision_insertion": {
-        **dict.fromkeys("rack hole".split(), 2),
-        **dict.fromkeys("insert jar spice salt pepper paprika".split(), 1),
-    },
-    "recursive_stacking": dict.fromkeys("stack pile plate dish".split(), 1),
+    "loose_packing": _weighted(
+        decides="lunchbox box bin bag basket", hints="pack throw toss into lunch picnic takeout takeaway trash"
+    ),
+    "patterned_arrangement": _weighted(
+        decides="laptop fork spoon cutlery",
+        hints="around beside next left right behind arrange lay set table breakfast",
+    ),
+    "constrained_positioning": _weighted(decides="machine ring spout espresso", hints="coffee mug cup mark under"),
+    "container_loading": _weighted(decides="drawer cabinet", hints="store file close into"),
+    "logical_assembly": _weighted(
+        decides="tower layer patty cheeseburger hamburger block",
+        hints="stack build assemble make burger bun cheese lettuce sandwich",
+    ),
+    "precision_insertion": _weighted(decides="rack hole", hints="insert jar spice salt pepper paprika"),
+    "recursive_stacking": _weighted(hints="stack pile plate dish"),
 }
 """Words that decide for each template, in the singular, with their weights. A word counts each time that it occurs."""
 
@@ -68,7 +63,7 @@ _SYNONYMS: dict[str, str] = {
     "coffee_machine": "machine, coffee maker, espresso machine",
     "computer_mouse": "mouse",
     "crumpled_napkin": "napkin",
-    "crushed_can": "can",
+    "crushed_can": "empty can",
     "cup": "tea cup, teacup, coffee cup",
     "dinner_plate": "plate",
     "drawer_cabinet": "drawer cabinet, desk cabinet",
@@ -148,7 +143,9 @@ def checked_sentence(sentence: str) -> str:
     try:
         plain_text(text)
     except ValueError as error:
-        raise InvalidInputError("sentence", str(error).partition(";")[0], "Write letters and plain punctuation") from error
+        raise InvalidInputError(
+            "sentence", str(error).partition("; write")[0], "Write letters and plain punctuation"
+        ) from error
     return capitalized(text if text.endswith(".") else f"{text}.")
 
 
@@ -166,7 +163,9 @@ def choose_template(sentence: str) -> str:
         return best
     close = [name for name in ranked if scores[name] and scores[name] == scores[best]] or ranked
     shown = "; ".join(f"{name} ({TEMPLATES[name].description.rstrip('.')})" for name in close)
-    problem = f"{one_line(sentence, most=80)!r} fits {'several templates' if len(close) < len(ranked) else 'no template'}"
+    problem = (
+        f"{one_line(sentence, most=80)!r} fits {'several templates' if len(close) < len(ranked) else 'no template'}"
+    )
     raise InvalidInputError("sentence", problem, f"Name the objects and the container, or choose a template: {shown}")
 
 
@@ -196,7 +195,9 @@ def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str]) -
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)
     if not kinds:
         known = ", ".join(dict.fromkeys(color for _, color in meant))
-        raise InvalidInputError("sentence", f"the library has no {color} {noun}", f"Choose one of these colors: {known}")
+        raise InvalidInputError(
+            "sentence", f"the library has no {color} {noun}", f"Choose one of these colors: {known}"
+        )
     groups = {meant[kind] for kind in kinds}
     group = min(groups, key=lambda g: (g != "items", g))
     number = next((_NUMBERS[t] for t in reversed(tokens[max(0, at - 2) : at]) if t in _NUMBERS), 1)
@@ -215,7 +216,9 @@ def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
         for category, color in (kind for pool in pools for c in pool.categories for kind in pool.kinds(c)):
             short = phrase_of(category, color).short
             exact.setdefault(tuple(terms(short)), {})[category, color] = group_id
-            texts = (category.replace("_", " "), *_SYNONYMS.get(category, "").split(","), short.split()[-1])
+            # the color of a spice jar says which spice it holds
+            spice = short.removesuffix(" jar") if category == "spice_jar" else ""
+            texts = (category.replace("_", " "), spice, *_SYNONYMS.get(category, "").split(","))
             for text in filter(str.strip, texts):
                 other.setdefault(tuple(terms(text)), {})[category, color] = group_id
     return {**other, **exact}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -54,7 +53,7 @@ class GenerateSettings:
 
     Attributes:
         target: Name of a template, or a sentence.
-        num: Number of scenarios.
+        num: Number of scenarios; None for 10 of a template, or one about a sentence.
         model: "offline", or the address of a chat endpoint with the name of the model, "URL#MODEL".
         seed: Seed of the offline author.
         tries: Number of answers of a model per scenario.
@@ -64,7 +63,7 @@ class GenerateSettings:
     """
 
     target: str
-    num: int = 10
+    num: int | None = None
     model: str = OFFLINE
     seed: int = 0
     tries: int = DEFAULT_TRIES
@@ -76,6 +75,13 @@ class GenerateSettings:
     def asks_model(self) -> bool:
         """Whether the scenarios are of a model, live or kept."""
         return self.model != OFFLINE or self.replay is not None
+
+    @property
+    def count(self) -> int:
+        """Number of scenarios."""
+        if self.num is None:
+            return 10 if self.target in TEMPLATES else 1
+        return self.num
 
     @property
     def sentence(self) -> str:
@@ -119,7 +125,7 @@ def generate_scenarios(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Generated:
-    """Write scenarios into a folder. The same settings give the same bytes; an interrupted call is resumed by repeating.
+    """Write scenarios into a folder. The same settings give the same bytes, and repeating a call resumes it.
 
     Args:
         settings: What to generate.
@@ -137,13 +143,15 @@ def generate_scenarios(
     sentence = settings.sentence
     live = chat or endpoint_of(settings)
     kept = {} if settings.replay is None else read_exchanges(settings.replay)
-    if not settings.asks_model:
-        made = _offline(settings, sentence)  # before a folder is made, because wrong input is found here
+    # before a folder is made, because wrong input is found here
+    written = None if settings.asks_model else _offline(settings, sentence)
     with OutputFolder(out, "generate", overwrite=overwrite):
         _require_same_settings(out, settings)
-        if settings.asks_model:
-            with _open_exchanges(out) as file:
+        if written is None:
+            with ExchangeFile(out / FILE_NAME) as file:
                 made = _by_model(settings, sentence, KeptChat(file, live, kept), on_progress)
+        else:
+            made = written
         files = {number: _write(out, number, scenario) for number, scenario in made.scenarios.items()}
     return Generated(made.template, made.scenarios, files, made.refused, made.is_worded)
 
@@ -165,9 +173,9 @@ def endpoint_of(settings: GenerateSettings) -> ChatEndpoint | None:
 
 def _offline(settings: GenerateSettings, sentence: str) -> Generated:
     if sentence:
-        chosen = scenarios_about(sentence, settings.num, seed=settings.seed)
+        chosen = scenarios_about(sentence, settings.count, seed=settings.seed)
         return Generated(chosen.template, _numbered(chosen.scenarios), {}, is_worded=chosen.is_worded)
-    written = write_scenarios(settings.target, settings.num, seed=settings.seed)
+    written = write_scenarios(settings.target, settings.count, seed=settings.seed)
     return Generated(settings.target, _numbered(written), {})
 
 
@@ -180,7 +188,7 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
     asked: Asked = ask_for_scenarios(
         template,
         chat,
-        settings.num,
+        settings.count,
         tries=settings.tries,
         sentence=sentence,
         vocabulary=nouns_of_library(template) if settings.vocabulary == "library" else None,
@@ -189,16 +197,10 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
     return Generated(template, asked.scenarios, {}, asked.refused)
 
 
-@contextmanager
-def _open_exchanges(out: Path) -> Iterator[ExchangeFile]:
-    with ExchangeFile(out / FILE_NAME) as file:
-        yield file
-
-
 def _require_same_settings(out: Path, settings: GenerateSettings) -> None:
     """Write the settings of a folder; refuse a folder with other settings, or with more scenarios."""
     path = out / SETTINGS_NAME
-    form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.num}
+    form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.count}
     if settings.asks_model:
         source = "replay" if settings.model == OFFLINE else settings.model
         form |= {"model": source, "prompt": PROMPT_ID, "vocabulary": settings.vocabulary}
@@ -207,18 +209,23 @@ def _require_same_settings(out: Path, settings: GenerateSettings) -> None:
     if path.is_file():
         there = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder")
         number = there.get("num")
-        if type(number) is int and number > settings.num:
-            problem = f"{out}: this folder holds {number} scenarios, not {settings.num}"
+        if type(number) is int and number > settings.count:
+            problem = f"{out}: this folder holds {number} scenarios, not {settings.count}"
             raise RunConflictError(f"{problem}. Give --num {number} or more, or choose another folder.")
-        require_same(out, {**there, "num": settings.num}, form, "set of scenarios", where="settings")
+        require_same(out, {**there, "num": settings.count}, form, "set of scenarios", where="settings")
     write_durably(path, (json_text(form, indent=1) + "\n").encode())
 
 
 def _write(out: Path, number: int, scenario: Scenario) -> Path:
     """Write a scenario to "scenarios/003_packing_a_picnic.json"; the name has only letters, digits and underscores."""
     path = out / SCENARIOS / f"{number:03d}_{slug_of(scenario.name)}.json"
-    write_durably(path, (json.dumps(scenario_to_json(scenario), indent=1) + "\n").encode())
+    text = json.dumps(scenario_to_json(scenario), indent=1)
+    write_durably(path, (_RANGE.sub(r"[\1, \2]", text) + "\n").encode())
     return path
+
+
+_RANGE = re.compile(r"\[\s+([\d.]+),\s+([\d.]+)\s+\]")
+"""A range of two numbers on four lines, which is written on one."""
 
 
 def slug_of(name: str) -> str:

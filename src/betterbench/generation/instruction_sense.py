@@ -16,44 +16,49 @@ MOST_WORDS = 25
 FEWEST_WORDS = 3
 """Minimum number of words: a verb, an article and a noun."""
 
-VERBS = frozenset(
-    """
-    add align arrange assemble bring build center clean clear collect complete compose construct create deliver drop
-    feed file fill fit form gather get give help insert insert keep lay layer leave load lower make move organize pack
-    park place plug pop position prepare push put return rinse serve set slide slot sort stack stash stock store stow
-    tidy throw toss transfer tuck unload unpack use
-    """.split()
-)
+_VERBS_WORDS = """
+add align arrange assemble bring build center clean clear collect complete compose construct create deliver drop
+feed file fill fit form gather get give help insert insert keep lay layer leave load lower make move organize pack
+park place plug pop position prepare push put return rinse serve set slide slot sort stack stash stock store stow
+tidy throw toss transfer tuck unload unpack use
+"""
+VERBS = frozenset(_VERBS_WORDS.split())
 """Verbs that may begin an instruction."""
 
-_CHAINS = frozenset("then afterward afterwards after before finally followed firstly secondly lastly once until".split())
+_CHAINS_WORDS = """
+then afterward afterwards after before finally followed firstly secondly lastly once until
+"""
+_CHAINS = frozenset(_CHAINS_WORDS.split())
 """Words that put steps into an order."""
 _STEPS = re.compile(r"\b(?:first|next|last|second|third)\s*,|\band (?:first|next|last|finally)\b", re.IGNORECASE)
 
-_DETERMINERS = frozenset("a an the both all two three four five six some each every this these my your our his her".split())
-_STOPS = frozenset(
-    """
-    in into inside onto on to of for from with without at by beside next near around behind under over between left
-    and or so that as away up out down off back together neatly carefully , . : ( ) % is are
-    """.split()
-)
-_ADJECTIVES = frozenset(
-    """
-    small large big little tall short round square flat full empty clean dirty fresh used loose open closed new old
-    plain wooden plastic metal paper glass ceramic steel remaining other named same right left upper lower top bottom
-    """.split()
-)
-PLACES = frozenset(
-    """
-    table desk counter kitchen side left right middle center top bottom front back corner ring mark hole drawer spot
-    place position area slot row column set stack pile order lunch breakfast dinner supper brunch meal snack picnic
-    party cookout item object supply content guest person meeting work day morning trip school setting arrangement
-    room home family child kid customer condiment bottle worker one rest workspace trash garbage litter leftover gear
-    kit shelf coffee tea clutter workstation service seasoning spout tray
-    """.split()
-)
+_DETERMINERS_WORDS = """
+a an the both all two three four five six some each every this these my your our his her
+"""
+_DETERMINERS = frozenset(_DETERMINERS_WORDS.split())
+_STOPS_WORDS = """
+in into inside onto on to of for from with without at by beside next near around behind under over between left and
+or so that as away up out down off back together neatly carefully , . : ( ) % is are
+"""
+_STOPS = frozenset(_STOPS_WORDS.split())
+_ADJECTIVES_WORDS = """
+small large big little tall short round square flat full empty clean dirty fresh used loose open closed new old
+plain wooden plastic metal paper glass ceramic steel remaining other named same right left upper lower top bottom
+"""
+_ADJECTIVES = frozenset(_ADJECTIVES_WORDS.split())
+_PLACES_WORDS = """
+table desk counter kitchen side left right middle center top bottom front back corner ring mark hole drawer spot
+place position area slot row column set stack pile order lunch breakfast dinner supper brunch meal snack picnic
+party cookout item object supply content guest person meeting work day morning trip school setting arrangement room
+home family child kid customer condiment bottle worker one rest workspace trash garbage litter leftover gear kit
+shelf coffee tea clutter workstation service seasoning spout tray
+"""
+PLACES = frozenset(_PLACES_WORDS.split())
 """Heads of noun phrases that name a place, an occasion or objects in general."""
-RESULTS = frozenset("sandwich burger cheeseburger hamburger tower taco cake pyramid club slider".split())
+_RESULTS_WORDS = """
+sandwich burger cheeseburger hamburger tower taco cake pyramid club slider
+"""
+RESULTS = frozenset(_RESULTS_WORDS.split())
 """Nouns for what layers make."""
 
 Found = tuple[str, str, str]
@@ -107,20 +112,21 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
 
 
 def _lists_all(text: str, objects: tuple[DescribedObject, ...]) -> bool:
-    """Return whether each object is named; of objects with the same noun, each must be named with its color."""
+    """Return whether each object is named: by a word of its noun that no other noun has, or by noun and color."""
     words = set(terms(text))
     heads = [_head(o) for o in objects]
+    shared = {word for head in heads for word in head if sum(word in other for other in heads) > 1}
 
-    def named(o: DescribedObject, head: str) -> bool:
-        alone = heads.count(head) == 1
-        return head in words and (alone or bool(COLORS & words & set(terms(f"{o.asset_query} {o.description}"))))
+    def named(o: DescribedObject, head: frozenset[str]) -> bool:
+        by_color = COLORS & words & set(terms(f"{o.asset_query} {o.description}"))
+        return bool(words & (head - shared)) or bool(words & head and by_color)
 
     return all(named(o, head) for o, head in zip(objects, heads, strict=True))
 
 
-def _head(described: DescribedObject) -> str:
+def _head(described: DescribedObject) -> frozenset[str]:
     nouns = head_nouns(described.asset_query) or head_nouns(described.description)
-    return nouns[-1][-1] if nouns else (terms(described.asset_query) or [""])[-1]
+    return frozenset(nouns[-1]) if nouns else frozenset(terms(described.asset_query)[-1:])
 
 
 def _noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
@@ -156,7 +162,7 @@ def sentence_tokens(text: str) -> list[str]:
 
 
 def words_of_object(described: DescribedObject) -> frozenset[str]:
-    """Return the words that may name an object: those of its query, name and tags, and of its description up to "with"."""
+    """Return the words that may name an object: its query, name and tags, and its description up to "with"."""
     appearance = re.split(r"\bwith\b", described.description)[0]
     name = described.instance_name.replace("_", " ")
     return frozenset(terms(" ".join((described.asset_query, name, appearance, *described.tags))))

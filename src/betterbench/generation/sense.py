@@ -29,8 +29,8 @@ LARGEST_ITEM_M = 0.25
 """Largest size of an item [m]: the largest that the suite moves, a serving plate, has 20 cm, and the slots of the suite
 are 13 to 20 cm apart."""
 SIZE_SLACK = 2.0
-"""Allowed factor beyond the usual sizes of a kind: the table of kinds has no row for a pill bottle, which is smaller than
-other bottles, and a lunchbox with an open lid is longer than a closed one."""
+"""Allowed factor beyond the usual sizes of a kind: the table of kinds has no row for a pill bottle, which is smaller
+than other bottles, and a lunchbox with an open lid is longer than a closed one."""
 HEAVIEST_FIXTURE_KG = 20.0
 """Largest mass of an object that the arm does not lift [kg], as in the importer."""
 _ROUND = frozenset(
@@ -92,7 +92,11 @@ def _name_problems(scenario: Scenario) -> Iterator[Found]:
     for path, described, _ in _objects(scenario, None):
         name = described.instance_name
         if name in first:
-            yield f"{path}.instance_name", f"{name!r} is also the name of {first[name]}", "Give each object its own name"
+            yield (
+                f"{path}.instance_name",
+                f"{name!r} is also the name of {first[name]}",
+                "Give each object its own name",
+            )
         first.setdefault(name, path)
 
 

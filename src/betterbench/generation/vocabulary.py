@@ -1,8 +1,8 @@
 """Nouns of tabletop objects by the types that templates allow, and the nouns in a phrase.
 
 The vocabulary decides two questions about a scenario that a model wrote: whether an object belongs to its group, and
-whether the instruction names an object that is not there. It is small on purpose: an unknown noun is accepted in a group
-if a tag names an allowed type.
+whether the instruction names an object that is not there. It is small on purpose: an unknown noun is accepted in a
+group if a tag names an allowed type.
 """
 
 from __future__ import annotations
@@ -12,41 +12,66 @@ from collections.abc import Iterable
 
 from betterbench.sim.assets.catalogue.terms import terms
 
-_FRUIT = "apple, orange, lemon, lime, banana, pear, peach, plum, cherry, grape, strawberry, kiwi, mango, avocado, tangerine"
-_MEAL = """
-burger, hamburger, cheeseburger, sandwich, hot dog, fries, french fries, fries box, sausage, egg, boiled egg, bagel, croissant,
-donut, cupcake, muffin, cookie, cake, pie, chocolate bar, candy bar, granola bar, yogurt, cereal, rice, soup, steak,
-chicken, nut, pizza, taco, sushi, cracker, snack, tomato, carrot, cucumber, pepper, onion, potato, corn, mushroom, celery
+_FRUIT = """
+apple, orange, lemon, lime, banana, pear, peach, plum, cherry, grape, strawberry, kiwi, mango, avocado,
+tangerine
 """
-_CONDIMENT = "jam, honey, sauce, ketchup, mustard, syrup, butter, salt, paprika, spice, sugar, salt shaker, pepper shaker"
-_DRINK = "can, soda, soda can, drink, juice, juice box, milk carton, water bottle, soft drink, paper cup, drink cup"
+_MEAL = """
+burger, hamburger, cheeseburger, sandwich, hot dog, fries, french fries, fries box, sausage, egg, boiled egg,
+bagel, croissant, donut, cupcake, muffin, cookie, cake, pie, chocolate bar, candy bar, granola bar, yogurt,
+cereal, rice, soup, steak, chicken, nut, pizza, taco, sushi, cracker, snack, tomato, carrot, cucumber, pepper,
+onion, potato, corn, mushroom, celery
+"""
+_CONDIMENT = """
+jam, honey, sauce, ketchup, mustard, syrup, butter, salt, paprika, spice, sugar, salt shaker, pepper shaker
+"""
+_DRINK = """
+can, soda, soda can, drink, juice, juice box, milk carton, water bottle, soft drink, paper cup, drink cup
+"""
 _LAYER = """
 patty, burger patty, cheese, cheese slice, lettuce, lettuce leaf, bun, top bun, bottom bun, burger bun, bread,
-bread slice, toast, tomato, tomato slice, onion ring, pickle, bacon, ham, egg, pancake, waffle, tortilla, turkey slice
+bread slice, toast, tomato, tomato slice, onion ring, pickle, bacon, ham, egg, pancake, waffle, tortilla,
+turkey slice
 """
-_TOY = "block, toy block, round block, wooden block, stapler block, cube, cylinder, brick, ball, dice, toy, toy car, domino"
+_TOY = """
+block, toy block, round block, wooden block, stapler block, cube, cylinder, brick, ball, dice, toy, toy car,
+domino
+"""
 _OFFICE = """
-stapler, tape, tape roll, roll of tape, marker, pen, pencil, eraser, scissors, glue stick, sticky note, paper clip, ruler,
-notepad, notebook, calculator, computer mouse, mouse, hole punch, usb stick, battery, key, charger
+stapler, tape, tape roll, roll of tape, marker, pen, pencil, eraser, scissors, glue stick, sticky note,
+paper clip, ruler, notepad, notebook, calculator, computer mouse, mouse, hole punch, usb stick, battery, key,
+charger
 """
-_WASH = "sponge, soap, soap bar, bar of soap, brush, toothbrush, toothpaste, detergent, cloth, towel"
-_WASTE = "crushed can, crumpled napkin, paper ball, napkin, wrapper, tissue, bottle cap, peel, waste paper"
-_CUP = "cup, tea cup, teacup, mug, coffee mug, tumbler, glass, drinking glass, paper cup, drink cup, beaker, espresso cup"
+_WASH = """
+sponge, soap, soap bar, bar of soap, brush, toothbrush, toothpaste, detergent, cloth, towel
+"""
+_WASTE = """
+crushed can, crumpled napkin, paper ball, napkin, wrapper, tissue, bottle cap, peel, waste paper
+"""
+_CUP = """
+cup, tea cup, teacup, mug, coffee mug, tumbler, glass, drinking glass, paper cup, drink cup, beaker,
+espresso cup
+"""
 _CUTLERY = "fork, spoon, knife, teaspoon, soup spoon, butter knife, chopstick, spork"
-_PLATE = "plate, dinner plate, serving plate, place plate, breakfast plate, dish, saucer, platter"
+_PLATE = """
+plate, dinner plate, serving plate, place plate, breakfast plate, dish, saucer, platter
+"""
 _BOWL = "bowl, soup bowl, cereal bowl, shallow bowl, salad bowl, mixing bowl"
 _JAR = """
-jar, spice jar, salt jar, pepper jar, paprika jar, plain salt jar, plain pepper jar, plain paprika jar, jam jar,
-salt shaker, pepper shaker, shaker
+jar, spice jar, salt jar, pepper jar, paprika jar, plain salt jar, plain pepper jar, plain paprika jar,
+jam jar, salt shaker, pepper shaker, shaker
 """
-_BOTTLE = "bottle, pill bottle, medicine bottle, water bottle, sauce bottle, vial, flask, test tube"
+_BOTTLE = """
+bottle, pill bottle, medicine bottle, water bottle, sauce bottle, vial, flask, test tube
+"""
 _TABLEWARE = f"{_PLATE}, {_BOWL}, {_CUP}, {_CUTLERY}, salt shaker, pepper shaker, napkin stack, jam jar, egg cup, jar"
-_SMALL = f"{_TOY}, {_OFFICE}, {_WASH}, {_WASTE}, {_CUP}, {_CUTLERY}, {_DRINK}, {_JAR}, pill bottle, egg cup, sauce cup, napkin stack, phone, watch, candle"
+_OTHER = "pill bottle, egg cup, sauce cup, napkin stack, phone, watch, candle"
+_SMALL = f"{_TOY}, {_OFFICE}, {_WASH}, {_WASTE}, {_CUP}, {_CUTLERY}, {_DRINK}, {_JAR}, {_OTHER}"
 
 _TYPES: dict[str, str] = {
     "food": f"{_FRUIT}, {_MEAL}, {_CONDIMENT}, {_DRINK}, {_LAYER}, jam jar, egg cup, sauce cup",
     "small object": _SMALL,
-    "desk object": f"{_OFFICE}, {_CUP}, {_DRINK}, speaker, loudspeaker, phone, lamp, headphone, camera, keyboard, pen holder",
+    "desk object": f"{_OFFICE}, {_CUP}, {_DRINK}, speaker, loudspeaker, phone, lamp, headphone, keyboard, pen holder",
     "office supply": _OFFICE,
     "cutlery": _CUTLERY,
     "cup": _CUP,
@@ -95,7 +120,10 @@ COLLECTIVES: dict[str, str] = {
 _DOMAINS = {"food": f"{_FRUIT}, {_MEAL}, {_LAYER}", "office supply": _OFFICE, "cleaning supply": _WASH}
 """Kinds of items that do not belong together, except that items of two domains are often thrown away together."""
 
-MEASURES = frozenset("bar bowl box bottle can carton cup glass half jar leaf pack piece roll slice stack".split())
+_MEASURES_WORDS = """
+bar bowl box bottle can carton cup glass half jar leaf pack piece roll slice stack
+"""
+MEASURES = frozenset(_MEASURES_WORDS.split())
 """Nouns that only measure the noun after "of" in "a slice of cheese"."""
 
 _LONGEST_PHRASE = 4
@@ -154,7 +182,10 @@ def head_nouns(text: str) -> tuple[tuple[str, ...], ...]:
     return tuple(heads)
 
 
-_ENDS_THE_HEAD = frozenset("of with for in on without that to from which made holding containing and".split())
+_ENDS_THE_HEAD_WORDS = """
+of with for in on without that to from which made holding containing and
+"""
+_ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 
 
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:

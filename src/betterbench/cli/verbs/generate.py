@@ -18,7 +18,7 @@ def generate_command(
     target: Annotated[str, tyro.conf.Positional],
     *,
     out: Path,
-    num: int = 10,
+    num: int | None = None,
     model: str = "offline",
     seed: int = 0,
     tries: int = 3,
@@ -40,7 +40,7 @@ def generate_command(
     Args:
         target: Name of a template (better list templates), or a sentence in quotes.
         out: Folder of the scenarios.
-        num: Number of scenarios.
+        num: Number of scenarios; if not given, 10 of a template, or one about a sentence.
         model: "offline", or a chat endpoint with OpenAI's protocol and its model, as
             http://localhost:8000/v1#my-model.
         seed: Seed of the offline author.
@@ -54,7 +54,7 @@ def generate_command(
     from betterbench.generation.folder import GenerateSettings, generate_scenarios
 
     settings = GenerateSettings(target, num, model, seed, tries, vocabulary, replay, key_variable)
-    with progress_bar(f"scenarios by {model}", num, stays=settings.asks_model) as (bar, shown):
+    with progress_bar(f"scenarios by {model}", settings.count, stays=settings.asks_model) as (bar, shown):
         made = generate_scenarios(
             settings,
             out,
@@ -65,7 +65,9 @@ def generate_command(
     if not made.scenarios:
         first = made.refused[0]
         cure = f"Read {out / 'exchanges.jsonl'}, and try another model or more --tries"
-        raise InvalidInputError("better generate", f"the model wrote no scenario that makes sense ({first.problem})", cure)
+        raise InvalidInputError(
+            "better generate", f"the model wrote no scenario that makes sense ({first.problem})", cure
+        )
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:
@@ -78,10 +80,15 @@ def _tell(made: Generated, out: Path, *, json: bool) -> None:
         print_json({"out": str(out), "template": made.template, "scenarios": scenarios, "refused": refused})
         return
     rows = [
-        (str(number), s.context, s.instruction, ", ".join(o.instance_name for group in s.groups.values() for o in group))
+        (
+            str(number),
+            s.context,
+            s.instruction,
+            ", ".join(o.instance_name for group in s.groups.values() for o in group),
+        )
         for number, s in made.scenarios.items()
     ]
     print_table(("scenario", "context", "instruction", "objects"), rows, title=f"{made.template}:")
-    for refused in made.refused:
-        say(f"scenario {refused.number} was refused after {refused.tries} tries: {refused.problem}")
+    for left_out in made.refused:
+        say(f"scenario {left_out.number} was refused after {left_out.tries} tries: {left_out.problem}")
     OUT.print(str(out / "scenarios"), markup=False, soft_wrap=True)

@@ -1,8 +1,8 @@
 """Exchanges with a language model, kept so that they can be repeated without the model.
 
-Each line of ``exchanges.jsonl`` has the messages, the answer and the verdict, and a link that reveals a changed line. An
-answer that is in the file is never asked for again, so the same command resumes after an interruption, and the file of
-one run answers for the model in another (``--replay``).
+Each line of ``exchanges.jsonl`` has the messages, the answer and the verdict, and a link that reveals a changed line.
+A question whose answer is in the file is not asked again, so the same command resumes after an interruption, and the
+file of one run answers for the model in another (``--replay``).
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from betterbench.generation.scenario import Scenario
 from betterbench.generation.scenario_form import NAME_PATTERN
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.authoring.template_form import template_to_json
-from betterbench.vqa.llm import Message, user_message
+from betterbench.vqa.llm import Message
 
 PROMPT_ID = "betterbench-scenario-1"
 """Identifier of this wording; change it with every change of a word, because kept exchanges name it."""
@@ -26,8 +26,8 @@ SYSTEM = f"""You write scenarios for a benchmark of robot manipulation in simula
 gripper stands at a table. A template describes an abstract interaction; you fill it with an everyday situation and with
 concrete objects.
 
-You get a template as JSON. Its "meta" describes the interaction, the start and the goal. Its "object_groups" each have a
-"group_id", a "description", the "allowed_types" of objects, and a "count_range" [fewest, most].
+You get a template as JSON. Its "meta" describes the interaction, the start and the goal. Its "object_groups" each
+have a "group_id", a "description", the "allowed_types" of objects, and a "count_range" [fewest, most].
 
 Write scenarios of this template. For each of them:
 - Think of a real situation in which a person would do this, and of the objects that are part of it.
@@ -92,7 +92,7 @@ def scenario_messages(
         parts.append(f"Use only these words as asset_query; leave groups that are not listed empty:\n{listed}")
     if written:
         parts.append(f"These exist already; choose other objects:\n{written_lines(written)}")
-    return [{"role": "system", "content": SYSTEM}, user_message("\n\n".join(parts))]
+    return [{"role": "system", "content": SYSTEM}, _user("\n\n".join(parts))]
 
 
 def written_lines(written: Sequence[Scenario]) -> str:
@@ -106,8 +106,9 @@ def written_lines(written: Sequence[Scenario]) -> str:
 def correction(answer: str, problems: Sequence[str]) -> list[Message]:
     """Return the messages that send a refused answer back with its problems."""
     listed = "\n".join(f"- {problem}" for problem in problems)
-    text = f"This answer was refused:\n{listed}\n\nWrite the whole answer again, as JSON only, with these fields corrected."
-    return [{"role": "assistant", "content": answer}, user_message(text)]
+    cure = "Write the whole answer again, as JSON only, with these fields corrected."
+    text = f"This answer was refused:\n{listed}\n\n{cure}"
+    return [{"role": "assistant", "content": answer}, _user(text)]
 
 
 def template_messages(sentence: str, templates: Sequence[Template]) -> list[Message]:
@@ -119,5 +120,10 @@ def template_messages(sentence: str, templates: Sequence[Template]) -> list[Mess
     )
     return [
         {"role": "system", "content": system},
-        user_message(f"Templates:\n{listed}\n\nRequest:\n{sentence}"),
+        _user(f"Templates:\n{listed}\n\nRequest:\n{sentence}"),
     ]
+
+
+def _user(text: str) -> Message:
+    """Return a message as plain text, which servers of language models without images accept too."""
+    return {"role": "user", "content": text}

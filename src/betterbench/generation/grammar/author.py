@@ -183,14 +183,13 @@ def theme_words(theme: Theme) -> frozenset[str]:
     return frozenset(terms(" ".join((theme.name, theme.context, *theme.instructions)))) - _SAY_LITTLE
 
 
-_SAY_LITTLE = frozenset(
-    """
-    a an the in into on onto of for to with at and around under away
-    arrange assemble build fill lay pack place put set stack stock store throw up
-    packing preparing setting laying stacking putting serving making taking building assembling filling storing tidying
-    container anchor fixture cabinet base rack plate drawer hole ring item items table
-    """.split()
-)
+_SAY_LITTLE_WORDS = """
+a an the in into on onto of for to with at and around under away arrange assemble build fill lay pack place put set
+stack stock store throw up packing preparing setting laying stacking putting serving making taking building
+assembling filling storing tidying container anchor fixture cabinet base rack plate drawer hole ring item items
+table
+"""
+_SAY_LITTLE = frozenset(_SAY_LITTLE_WORDS.split())
 
 
 def _scenario(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
@@ -211,7 +210,9 @@ def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
     for described_object in objects:
         name = described_object.instance_name
         seen[name] += 1
-        found.append(replace(described_object, instance_name=f"{name}_{seen[name]}") if seen[name] > 1 else described_object)
+        found.append(
+            replace(described_object, instance_name=f"{name}_{seen[name]}") if seen[name] > 1 else described_object
+        )
     return tuple(found)
 
 

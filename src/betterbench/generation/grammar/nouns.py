@@ -45,7 +45,9 @@ PHRASES: dict[str, Phrase] = {
     "burger": Phrase("burger", "burger in a golden brown bun", "burger"),
     "can": Phrase("soda can", "{color} soda can", "{color} soda can"),
     "cheese_slice": Phrase("cheese", "thick slice of yellow cheese", "cheese slice"),
-    "coffee_machine": Phrase("coffee machine", "{color} coffee machine with a ring on its tray", "{color} coffee machine"),
+    "coffee_machine": Phrase(
+        "coffee machine", "{color} coffee machine with a ring on its tray", "{color} coffee machine"
+    ),
     "computer_mouse": Phrase("computer mouse", "{color} computer mouse", "{color} computer mouse", "computer mice"),
     "crumpled_napkin": Phrase("crumpled napkin", "crumpled {color} paper napkin", "crumpled {color} napkin"),
     "crushed_can": Phrase("crushed can", "crushed {color} soda can", "crushed {color} can"),

@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-
 from betterbench.sim.assets import colors
 from betterbench.tasks.authoring.template import Template
 

@@ -1,11 +1,10 @@
-"""Contexts of constrained positioning: mugs and cups for the ring of a coffee machine."""
+"""Contexts of constrained positioning: mugs for the ring of a coffee machine."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register
 from betterbench.tasks.authoring.templates import CONSTRAINED_POSITIONING
 
 _MACHINE = one("coffee_machine")
 _MUGS = Group((Pool(("mug",), 2, by_color=True),))
-_CUPS = Group((Pool(("cup",), 2, by_color=True),))
 
 GRAMMAR = register(
     Grammar(
@@ -34,13 +33,13 @@ GRAMMAR = register(
                     ("Set a mug on the tray of the {fixture}.", "Put a mug on the marked ring of the {fixture}."),
                 ),
                 (
-                    "Making a small coffee",
+                    "Serving coffee to a guest",
                     "hotel lounge",
-                    _CUPS,
-                    ("Put a cup on the ring of the {fixture}.", "Set a cup under the spout of the {fixture}."),
+                    _MUGS,
+                    ("Put a mug on the ring of the {fixture}.", "Set a mug under the spout of the {fixture}."),
                 ),
             )
         ),
     )
 )
-"""Scenarios of constrained positioning: a coffee machine, and two mugs or two cups of different colors."""
+"""Scenarios of constrained positioning: a coffee machine, and two mugs of different colors."""

@@ -27,7 +27,10 @@ GRAMMAR = register(
                     "Tidying a student's desk",
                     "dorm room",
                     several(2, "stapler", "tape_roll", "computer_mouse", "napkin_stack"),
-                    ("Tidy the desk into the drawers of the {cabinet}.", "Put the desk clutter into the {cabinet}."),
+                    (
+                        "Put the desk clutter into the drawers of the {cabinet}.",
+                        "Put the desk clutter away in the {cabinet}.",
+                    ),
                 ),
                 (
                     "Putting toy blocks away",

@@ -1,6 +1,6 @@
 """Contexts of loose packing: meals to go, and trash."""
 
-from betterbench.generation.grammar.theme import Grammar, Theme, one, register, several
+from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
 from betterbench.tasks.authoring.templates import LOOSE_PACKING
 
 _LUNCHBOX, _TAKEOUT, _BIN = one("lunchbox"), one("takeaway_box"), one("waste_bin")
@@ -22,7 +22,7 @@ GRAMMAR = register(
                 "Packing a school lunch",
                 "kitchen on a school morning",
                 ("Pack a school lunch into the {container}.", "Fill the {container} with lunch for school."),
-                {"container": _LUNCHBOX, "items": several(3, "apple", "orange", "can", "burger", "napkin_stack")},
+                {"container": _LUNCHBOX, "items": several(3, "apple", "orange", "burger", "egg_cup", "napkin_stack")},
             ),
             Theme(
                 "Packing a picnic",
@@ -30,7 +30,7 @@ GRAMMAR = register(
                 ("Pack the picnic into the {container}.", "Pack the {container} for the picnic."),
                 {
                     "container": _LUNCHBOX,
-                    "items": several(3, "apple", "orange", "can", "jam_jar", "napkin_stack", "salt_shaker"),
+                    "items": several(3, "apple", "orange", "lemon", "jam_jar", "napkin_stack", "salt_shaker"),
                 },
             ),
             Theme(
@@ -58,10 +58,28 @@ GRAMMAR = register(
                 },
             ),
             Theme(
-                "Throwing away the trash",
-                "break room table",
+                "Cleaning up after a burger night",
+                "kitchen table after dinner",
                 ("Throw the trash into the {container}.", "Put the trash into the {container}."),
-                {"container": _BIN, "items": several(3, "crumpled_napkin", "crushed_can", "drink_cup", "sauce_cup")},
+                {
+                    "container": _BIN,
+                    "items": Group((Pool(("crumpled_napkin",)), Pool(("sauce_cup", "patty", "lettuce_leaf"), 2))),
+                },
+            ),
+            Theme(
+                "Cleaning up after a cookout",
+                "backyard table",
+                ("Throw the trash into the {container}.", "Toss the trash into the {container}."),
+                {"container": _BIN, "items": several(3, "crushed_can", "sauce_cup", "patty")},
+            ),
+            Theme(
+                "Clearing out the bathroom",
+                "bathroom",
+                ("Throw the trash into the {container}.", "Put the bathroom trash into the {container}."),
+                {
+                    "container": _BIN,
+                    "items": Group((Pool(("crumpled_napkin",)), Pool(("pill_bottle", "soap_bar", "sponge"), 2))),
+                },
             ),
         ),
     )

@@ -1,4 +1,4 @@
-"""Contexts of patterned arrangement: desks with a laptop, and places laid with a plate."""
+"""Contexts of patterned arrangement: desks with a laptop, and places set with a plate."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
 from betterbench.tasks.authoring.templates import PATTERNED_ARRANGEMENT
@@ -32,7 +32,10 @@ GRAMMAR = register(
             Theme(
                 "Settling in for a study session",
                 "library desk",
-                ("Arrange the study supplies around the {anchor}.", "Set up the study desk around the {anchor}."),
+                (
+                    "Arrange the desk around the {anchor} for a study session.",
+                    "Set up the study desk around the {anchor}.",
+                ),
                 {"anchor": _LAPTOP, "items": several(3, "computer_mouse", "stapler", "can", "drink_cup", "tape_roll")},
             ),
             Theme(
@@ -42,21 +45,21 @@ GRAMMAR = register(
                 {"anchor": _LAPTOP, "items": several(3, "speaker", "can", "drink_cup", "tumbler")},
             ),
             Theme(
-                "Laying the breakfast table",
+                "Setting the breakfast table",
                 "breakfast table",
-                ("Lay the table for breakfast around the {anchor}.", "Set a place for breakfast with the {anchor}."),
+                ("Set the table for breakfast around the {anchor}.", "Set a place for breakfast with the {anchor}."),
                 {"anchor": _PLATE, "items": _laid("cup", "mug")},
             ),
             Theme(
                 "Setting a place for lunch",
                 "dining room",
-                ("Set a place for lunch around the {anchor}.", "Lay the table for lunch around the {anchor}."),
+                ("Set a place for lunch around the {anchor}.", "Set the table for lunch around the {anchor}."),
                 {"anchor": _PLATE, "items": _laid("tumbler", "can")},
             ),
             Theme(
                 "Setting a place at a diner",
                 "diner",
-                ("Set the table for the guest around the {anchor}.", "Set a place at the table with the {anchor}."),
+                ("Set the table around the {anchor} for the guest.", "Set a place at the table with the {anchor}."),
                 {"anchor": _PLATE, "items": _laid("drink_cup", "mug", "tumbler")},
             ),
         ),

@@ -24,7 +24,9 @@ def _both(*jars: tuple[Pool, Pool], more: tuple[Pool, ...] = ()) -> list[Group]:
 
 
 _SEASONING = _both(_SALT, _PEPPER, _PAPRIKA)
-_PAIRS = [g for pair in ((_SALT, _PEPPER), (_PEPPER, _PAPRIKA), (_SALT, _PAPRIKA)) for g in _both(*pair, more=(_PILLS,))]
+_PAIRS = [
+    g for pair in ((_SALT, _PEPPER), (_PEPPER, _PAPRIKA), (_SALT, _PAPRIKA)) for g in _both(*pair, more=(_PILLS,))
+]
 _CONTEXTS = (
     ("Filling the seasoning rack", "kitchen"),
     ("Setting out the spices", "restaurant kitchen"),
