@@ -47,6 +47,7 @@ LOOSE_PACKING = (
 
 MOUSE, MUG, SPEAKER = a.item("mouse", category="computer_mouse"), a.item("mug", color="blue"), a.item("speaker")
 FORK, SPOON, CUP = a.item("fork"), a.item("spoon"), a.item("cup", color="blue")
+BOWL = a.item("bowl", category="cereal_bowl")
 STAPLER = a.item("stapler", color="red")
 LAPTOP, PLATE = a.fixture("laptop"), a.fixture("plate", category="place_plate")
 
@@ -54,7 +55,8 @@ PATTERNED_ARRANGEMENT = (
     cast("patterned_arrangement", "Preparing a desk meeting", anchor=LAPTOP, items=[MOUSE, MUG, SPEAKER],
          look_alikes={"mouse": [a.item("soap_bar", color="gray")]}),
     cast("patterned_arrangement", "Laying the breakfast table", anchor=PLATE, items=[FORK, CUP, SPOON],
-         distractors=[EGG, a.item("bowl", category="cereal_bowl"), SALT, JAM], look_alikes={"cup": [a.item("tumbler", color="blue")]}),
+         distractors=[EGG, BOWL, SALT, JAM],
+         look_alikes={"cup": [a.item("tumbler", color="blue")]}),
     cast("patterned_arrangement", "Serving condiments", 2, anchor=PLATE, items=[SALT, JAM, EGG],
          look_alikes={"jam_jar": [a.item("red_can", "red can", "can", "red")]}),
     cast("patterned_arrangement", "Tidying an office", 3, anchor=LAPTOP, items=[TAPE, STAPLER, MUG],

@@ -109,7 +109,7 @@ def _packed(cast: Cast, container: ObjectSpec, items: Sequence[ObjectSpec], tabl
     fixed: dict[ObjectSpec, Slot] = {**besides, container: table.stands[0]}
     layout = {**starts, **fixed}
     first, *others = items
-    asked = functools.partial(_pack, container, words_of(items))
+    asked = functools.partial(_pack, container, words_of((*items, container)))
     draft = Draft(
         a.LOOSE_PACKING,
         cast,
@@ -194,6 +194,7 @@ def _add_repeated(draft: Draft, items: Sequence[ObjectSpec], asked: functools.pa
         draft.leave_out("T", "two equal objects to be packed", "no item has a plural")
         return
     stays, goes = (o for o in items[:3] if o is not repeated)
+    again = second(draft.cast, repeated)
     title = f"two {plural(repeated.kind)} to be packed, {stays.kind} in the slot of one"
-    twice = a.repeat(asked(repeated, second(repeated)))
-    draft.vary("T", [a.replace(goes, second(repeated)), a.swap(repeated, stays), twice], title, AGAIN)
+    twice = a.repeat(asked(repeated, again))
+    draft.vary("T", [a.replace(goes, again), a.swap(repeated, stays), twice], title, AGAIN)
