@@ -26,10 +26,12 @@ GREEN_APPLE = a.item("green_apple", category="apple", color="green")
 BURGER, FRIES, DRINK = a.item("burger"), a.item("fries", category="fries_box"), a.item("drink", category="drink_cup")
 JAM, SALT, EGG = a.item("jam_jar"), a.item("salt_shaker"), a.item("egg_cup")
 SPONGE, SOAP, TAPE = a.item("sponge"), a.item("soap_bar"), a.item("tape_roll")
-RED_BLOCK, BLUE_BLOCK, GREEN_BLOCK, YELLOW_BLOCK = (
-    a.item(f"{color}_block", category="block", color=color) for color in ("red", "blue", "green", "yellow")
+RED_BLOCK, GREEN_BLOCK = (a.item(f"{color}_block", category="block", color=color) for color in ("red", "green"))
+RED_ROUND, BLUE_ROUND, GREEN_ROUND, YELLOW_ROUND = (
+    a.item(f"{color}_round_block", category="round_block", color=color) for color in ("red", "blue", "green", "yellow")
 )
 PILLS, SAUCE, CAN = a.item("pill_bottle"), a.item("sauce_cup"), a.item("can", color="red")
+MUG = a.item("mug", color="blue")
 LUNCHBOX, TAKEAWAY, BIN = a.container("lunchbox"), a.container("takeaway_box"), a.container("waste_bin")
 
 LOOSE_PACKING = (
@@ -39,13 +41,13 @@ LOOSE_PACKING = (
          look_alikes={"burger": [a.item("round_block")]}),
     cast("loose_packing", "Clearing the table", 2, container=TAKEAWAY, items=[JAM, SALT, EGG, GREEN_APPLE],
          look_alikes={"jam_jar": [a.item("red_can", "red can", "can", "red")]}),
-    cast("loose_packing", "Collecting toys", 3, container=BIN, items=[RED_BLOCK, BLUE_BLOCK, TAPE],
-         distractors=[a.item("sponge")], look_alikes={"red_block": [APPLE]}),
+    cast("loose_packing", "Clearing the sink", 3, container=BIN, items=[SPONGE, TAPE, SAUCE],
+         distractors=[MUG], look_alikes={"sponge": [a.item("cheese_slice")]}),
     cast("loose_packing", "Packing snacks", 4, container=LUNCHBOX, items=[GREEN_APPLE, SAUCE, LEMON],
          look_alikes={"green_apple": [GREEN_BLOCK]}),
 )  # fmt: skip
 
-MOUSE, MUG, SPEAKER = a.item("mouse", category="computer_mouse"), a.item("mug", color="blue"), a.item("speaker")
+MOUSE, SPEAKER = a.item("mouse", category="computer_mouse"), a.item("speaker")
 FORK, SPOON, CUP = a.item("fork"), a.item("spoon"), a.item("cup", color="blue")
 BOWL = a.item("bowl", category="cereal_bowl")
 STAPLER = a.item("stapler", color="red")
@@ -72,12 +74,12 @@ TRAY = a.container("plate", category="place_plate")
 LOGICAL_ASSEMBLY = (
     cast("logical_assembly", "Assembling a cheeseburger", base=BUN, layers=[PATTY, CHEESE, LETTUCE, TOP],
          look_alikes={"cheese": [a.item("sponge")]}),
-    cast("logical_assembly", "Building a tower", 1, base=TRAY, layers=[RED_BLOCK, BLUE_BLOCK, GREEN_BLOCK],
-         look_alikes={"red_block": [APPLE]}),
+    cast("logical_assembly", "Building a tower", 1, base=TRAY, layers=[RED_ROUND, BLUE_ROUND, GREEN_ROUND],
+         look_alikes={"red_round_block": [APPLE]}),
     cast("logical_assembly", "Preparing a salad burger", 2, base=BUN, layers=[CHEESE, PATTY, LETTUCE],
          look_alikes={"cheese": [a.item("sponge")]}),
     cast("logical_assembly", "Building a tower with a roof", 3, base=TRAY,
-         layers=[BLUE_BLOCK, YELLOW_BLOCK, RED_BLOCK, a.item("round_block")]),
+         layers=[BLUE_ROUND, YELLOW_ROUND, RED_ROUND, TOP]),
 )  # fmt: skip
 
 

@@ -205,10 +205,11 @@ def items(number: int, group: str):
 FORK = next(o for o in PATTERNED_ARRANGEMENT[1].groups["items"] if o.category == "fork")
 MUG = next(o for o in PATTERNED_ARRANGEMENT[0].groups["items"] if o.category == "mug")
 CHEESE = LOGICAL_ASSEMBLY[0].groups["layers"][1]
-BLOCK = LOGICAL_ASSEMBLY[1].groups["layers"][0]
+ROUND = LOGICAL_ASSEMBLY[1].groups["layers"][0]
 BUN = LOGICAL_ASSEMBLY[0].groups["base"][0]
 KEYBOARD = dataclasses.replace(FORK, name="keyboard", kind="keyboard", category="keyboard")
 LEMON = LOOSE_PACKING[0].groups["items"][2]
+BLOCK = dataclasses.replace(FORK, name="block", kind="block", category="block")
 CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
 
 
@@ -219,6 +220,7 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
         (smaller(LOOSE_PACKING[2], "container"), "container.*has 0 objects"),
         (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, KEYBOARD), "keyboard.*cannot grasp a keyboard"),
         (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, CAN), "can is up to .* mm high; .* Choose a smaller object"),
+        (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, BLOCK), "block can be as small as 3. mm"),
         (smaller(LOOSE_PACKING[0], "container", BUN), "bottom bun.*no region 'inside'"),
         (
             smaller(LOOSE_PACKING[0], "items", *LOOSE_PACKING[2].groups["items"]),
@@ -227,15 +229,15 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
         (smaller(PATTERNED_ARRANGEMENT[0], "items", MUG, LEMON), "items.*has 2 objects, three are needed"),
         (smaller(PATTERNED_ARRANGEMENT[0], "anchor", BUN), "anchor.*has the sides \\[\\]"),
         (smaller(PATTERNED_ARRANGEMENT[0], "items", MUG, FORK, LEMON), "fork reaches .* mm"),
-        (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, BLOCK), "layers.*has 2 objects"),
+        (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, ROUND), "layers.*has 2 objects"),
         (
-            smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, BLOCK, *LOGICAL_ASSEMBLY[0].groups["layers"][2:]),
-            "red block.*layer 2 lies .* differs by at most 5 mm",
+            smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, ROUND, *LOGICAL_ASSEMBLY[0].groups["layers"][2:]),
+            "red round block.*layer 2 lies .* differs by at most 5 mm",
         ),
-        (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, LEMON, BLOCK), "nothing can lie on a lemon"),
+        (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, LEMON, ROUND), "nothing can lie on a lemon"),
         (smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2]), "has 2 objects"),
         (
-            smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2], BLOCK),
+            smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2], ROUND),
             "block.*no region 'floor'",
         ),
     ],

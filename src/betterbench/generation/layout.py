@@ -18,6 +18,8 @@ FREE_M = 0.002
 """Least distance of two objects at the ends of the jitter of their slots [m]."""
 GRIP_M = 0.074
 """Largest width that the gripper grasps [m]: its opening of 80 mm, less the margins that the planner keeps."""
+LEAST_M = 0.040
+"""Least longest side of a named object [m]: 24 pixels in the front camera at the slots next to the robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +31,7 @@ class Footprint:
         x_m: Smallest and largest x of a visible point, in the frame of the object [m].
         y_m: Smallest and largest y of a visible point, in the frame of the object [m].
         height_m: Largest height [m].
+        least_m: Smallest over the looks of the longest side [m].
         layer_m: Smallest and largest height of the surface that carries the next object [m].
         grip_m: Largest over the looks of the narrowest grasp [m]; None if a look has no grasp.
         longish: Whether the object is more than 1.5 times as long as wide in a look.
@@ -42,6 +45,7 @@ class Footprint:
     x_m: tuple[float, float]
     y_m: tuple[float, float]
     height_m: float
+    least_m: float
     layer_m: tuple[float, float]
     grip_m: float | None
     longish: bool
@@ -89,6 +93,7 @@ def _measured(category: str, assets: Sequence[Asset]) -> Footprint:
         (min(xs), max(xs)),
         (min(ys), max(ys)),
         max(asset.size_m[2] for asset in assets),
+        min(max(asset.size_m) for asset in assets),
         (min(tops), max(tops)),
         None if math.isinf(max(grips)) else max(grips),
         any(asset.size_m[0] > 1.5 * asset.size_m[1] for asset in assets),
@@ -97,14 +102,15 @@ def _measured(category: str, assets: Sequence[Asset]) -> Footprint:
     )
 
 
-def require_graspable(group_id: str, objects: Iterable[ObjectSpec]) -> None:
-    """Check that the gripper can grasp objects of a group.
+def require_usable(group_id: str, objects: Iterable[ObjectSpec]) -> None:
+    """Check that the gripper can grasp the objects of a group, and that a camera shows them large enough.
 
     Raises:
-        InvalidInputError: If an object has no grasp, or is wider than the gripper opens.
+        InvalidInputError: If an object has no grasp, is wider than the gripper opens, or is too small.
     """
     for spec in objects:
-        grip = footprint(spec.category).grip_m
+        size = footprint(spec.category)
+        grip = size.grip_m
         where = f"cast group {group_id!r}: {spec.name}"
         if grip is None:
             problem = f"the gripper cannot grasp a {spec.kind} (category {spec.category})"
@@ -112,6 +118,9 @@ def require_graspable(group_id: str, objects: Iterable[ObjectSpec]) -> None:
         if grip > GRIP_M:
             problem = f"a {spec.kind} is {1000 * grip:.0f} mm wide where it is grasped; the gripper takes up to 74 mm"
             raise InvalidInputError(where, problem, "Choose a smaller object")
+        if size.least_m < LEAST_M:
+            problem = f"a {spec.kind} can be as small as {1000 * size.least_m:.0f} mm; the camera needs 40 mm"
+            raise InvalidInputError(where, problem, "Choose a larger object")
 
 
 @dataclass(frozen=True, slots=True)

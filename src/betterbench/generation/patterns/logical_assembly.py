@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_graspable
+from betterbench.generation.layout import Table, footprint, require_usable
 from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of, second, shuffled
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
 from betterbench.generation.wording import is_countable, plural, words_of
@@ -81,7 +81,7 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
         problem = f"has {len(layers)} objects, three or four are needed"
         cure = "Choose three layers that change, and possibly one that always comes last"
         raise InvalidInputError("cast group 'layers'", problem, cure)
-    require_graspable("layers", layers)
+    require_usable("layers", layers)
     one, two, three = layers[:3]
     stack = _Stack(base, (one, two, three), layers[3:], words_of((*layers, base)))
     for spec in (base, *stack.layers):

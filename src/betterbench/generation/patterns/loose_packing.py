@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_graspable
+from betterbench.generation.layout import Table, footprint, require_usable
 from betterbench.generation.patterns.draft import (
     Draft,
     first_that_fits,
@@ -68,7 +68,7 @@ def loose_packing(cast: Cast) -> GeneratedTask:
         problem = f"has {len(items)} objects, three or four are needed"
         cure = "Choose three or four, so that a known step can be combined with two others"
         raise InvalidInputError("cast group 'items'", problem, cure)
-    require_graspable("items", items)
+    require_usable("items", items)
     _require_room(container, items)
     tables = LID_TABLES if _has_lid(container) else OPEN_TABLES
     if len(items) > len(tables[0].starts):

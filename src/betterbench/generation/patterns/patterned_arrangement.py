@@ -11,7 +11,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_graspable
+from betterbench.generation.layout import Table, footprint, require_usable
 from betterbench.generation.patterns.draft import Draft, first_that_fits, in_role, look_alikes_of
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
 from betterbench.tasks import authoring as a
@@ -109,7 +109,7 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
         problem = f"has {len(items)} objects, three are needed"
         cure = "Choose three, so that known objects and sides can be combined in a new way"
         raise InvalidInputError("cast group 'items'", problem, cure)
-    require_graspable("items", items)
+    require_usable("items", items)
     long = [spec for spec in items if footprint(spec.category).radius_m > _FRONT_M]
     if long and (not _is_round(anchor) or len(long) != 2):
         _refuse_long(long[0])

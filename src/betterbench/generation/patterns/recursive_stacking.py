@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_graspable
+from betterbench.generation.layout import Table, footprint, require_usable
 from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
 from betterbench.generation.wording import words_of
@@ -62,7 +62,7 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
     if len(plates) != 3:
         problem = f"has {len(plates)} objects, three are needed"
         raise InvalidInputError("cast group 'plates'", problem, "Choose three, so that a stack can grow")
-    require_graspable("plates", plates)
+    require_usable("plates", plates)
     base = max(plates, key=lambda o: (footprint(o.category).radius_m, -plates.index(o)))
     others = [o for o in plates if o is not base]
     middle = next((o for o in others if cast.look_alikes.get(o.name)), others[0])
