@@ -50,7 +50,6 @@ LOOSE_PACKING = (
 MOUSE, SPEAKER = a.item("mouse", category="computer_mouse"), a.item("speaker")
 FORK, SPOON, CUP = a.item("fork"), a.item("spoon"), a.item("cup", color="blue")
 BOWL = a.item("bowl", category="cereal_bowl")
-STAPLER = a.item("stapler", color="red")
 LAPTOP, PLATE = a.fixture("laptop"), a.fixture("plate", category="place_plate")
 
 PATTERNED_ARRANGEMENT = (
@@ -61,8 +60,8 @@ PATTERNED_ARRANGEMENT = (
          look_alikes={"cup": [a.item("tumbler", color="blue")]}),
     cast("patterned_arrangement", "Serving condiments", 2, anchor=PLATE, items=[SALT, JAM, EGG],
          look_alikes={"jam_jar": [a.item("red_can", "red can", "can", "red")]}),
-    cast("patterned_arrangement", "Tidying an office", 3, anchor=LAPTOP, items=[TAPE, STAPLER, MUG],
-         look_alikes={"stapler": [a.item("red_stapler_block", "red block", "stapler_block", "red")]}),
+    cast("patterned_arrangement", "Tidying an office", 3, anchor=LAPTOP, items=[TAPE, MUG, SPONGE],
+         look_alikes={"sponge": [a.item("cheese_slice")]}),
     cast("patterned_arrangement", "Setting the table", 4, anchor=PLATE, items=[FORK, SPOON, SALT]),
 )  # fmt: skip
 
