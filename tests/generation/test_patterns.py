@@ -191,7 +191,9 @@ def test_casts_of_the_suite_get_variations_on_the_axes_of_the_suite(name, cast):
     assert {v.axis for v in suite.variations} <= {v.axis for v in made.task.variations}
     assert len(made.task.variations) >= len(suite.variations) - 1
     kinds = {o.category for c in suite.training for o in c.objects}
-    assert {o.category for c in made.task.training for o in c.objects} == kinds
+    found = {o.category for c in made.task.training for o in c.objects}
+    assert found <= kinds
+    assert kinds - found <= {"cereal_bowl"}, "the bowl is too wide for the room beside the plate's other position"
 
 
 def smaller(cast: Cast, group: str, *objects) -> Cast:
@@ -238,7 +240,7 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
         (smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2]), "has 2 objects"),
         (
             smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2], ROUND),
-            "block.*no region 'floor'",
+            "block.*is no plate: it lacks the region",
         ),
     ],
 )

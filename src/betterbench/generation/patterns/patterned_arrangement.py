@@ -117,8 +117,20 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
     if not long:
         return _desk(cast, anchor, items, sides)
     stay = [o for o in in_role("distractor", cast.groups.get("distractors", ())) if _is_compact(o)]
-    fewer = [stay[:count] for count in range(min(4, len(stay)), -1, -1)]
-    return first_that_fits(fewer, functools.partial(_setting, cast, anchor, items, sides))
+    return first_that_fits([*_crowds(stay)], functools.partial(_setting, cast, anchor, items, sides))
+
+
+def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
+    """Yield the slots of distractors around a place setting, more of them first.
+
+    The first of them exchanges its slot with the compact item.
+    """
+    slots = _SETTING.besides
+    for count in range(min(len(slots), len(distractors) - 1), -1, -1):
+        for first, *others in itertools.combinations(distractors, 1 + count):
+            for placed in itertools.permutations(slots, count):
+                yield {first: _SETTING.starts[-1], **dict(zip(others, placed, strict=True))}
+    yield {}
 
 
 def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
@@ -296,7 +308,7 @@ def _setting(
     anchor: ObjectSpec,
     items: Sequence[ObjectSpec],
     sides: tuple[str, str, str],
-    distractors: Sequence[ObjectSpec],
+    distractors: Mapping[ObjectSpec, Slot],
 ) -> GeneratedTask:
     """Return a task with two long pieces at the edges of the table and a compact one in front."""
     table = _SETTING
@@ -306,9 +318,7 @@ def _setting(
         if footprint(piece.category).radius_m > _CUTLERY_M or not footprint(piece.category).longish:
             _refuse_long(piece)
     edge_1, edge_2, front, corner_1, corner_2, front_right = table.starts
-    spare = distractors[:1]
-    smallest_first = sorted(distractors[1:], key=lambda o: footprint(o.category).radius_m)
-    others = dict(zip(smallest_first, table.besides, strict=False))
+    spare, others = [*distractors][:1], dict([*distractors.items()][1:])
     placed = (
         {left: edge_1, compact: front, right: edge_2, **dict.fromkeys(spare, front_right)},
         {left: corner_1, compact: front_right, right: corner_2, **dict.fromkeys(spare, front)},

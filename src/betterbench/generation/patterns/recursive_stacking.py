@@ -74,9 +74,9 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
 
 def _require_carried(upper: ObjectSpec, lower: ObjectSpec) -> None:
     """Check that a plate can stand on another."""
-    for spec, region in ((upper, "base"), (lower, "floor")):
-        if region not in footprint(spec.category).regions:
-            problem = f"a {spec.kind} (category {spec.category}) has no region {region!r}"
+    for spec in (upper, lower):
+        if not {"base", "floor"} <= footprint(spec.category).regions:
+            problem = f"a {spec.kind} (category {spec.category}) is no plate: it lacks the region 'base' or 'floor'"
             raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates of the library")
     over, under = footprint(upper.category), footprint(lower.category)
     if over.radius_m > under.radius_m:
