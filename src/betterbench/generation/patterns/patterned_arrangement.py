@@ -21,16 +21,16 @@ from betterbench.tasks.relations.beside import SIDES
 
 _DESK = Table(
     starts=tuple(
-        a.Slot(f"front_{i}", 0.683, y) for i, y in enumerate((-0.202, -0.012, 0.178, -0.178, 0.012, 0.202), start=1)
+        a.Slot(f"front_{i}", 0.686, y) for i, y in enumerate((-0.202, -0.012, 0.178, -0.178, 0.012, 0.202), start=1)
     ),
     stands=(
-        a.Slot("anchor_right", 0.485, 0.023, jitter_m=0.005, yaw_jitter=0.03),
-        a.Slot("anchor_left", 0.485, -0.023, jitter_m=0.005, yaw_jitter=0.03),
+        a.Slot("anchor_right", 0.485, 0.023, jitter_m=0.004, yaw_jitter=0.03),
+        a.Slot("anchor_left", 0.485, -0.023, jitter_m=0.004, yaw_jitter=0.03),
     ),
 )
 """Table of the suite's desk_meeting: six slots in front, three for each position of the anchor.
 
-The anchor has less jitter than in the suite and is 8 mm farther from the slots, so that no exchange of objects brings
+The anchor has less jitter than in the suite and is 11 mm farther from the slots, so that no exchange of objects brings
 two in contact. Nearer to the robot, the arm would not reach behind a laptop."""
 
 _SETTING = Table(
