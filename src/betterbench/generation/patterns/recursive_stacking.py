@@ -108,12 +108,12 @@ def _stacked(cast: Cast, plates: _Plates) -> GeneratedTask:
     draft.vary("L", [a.swap(middle, top)], f"{middle.kind} and {top.kind} exchanged", BY_KIND)
     draft.vary("L", [a.move(base, _STAND_MIDDLE)], f"{base.kind} at its other position", BY_TARGET, "train2")
     around = [a.move(middle, _STAND_MIDDLE), a.move(top, near[middle]), a.move(base, near[top]), a.instruct(finish)]
-    on_middle = f"{top.kind} on {middle.kind}, which stands where a {base.kind} stood"
+    on_middle = f"{top.kind} on {middle.kind}, where the {base.kind} stood"
     draft.vary("R", around, on_middle, BY_LOOK, "train2")
     _add_look_alike(draft, cast, plates, near)
     draft.vary("T", [a.chain(whole)], "stack of three from single plates", LONGER)
     elsewhere = [a.move(base, _STAND_MIDDLE), a.move(top, near[middle]), a.chain(whole)]
-    title = f"whole stack asked for, {middle.kind} already on {base.kind}, which stands at its other position"
+    title = f"whole stack, {middle.kind} already on {base.kind} at its other position"
     draft.vary("T", elsewhere, title, DONE, "train3", mid_task=True)
     return draft.finish(
         list(_balanced(plates, near)),
