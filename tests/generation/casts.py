@@ -29,7 +29,11 @@ SPONGE, SOAP, TAPE = a.item("sponge"), a.item("soap_bar"), a.item("tape_roll")
 RED_BLOCK, BLUE_BLOCK, GREEN_BLOCK, YELLOW_BLOCK = (
     a.item(f"{color}_block", category="block", color=color) for color in ("red", "blue", "green", "yellow")
 )
+RED_ROUND, BLUE_ROUND, GREEN_ROUND = (
+    a.item(f"{color}_round_block", category="round_block", color=color) for color in ("red", "blue", "green")
+)
 PILLS, SAUCE, CAN = a.item("pill_bottle"), a.item("sauce_cup"), a.item("can", color="red")
+MUG = a.item("mug", color="blue")
 LUNCHBOX, TAKEAWAY, BIN = a.container("lunchbox"), a.container("takeaway_box"), a.container("waste_bin")
 
 LOOSE_PACKING = (
@@ -39,25 +43,30 @@ LOOSE_PACKING = (
          look_alikes={"burger": [a.item("round_block")]}),
     cast("loose_packing", "Clearing the table", 2, container=TAKEAWAY, items=[JAM, SALT, EGG, GREEN_APPLE],
          look_alikes={"jam_jar": [a.item("red_can", "red can", "can", "red")]}),
-    cast("loose_packing", "Collecting toys", 3, container=BIN, items=[RED_BLOCK, BLUE_BLOCK, TAPE],
-         distractors=[a.item("sponge")], look_alikes={"red_block": [APPLE]}),
+    cast("loose_packing", "Clearing the sink", 3, container=BIN, items=[SPONGE, TAPE, SAUCE],
+         distractors=[MUG], look_alikes={"sponge": [a.item("cheese_slice")]}),
+    cast("loose_packing", "Collecting trash", 5, container=BIN,
+         items=[a.item("napkin", "crumpled napkin", "crumpled_napkin"), a.item("crushed_can"), SAUCE],
+         look_alikes={"napkin": [a.item("egg_cup")]}),
     cast("loose_packing", "Packing snacks", 4, container=LUNCHBOX, items=[GREEN_APPLE, SAUCE, LEMON],
          look_alikes={"green_apple": [GREEN_BLOCK]}),
 )  # fmt: skip
 
-MOUSE, MUG, SPEAKER = a.item("mouse", category="computer_mouse"), a.item("mug", color="blue"), a.item("speaker")
+MOUSE, SPEAKER = a.item("mouse", category="computer_mouse"), a.item("speaker")
 FORK, SPOON, CUP = a.item("fork"), a.item("spoon"), a.item("cup", color="blue")
 STAPLER = a.item("stapler", color="red")
+BOWL = a.item("bowl", category="cereal_bowl")
 LAPTOP, PLATE = a.fixture("laptop"), a.fixture("plate", category="place_plate")
 
 PATTERNED_ARRANGEMENT = (
     cast("patterned_arrangement", "Preparing a desk meeting", anchor=LAPTOP, items=[MOUSE, MUG, SPEAKER],
          look_alikes={"mouse": [a.item("soap_bar", color="gray")]}),
     cast("patterned_arrangement", "Laying the breakfast table", anchor=PLATE, items=[FORK, CUP, SPOON],
-         distractors=[EGG, a.item("bowl", category="cereal_bowl"), SALT, JAM], look_alikes={"cup": [a.item("tumbler", color="blue")]}),
+         distractors=[EGG, BOWL, SALT, JAM],
+         look_alikes={"cup": [a.item("tumbler", color="blue")]}),
     cast("patterned_arrangement", "Serving condiments", 2, anchor=PLATE, items=[SALT, JAM, EGG],
          look_alikes={"jam_jar": [a.item("red_can", "red can", "can", "red")]}),
-    cast("patterned_arrangement", "Tidying an office", 3, anchor=LAPTOP, items=[TAPE, STAPLER, MUG],
+    cast("patterned_arrangement", "Tidying an office", 3, anchor=LAPTOP, items=[TAPE, MUG, STAPLER],
          look_alikes={"stapler": [a.item("red_stapler_block", "red block", "stapler_block", "red")]}),
     cast("patterned_arrangement", "Setting the table", 4, anchor=PLATE, items=[FORK, SPOON, SALT]),
 )  # fmt: skip
@@ -70,12 +79,12 @@ TRAY = a.container("plate", category="place_plate")
 LOGICAL_ASSEMBLY = (
     cast("logical_assembly", "Assembling a cheeseburger", base=BUN, layers=[PATTY, CHEESE, LETTUCE, TOP],
          look_alikes={"cheese": [a.item("sponge")]}),
-    cast("logical_assembly", "Building a tower", 1, base=TRAY, layers=[RED_BLOCK, BLUE_BLOCK, GREEN_BLOCK],
-         look_alikes={"red_block": [APPLE]}),
+    cast("logical_assembly", "Building a tower", 1, base=TRAY, layers=[RED_ROUND, BLUE_ROUND, GREEN_ROUND],
+         look_alikes={"red_round_block": [APPLE]}),
     cast("logical_assembly", "Preparing a salad burger", 2, base=BUN, layers=[CHEESE, PATTY, LETTUCE],
          look_alikes={"cheese": [a.item("sponge")]}),
-    cast("logical_assembly", "Building a tower with a roof", 3, base=TRAY,
-         layers=[BLUE_BLOCK, YELLOW_BLOCK, RED_BLOCK, a.item("round_block")]),
+    cast("logical_assembly", "Building a block tower", 3, base=TRAY,
+         layers=[BLUE_BLOCK, YELLOW_BLOCK, RED_BLOCK, GREEN_BLOCK]),
 )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from betterbench.generation.patterns import PATTERNS, GeneratedTask, pattern_of
 from betterbench.generation.wording import is_countable, plural
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Scene
-from betterbench.sim.scenes.framing import MARGIN_M, SIDE_PX, VISIBLE, FramingView, least_margin_m
+from betterbench.sim.scenes.framing import MARGIN_M, VISIBLE, FramingView, least_margin_m
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, get_task, task_from_json, task_to_json, training_distribution_of
 from betterbench.tasks.authoring.training_distribution import pairing
@@ -191,7 +191,9 @@ def test_casts_of_the_suite_get_variations_on_the_axes_of_the_suite(name, cast):
     assert {v.axis for v in suite.variations} <= {v.axis for v in made.task.variations}
     assert len(made.task.variations) >= len(suite.variations) - 1
     kinds = {o.category for c in suite.training for o in c.objects}
-    assert {o.category for c in made.task.training for o in c.objects} == kinds
+    found = {o.category for c in made.task.training for o in c.objects}
+    assert found <= kinds
+    assert kinds - found <= {"cereal_bowl"}, "the bowl is too wide for the room beside the plate's other position"
 
 
 def smaller(cast: Cast, group: str, *objects) -> Cast:
@@ -205,7 +207,7 @@ def items(number: int, group: str):
 FORK = next(o for o in PATTERNED_ARRANGEMENT[1].groups["items"] if o.category == "fork")
 MUG = next(o for o in PATTERNED_ARRANGEMENT[0].groups["items"] if o.category == "mug")
 CHEESE = LOGICAL_ASSEMBLY[0].groups["layers"][1]
-BLOCK = LOGICAL_ASSEMBLY[1].groups["layers"][0]
+ROUND = LOGICAL_ASSEMBLY[1].groups["layers"][0]
 BUN = LOGICAL_ASSEMBLY[0].groups["base"][0]
 KEYBOARD = dataclasses.replace(FORK, name="keyboard", kind="keyboard", category="keyboard")
 LEMON = LOOSE_PACKING[0].groups["items"][2]
@@ -227,16 +229,16 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
         (smaller(PATTERNED_ARRANGEMENT[0], "items", MUG, LEMON), "items.*has 2 objects, three are needed"),
         (smaller(PATTERNED_ARRANGEMENT[0], "anchor", BUN), "anchor.*has the sides \\[\\]"),
         (smaller(PATTERNED_ARRANGEMENT[0], "items", MUG, FORK, LEMON), "fork reaches .* mm"),
-        (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, BLOCK), "layers.*has 2 objects"),
+        (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, ROUND), "layers.*has 2 objects"),
         (
-            smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, BLOCK, *LOGICAL_ASSEMBLY[0].groups["layers"][2:]),
-            "red block.*layer 2 lies .* differs by at most 5 mm",
+            smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, ROUND, *LOGICAL_ASSEMBLY[0].groups["layers"][2:]),
+            "red round block.*layer 2 lies .* differs by at most 5 mm",
         ),
-        (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, LEMON, BLOCK), "nothing can lie on a lemon"),
+        (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, LEMON, ROUND), "nothing can lie on a lemon"),
         (smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2]), "has 2 objects"),
         (
-            smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2], BLOCK),
-            "block.*no region 'floor'",
+            smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2], ROUND),
+            "block.*is no plate: it lacks the region",
         ),
     ],
 )
@@ -258,12 +260,14 @@ def framing_faults(task: Task, condition: Condition, seed: int) -> list[str]:
     found = [
         f"{o.name}: {o.side_px:.0f} px, {o.visible:.2f} visible"
         for o in asked
-        if o.side_px < SIDE_PX or o.visible < VISIBLE
+        if o.side_px < LEAST_PX or o.visible < VISIBLE
     ]
     margin = least_margin_m(scene)
     return [*found, *([f"margin {1000 * margin:.0f} mm"] if margin < MARGIN_M else [])]
 
 
+LEAST_PX = 20
+"""Least longer side of a named object; layout.SEEN_M follows from it."""
 FIRST = [next(i for i, c in enumerate(CASTS) if c.scenario.template == name) for name in PATTERNS_HERE]
 
 

@@ -18,6 +18,10 @@ FREE_M = 0.002
 """Least distance of two objects at the ends of the jitter of their slots [m]."""
 GRIP_M = 0.074
 """Largest width that the gripper grasps [m]: its opening of 80 mm, less the margins that the planner keeps."""
+SEEN_M = 0.050
+"""Least apparent size of a named object [m]: 20 pixels in the front camera at the slots next to the robot.
+
+The camera has a focal length of 523 pixels and is 1.4 m from these slots. Objects of the suite have 24 pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,8 @@ class Footprint:
         x_m: Smallest and largest x of a visible point, in the frame of the object [m].
         y_m: Smallest and largest y of a visible point, in the frame of the object [m].
         height_m: Largest height [m].
+        seen_m: Smallest over the looks of the apparent size from 45 degrees above [m]: the longer of both horizontal
+            sides, or height and shorter side foreshortened.
         layer_m: Smallest and largest height of the surface that carries the next object [m].
         grip_m: Largest over the looks of the narrowest grasp [m]; None if a look has no grasp.
         longish: Whether the object is more than 1.5 times as long as wide in a look.
@@ -42,6 +48,7 @@ class Footprint:
     x_m: tuple[float, float]
     y_m: tuple[float, float]
     height_m: float
+    seen_m: float
     layer_m: tuple[float, float]
     grip_m: float | None
     longish: bool
@@ -89,6 +96,7 @@ def _measured(category: str, assets: Sequence[Asset]) -> Footprint:
         (min(xs), max(xs)),
         (min(ys), max(ys)),
         max(asset.size_m[2] for asset in assets),
+        min(max(x, y, (z + min(x, y)) / math.sqrt(2.0)) for x, y, z in (asset.size_m for asset in assets)),
         (min(tops), max(tops)),
         None if math.isinf(max(grips)) else max(grips),
         any(asset.size_m[0] > 1.5 * asset.size_m[1] for asset in assets),
@@ -97,14 +105,15 @@ def _measured(category: str, assets: Sequence[Asset]) -> Footprint:
     )
 
 
-def require_graspable(group_id: str, objects: Iterable[ObjectSpec]) -> None:
-    """Check that the gripper can grasp objects of a group.
+def require_usable(group_id: str, objects: Iterable[ObjectSpec]) -> None:
+    """Check that the gripper can grasp the objects of a group, and that a camera shows them large enough.
 
     Raises:
-        InvalidInputError: If an object has no grasp, or is wider than the gripper opens.
+        InvalidInputError: If an object has no grasp, is wider than the gripper opens, or is too small.
     """
     for spec in objects:
-        grip = footprint(spec.category).grip_m
+        size = footprint(spec.category)
+        grip = size.grip_m
         where = f"cast group {group_id!r}: {spec.name}"
         if grip is None:
             problem = f"the gripper cannot grasp a {spec.kind} (category {spec.category})"
@@ -112,6 +121,9 @@ def require_graspable(group_id: str, objects: Iterable[ObjectSpec]) -> None:
         if grip > GRIP_M:
             problem = f"a {spec.kind} is {1000 * grip:.0f} mm wide where it is grasped; the gripper takes up to 74 mm"
             raise InvalidInputError(where, problem, "Choose a smaller object")
+        if size.seen_m < SEEN_M:
+            problem = f"a {spec.kind} can look as small as {1000 * size.seen_m:.0f} mm; the camera needs 50 mm"
+            raise InvalidInputError(where, problem, "Choose a larger object")
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -183,12 +184,15 @@ class Draft:
         return GeneratedTask(task, tuple(confounds), numbered, tuple(crossed), tuple(self.unbuilt))
 
 
-def first_that_fits(tables: Sequence[Table], build: Callable[[Table], GeneratedTask]) -> GeneratedTask:
-    """Return the task on the first table with enough room; InvalidInputError of the first table if there is none."""
+Choice = TypeVar("Choice")
+
+
+def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
+    """Return the task of the first choice with enough room; InvalidInputError of the first choice if there is none."""
     errors = []
-    for table in tables:
+    for choice in choices:
         try:
-            return build(table)
+            return build(choice)
         except InvalidInputError as error:
             errors.append(error)
     raise errors[0]
@@ -199,9 +203,10 @@ def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]
     return tuple(replace(spec, role=role) for spec in objects)
 
 
-def second(spec: ObjectSpec) -> ObjectSpec:
-    """Return a second instance of an object."""
-    return replace(spec, name=f"{spec.name}_2")
+def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
+    """Return a second instance of an object, with a name that is free in the cast."""
+    taken = {o.name for objects in (*cast.groups.values(), *cast.look_alikes.values()) for o in objects}
+    return replace(spec, name=next(n for i in itertools.count(2) if (n := f"{spec.name}_{i}") not in taken))
 
 
 def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:

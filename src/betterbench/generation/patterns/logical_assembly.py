@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_graspable
+from betterbench.generation.layout import Table, footprint, require_usable
 from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of, second, shuffled
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
 from betterbench.generation.wording import is_countable, plural, words_of
@@ -81,9 +81,9 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
         problem = f"has {len(layers)} objects, three or four are needed"
         cure = "Choose three layers that change, and possibly one that always comes last"
         raise InvalidInputError("cast group 'layers'", problem, cure)
-    require_graspable("layers", layers)
+    require_usable("layers", layers)
     one, two, three = layers[:3]
-    stack = _Stack(base, (one, two, three), layers[3:], words_of(layers))
+    stack = _Stack(base, (one, two, three), layers[3:], words_of((*layers, base)))
     for spec in (base, *stack.layers):
         if "top" not in footprint(spec.category).regions:
             problem = f"nothing can lie on a {spec.kind} (category {spec.category}): it has no region 'top'"
@@ -141,9 +141,10 @@ def _assembled(cast: Cast, stack: _Stack) -> GeneratedTask:
     there = f"{one.kind} already on the {stack.base.kind}, {three.kind} where it lay"
     draft.vary("T", begun, there, DONE, mid_task=True)
     if is_countable(one.kind):
-        again = a.repeat(stack.of(one, second(one)))
+        other = second(cast, one)
+        again = a.repeat(stack.of(one, other))
         twice = f"two {plural(one.kind)}, {three.kind} where one of them lay"
-        draft.vary("T", [a.replace(two, second(one)), a.swap(one, three), again], twice, AGAIN)
+        draft.vary("T", [a.replace(two, other), a.swap(one, three), again], twice, AGAIN)
     else:
         draft.leave_out("T", f"{one.kind} twice", f"{one.kind!r} has no plural")
     draft.leave_out("T", "all layers in one stack", "the last one would lie higher than in any demonstration")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_graspable
+from betterbench.generation.layout import Table, footprint, require_usable
 from betterbench.generation.patterns.draft import (
     Draft,
     first_that_fits,
@@ -31,8 +31,9 @@ _FOUR = (
     a.Slot("third", 0.43, -0.11),
     a.Slot("fourth", 0.60, -0.1063),
 )
-OPEN_TABLES = (Table(_FOUR, (_ACROSS,)), Table(_FOUR, (_FLOOR,)))
-"""Tables for containers without a lid: of the suite's fast_food, and with the container where its tidy_desk has it."""
+OPEN_TABLES = tuple(Table(starts, (stand,)) for starts in (_FOUR, _THREE) for stand in (_ACROSS, _FLOOR))
+"""Tables for containers without a lid: of the suite's fast_food, with the container where its tidy_desk has it, and
+with three slots that have more room."""
 LID_TABLES = (Table(_THREE, (_STAND,)),)
 """Table for containers with a raised lid, which is turned away from the arm: of the suite's fruit_lunch."""
 TABLES = (*OPEN_TABLES, *LID_TABLES)
@@ -68,10 +69,10 @@ def loose_packing(cast: Cast) -> GeneratedTask:
         problem = f"has {len(items)} objects, three or four are needed"
         cure = "Choose three or four, so that a known step can be combined with two others"
         raise InvalidInputError("cast group 'items'", problem, cure)
-    require_graspable("items", items)
+    require_usable("items", items)
     _require_room(container, items)
-    tables = LID_TABLES if _has_lid(container) else OPEN_TABLES
-    if len(items) > len(tables[0].starts):
+    tables = [t for t in (LID_TABLES if _has_lid(container) else OPEN_TABLES) if len(t.starts) >= len(items)]
+    if not tables:
         problem = f"has {len(items)} objects; beside a {container.kind} with its lid, there is room for three"
         raise InvalidInputError("cast group 'items'", problem, "Choose three objects, or a container without a lid")
     return first_that_fits(tables, functools.partial(_packed, cast, container, items))
@@ -109,7 +110,7 @@ def _packed(cast: Cast, container: ObjectSpec, items: Sequence[ObjectSpec], tabl
     fixed: dict[ObjectSpec, Slot] = {**besides, container: table.stands[0]}
     layout = {**starts, **fixed}
     first, *others = items
-    asked = functools.partial(_pack, container, words_of(items))
+    asked = functools.partial(_pack, container, words_of((*items, container)))
     draft = Draft(
         a.LOOSE_PACKING,
         cast,
@@ -129,7 +130,11 @@ def _packed(cast: Cast, container: ObjectSpec, items: Sequence[ObjectSpec], tabl
     draft.vary("T", begun, there, DONE, "train2", mid_task=True)
     _add_repeated(draft, items, asked)
     exchanged = f"{', '.join(o.kind for o in items[:3])}; {second_one.kind} and {third_one.kind} exchanged"
-    draft.vary("T", [a.swap(second_one, third_one), a.chain(asked(*items[:3]))], exchanged, LONGER)
+    if _has_lid(container):
+        reason = "under the lid, two objects take up all places where demonstrations release one"
+        draft.leave_out("T", exchanged, reason)
+    else:
+        draft.vary("T", [a.swap(second_one, third_one), a.chain(asked(*items[:3]))], exchanged, LONGER)
     steps = [pair for o in others for pair in ((first, o), (o, first), (o,))]
     balanced = draft.crossed(
         (*items, *besides), slots[: len(items) + len(besides)], {container: table.stands[0]}, [asked(*s) for s in steps]
@@ -194,6 +199,7 @@ def _add_repeated(draft: Draft, items: Sequence[ObjectSpec], asked: functools.pa
         draft.leave_out("T", "two equal objects to be packed", "no item has a plural")
         return
     stays, goes = (o for o in items[:3] if o is not repeated)
+    again = second(draft.cast, repeated)
     title = f"two {plural(repeated.kind)} to be packed, {stays.kind} in the slot of one"
-    twice = a.repeat(asked(repeated, second(repeated)))
-    draft.vary("T", [a.replace(goes, second(repeated)), a.swap(repeated, stays), twice], title, AGAIN)
+    twice = a.repeat(asked(repeated, again))
+    draft.vary("T", [a.replace(goes, again), a.swap(repeated, stays), twice], title, AGAIN)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,25 +11,27 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_graspable
-from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of
+from betterbench.generation.layout import Table, footprint, require_usable
+from betterbench.generation.patterns.draft import Draft, first_that_fits, in_role, look_alikes_of
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
 from betterbench.tasks import authoring as a
 from betterbench.tasks.authoring.operations import Operation
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
+from betterbench.tasks.relations.beside import SIDES
 
 _DESK = Table(
     starts=tuple(
-        a.Slot(f"front_{i}", 0.68, y) for i, y in enumerate((-0.202, -0.012, 0.178, -0.178, 0.012, 0.202), start=1)
+        a.Slot(f"front_{i}", 0.686, y) for i, y in enumerate((-0.202, -0.012, 0.178, -0.178, 0.012, 0.202), start=1)
     ),
     stands=(
-        a.Slot("anchor_right", 0.47, 0.023, jitter_m=0.010, yaw_jitter=0.05),
-        a.Slot("anchor_left", 0.47, -0.023, jitter_m=0.010, yaw_jitter=0.05),
+        a.Slot("anchor_right", 0.485, 0.023, jitter_m=0.004, yaw_jitter=0.03),
+        a.Slot("anchor_left", 0.485, -0.023, jitter_m=0.004, yaw_jitter=0.03),
     ),
 )
 """Table of the suite's desk_meeting: six slots in front, three for each position of the anchor.
 
-The anchor is 2 cm farther from the slots than in the suite, so that no exchange of objects brings two in contact."""
+The anchor has less jitter than in the suite and is 11 mm farther from the slots, so that no exchange of objects brings
+two in contact. Nearer to the robot, the arm would not reach behind a laptop."""
 
 _SETTING = Table(
     starts=(
@@ -43,7 +46,7 @@ _SETTING = Table(
         a.Slot("anchor_right", 0.51, 0.06, jitter_m=0.008, yaw_jitter=0.05),
         a.Slot("anchor_left", 0.51, -0.06, jitter_m=0.008, yaw_jitter=0.05),
     ),
-    besides=(a.Slot("front_left", 0.69, -0.17), a.Slot("back_left", 0.32, -0.15), a.Slot("back", 0.29, 0.24)),
+    besides=(a.Slot("front_left", 0.69, -0.17), a.Slot("back", 0.29, 0.24), a.Slot("back_left", 0.32, -0.15)),
 )
 """Table of the suite's breakfast_table: two long pieces lie at the edges, a compact one stands in front."""
 TABLES = (_DESK, _SETTING)
@@ -80,8 +83,8 @@ class _Plan:
     """
 
     anchor: ObjectSpec
-    steps: tuple[Step, Step, Step]
-    layouts: tuple[Mapping[ObjectSpec, Slot], Mapping[ObjectSpec, Slot]]
+    steps: tuple[Step, ...]
+    layouts: tuple[Mapping[ObjectSpec, Slot], ...]
     pairs: tuple[tuple[Step, Step], ...]
 
     def put(self, *steps: Step) -> a.Instruction:
@@ -107,16 +110,32 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
         problem = f"has {len(items)} objects, three are needed"
         cure = "Choose three, so that known objects and sides can be combined in a new way"
         raise InvalidInputError("cast group 'items'", problem, cure)
-    require_graspable("items", items)
+    require_usable("items", items)
     long = [spec for spec in items if footprint(spec.category).radius_m > _FRONT_M]
     if long and (not _is_round(anchor) or len(long) != 2):
         _refuse_long(long[0])
-    return _setting(cast, anchor, items, sides) if long else _desk(cast, anchor, items, sides)
+    if not long:
+        return _desk(cast, anchor, items, sides)
+    stay = [o for o in in_role("distractor", cast.groups.get("distractors", ())) if _is_compact(o)]
+    return first_that_fits([*_crowds(stay)], functools.partial(_setting, cast, anchor, items, sides))
+
+
+def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
+    """Yield the slots of distractors around a place setting, more of them first.
+
+    The first of them exchanges its slot with the compact item.
+    """
+    slots = _SETTING.besides
+    for count in range(min(len(slots), len(distractors) - 1), -1, -1):
+        for first, *others in itertools.combinations(distractors, 1 + count):
+            for placed in itertools.permutations(slots, count):
+                yield {first: _SETTING.starts[-1], **dict(zip(others, placed, strict=True))}
+    yield {}
 
 
 def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
     """Return two wide sides of an anchor, and the side with the least room."""
-    offered = footprint(anchor.category).regions & set(a.SIDES)
+    offered = footprint(anchor.category).regions & set(SIDES)
     last = next((side for side in _TRIED_LAST if side in offered), None)
     if last is None or not {"left", "right"} <= offered:
         found = f"a {anchor.kind} (category {anchor.category}) has the sides {sorted(offered)}"
@@ -284,7 +303,13 @@ def _desk_balanced(draft: Draft, plan: _Plan) -> Iterator[Condition]:
                 yield a.condition({**layout, plan.anchor: stands[(which + order) % 2]}, plan.put(*steps))
 
 
-def _setting(cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tuple[str, str, str]) -> GeneratedTask:
+def _setting(
+    cast: Cast,
+    anchor: ObjectSpec,
+    items: Sequence[ObjectSpec],
+    sides: tuple[str, str, str],
+    distractors: Mapping[ObjectSpec, Slot],
+) -> GeneratedTask:
     """Return a task with two long pieces at the edges of the table and a compact one in front."""
     table = _SETTING
     left, right = (o for o in items if footprint(o.category).radius_m > _FRONT_M)
@@ -293,15 +318,12 @@ def _setting(cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides:
         if footprint(piece.category).radius_m > _CUTLERY_M or not footprint(piece.category).longish:
             _refuse_long(piece)
     edge_1, edge_2, front, corner_1, corner_2, front_right = table.starts
-    distractors = [o for o in in_role("distractor", cast.groups.get("distractors", ())) if _is_compact(o)]
-    spare = distractors[:1]
-    smallest_first = sorted(distractors[1:], key=lambda o: footprint(o.category).radius_m)
-    others = dict(zip(smallest_first, table.besides, strict=False))
-    layouts = (
+    spare, others = [*distractors][:1], dict([*distractors.items()][1:])
+    placed = (
         {left: edge_1, compact: front, right: edge_2, **dict.fromkeys(spare, front_right)},
         {left: corner_1, compact: front_right, right: corner_2, **dict.fromkeys(spare, front)},
     )
-    layouts = tuple({**layout, **others, anchor: stand} for layout, stand in zip(layouts, table.stands, strict=True))
+    layouts = tuple({**layout, **others, anchor: stand} for layout, stand in zip(placed, table.stands, strict=True))
     f, c, s = (left, "left"), (compact, sides[2]), (right, "right")
     plan = _Plan(anchor, (f, s, c), layouts, ((f, c), (s, f), (c, s)))
     draft = _draft(cast, plan, table)

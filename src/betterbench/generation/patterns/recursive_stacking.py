@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_graspable
+from betterbench.generation.layout import Table, footprint, require_usable
 from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
 from betterbench.generation.wording import words_of
@@ -62,7 +62,7 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
     if len(plates) != 3:
         problem = f"has {len(plates)} objects, three are needed"
         raise InvalidInputError("cast group 'plates'", problem, "Choose three, so that a stack can grow")
-    require_graspable("plates", plates)
+    require_usable("plates", plates)
     base = max(plates, key=lambda o: (footprint(o.category).radius_m, -plates.index(o)))
     others = [o for o in plates if o is not base]
     middle = next((o for o in others if cast.look_alikes.get(o.name)), others[0])
@@ -74,9 +74,9 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
 
 def _require_carried(upper: ObjectSpec, lower: ObjectSpec) -> None:
     """Check that a plate can stand on another."""
-    for spec, region in ((upper, "base"), (lower, "floor")):
-        if region not in footprint(spec.category).regions:
-            problem = f"a {spec.kind} (category {spec.category}) has no region {region!r}"
+    for spec in (upper, lower):
+        if not {"base", "floor"} <= footprint(spec.category).regions:
+            problem = f"a {spec.kind} (category {spec.category}) is no plate: it lacks the region 'base' or 'floor'"
             raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates of the library")
     over, under = footprint(upper.category), footprint(lower.category)
     if over.radius_m > under.radius_m:
@@ -108,12 +108,12 @@ def _stacked(cast: Cast, plates: _Plates) -> GeneratedTask:
     draft.vary("L", [a.swap(middle, top)], f"{middle.kind} and {top.kind} exchanged", BY_KIND)
     draft.vary("L", [a.move(base, _STAND_MIDDLE)], f"{base.kind} at its other position", BY_TARGET, "train2")
     around = [a.move(middle, _STAND_MIDDLE), a.move(top, near[middle]), a.move(base, near[top]), a.instruct(finish)]
-    on_middle = f"{top.kind} on {middle.kind}, which stands where a {base.kind} stood"
+    on_middle = f"{top.kind} on {middle.kind}, where the {base.kind} stood"
     draft.vary("R", around, on_middle, BY_LOOK, "train2")
     _add_look_alike(draft, cast, plates, near)
     draft.vary("T", [a.chain(whole)], "stack of three from single plates", LONGER)
     elsewhere = [a.move(base, _STAND_MIDDLE), a.move(top, near[middle]), a.chain(whole)]
-    title = f"whole stack asked for, {middle.kind} already on {base.kind}, which stands at its other position"
+    title = f"whole stack, {middle.kind} already on {base.kind} at its other position"
     draft.vary("T", elsewhere, title, DONE, "train3", mid_task=True)
     return draft.finish(
         list(_balanced(plates, near)),
