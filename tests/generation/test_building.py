@@ -1,0 +1,164 @@
+"""A scenario becomes a certified task, or is refused with what was tried; the same job gives the same bytes."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from betterbench.certification.certificate import CLAUSES, Clause, TrialCertificate
+from betterbench.certification.coverage import load_coverage
+from betterbench.errors import InvalidInputError
+from betterbench.generation.building import attempts as attempts_module
+from betterbench.generation.building.attempts import Settings
+from betterbench.generation.building.job import BuildReport, build_suite
+from betterbench.generation.building.proving import Proof
+from betterbench.generation.grammar import write_scenarios
+from betterbench.generation.scenario import Scenario
+from betterbench.sim.scenes import engine_version
+from betterbench.tasks import SUITE_VERSION, Task, TrialId, read_suite_folder, task_names
+from betterbench.tasks.demonstrated import Demonstrated, read_demonstrations
+from betterbench.tasks.user_files import COMPANION_SUFFIX
+
+Fails = Callable[[Task, str], bool]
+
+
+def proven(fails: Fails, runs: list[str]) -> Callable[..., Proof]:
+    """Makes a proof without a simulator, in which some conditions fail."""
+
+    def prove(task: Task, seeds: int, demonstrations: int, **_: object) -> Proof:
+        runs.append(task.id)
+        names = [*(c.name for c in task.training), *(v.name for v in task.variations)]
+        trials = tuple(certificate(task, name, seed, fails(task, name)) for name in names for seed in range(seeds))
+        measured = Demonstrated(SUITE_VERSION, engine_version(), task.version, demonstrations, (), ())
+        return Proof(measured, demonstrations, trials)
+
+    return prove
+
+
+def failing(*names: str) -> Fails:
+    """Makes conditions fail whose names begin with one of these."""
+    return lambda _, name: name.startswith(names) if names else False
+
+
+def certificate(task: Task, name: str, seed: int, failed: bool) -> TrialCertificate:
+    clauses = {letter: Clause(not (failed and letter == "a"), "it slipped" if failed else "") for letter in CLAUSES}
+    return TrialCertificate(task.id, name, name.startswith("train"), seed, clauses, 10, 100, 0.0, 0.0, 0.5, 1.0)
+
+
+@pytest.fixture
+def build(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., tuple[BuildReport, list[str]]]:
+    def run(scenarios: list[Scenario], fails: Fails, *, out: str = "out") -> tuple[BuildReport, list[str]]:
+        runs: list[str] = []
+        monkeypatch.setattr(attempts_module, "prove", proven(fails, runs))
+        return build_suite(scenarios, tmp_path / out, name="kitchen", settings=Settings(2, 4)), runs
+
+    return run
+
+
+PACKING = write_scenarios("loose_packing", 1, seed=0)[0]
+ARRANGING = write_scenarios("patterned_arrangement", 1, seed=0)[0]
+STACKING = write_scenarios("recursive_stacking", 1, seed=0)[0]
+
+
+def test_a_certified_task_is_part_of_a_suite_that_can_be_read(build, tmp_path: Path) -> None:
+    built, _ = build([PACKING, STACKING], failing())
+    assert [r.certified for r in built.results] == [True, True]
+    assert [len(r.attempts) for r in built.results] == [1, 1]
+    assert built.suite is not None
+    suite = read_suite_folder(built.suite)
+    assert sorted(suite.tasks) == sorted(r.task_id for r in built.results)
+    for task in suite.tasks:
+        text = (built.suite / "tasks" / f"{task}{COMPANION_SUFFIX}").read_text()
+        assert read_demonstrations(text, task).tasks[task].solved == 4
+    coverage = load_coverage(built.suite / "certificate.json")
+    ids = [TrialId(r.task_id, "train1", seed) for r in built.results for seed in (0, 1)]
+    versions = {r.task_id: 1 for r in built.results}
+    assert coverage.gap(ids, suite=SUITE_VERSION, engine=engine_version(), tasks=versions) is None
+    assert not set(suite.tasks) & set(task_names()), "building leaves the registry as it was"
+
+
+def test_a_failing_variation_is_left_out_with_its_clause(build) -> None:
+    built, _ = build([PACKING], failing("L1"))
+    (result,) = built.results
+    assert result.certified
+    assert [(f.condition, f.clause, f.seeds, f.text) for f in result.left_out] == [("L1", "a", (0, 1), "it slipped")]
+    assert "L1" not in {v["name"] for v in result.task["variations"]}
+    assert {t.condition for t in result.trials}.isdisjoint({"L1"})
+
+
+def test_other_slots_are_tried_when_training_fails(build) -> None:
+    seen: list[tuple[object, ...]] = []
+
+    def fails(task: Task, name: str) -> bool:
+        slots = (task.slots, tuple(sorted(task.training[0].layout.items())))
+        if slots not in seen:
+            seen.append(slots)
+        return name == "train1" and seen.index(slots) == 0
+
+    built, runs = build([ARRANGING], fails)
+    (result,) = built.results
+    assert result.certified
+    assert [a.change for a in result.attempts] == ["as described", "other slots"]
+    assert result.attempts[0].failures[0].condition == "train1"
+    assert len(runs) == 2
+
+
+def test_what_cannot_be_certified_is_refused_with_everything_that_was_tried(build, tmp_path: Path) -> None:
+    built, _ = build([PACKING], failing("train1"))
+    (result,) = built.results
+    assert not result.certified
+    assert built.suite is None
+    assert [a.change for a in result.attempts] == [change for change, _, _ in attempts_module.CHANGES]
+    assert all(a.reason for a in result.attempts)
+
+
+def test_too_few_variations_are_no_task(build) -> None:
+    built, _ = build([PACKING], failing("L", "R", "T"))
+    assert not built.results[0].certified
+    assert "variations over" in built.results[0].attempts[0].reason
+
+
+def test_an_unknown_object_is_refused_by_name(build) -> None:
+    (group, items) = ("items", PACKING.groups["items"])
+    strange = dataclasses.replace(items[0], asset_query="bowling ball", description="a bowling ball")
+    scenario = dataclasses.replace(PACKING, groups={**PACKING.groups, group: (strange, *items[1:])})
+    built, runs = build([scenario], failing())
+    assert not runs
+    assert "no asset suits 'bowling ball'" in built.results[0].attempts[0].reason
+
+
+def test_the_same_job_gives_the_same_bytes_and_repeats_nothing(build, tmp_path: Path) -> None:
+    first, runs = build([PACKING, STACKING], failing())
+    assert len(runs) == 2
+    before = {p.relative_to(first.suite): p.read_bytes() for p in first.suite.rglob("*") if p.is_file()}
+    again, runs = build([PACKING, STACKING], failing())
+    assert (again, runs) == (first, [])
+    shutil.rmtree(tmp_path / "out")
+    build([PACKING], failing())  # interrupted after the first scenario
+    resumed, runs = build([PACKING, STACKING], failing())
+    assert len(runs) == 1
+    assert resumed == first
+    assert {p.relative_to(first.suite): p.read_bytes() for p in first.suite.rglob("*") if p.is_file()} == before
+
+
+@pytest.mark.parametrize("name", ["../../etc", "<b>Löwe</b>", "42", "fruit lunch", "a" * 500, "—"])
+def test_names_of_scenarios_become_safe_names_of_tasks(build, name: str, tmp_path: Path) -> None:
+    twice = [dataclasses.replace(PACKING, name=name), dataclasses.replace(STACKING, name=name)]
+    built, _ = build(twice, failing())
+    ids = [r.task_id for r in built.results]
+    assert len(set(ids)) == 2
+    assert all(i.isidentifier() and i.isascii() and i == i.lower() and len(i) <= 43 for i in ids)
+    assert not set(ids) & set(task_names())
+    assert {p.name for p in (tmp_path / "out" / "built").iterdir()} == {f"{i}.json" for i in ids}
+
+
+def test_a_damaged_result_is_named(build, tmp_path: Path) -> None:
+    built, _ = build([PACKING], failing())
+    file = tmp_path / "out" / "built" / f"{built.results[0].task_id}.json"
+    file.write_text("{")
+    with pytest.raises(InvalidInputError, match=file.name):
+        build([PACKING], failing())
