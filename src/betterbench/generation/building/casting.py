@@ -239,12 +239,18 @@ def _answers_to(noun: str, entry: CatalogueEntry) -> bool:
 
 
 def _noun(choice: Choice) -> str:
-    """Return the words of the query without colors if the asset goes by these, otherwise the asset's own noun."""
-    entry = choice.entry
-    asked = [word for word in choice.described.asset_query.lower().split() if word not in COLORS]
+    """Return the noun of an object: words of its query without colors, or the asset's own noun.
+
+    The name of the object may choose among the words of its query: "pepper jar" of "pepper spice jar".
+    """
+    entry, described = choice.entry, choice.described
+    asked = [word for word in described.asset_query.lower().split() if word not in COLORS]
+    named = [word for word in described.instance_name.split("_") if word not in COLORS and not word.isdigit()]
+    left = iter(asked)
     known = set(terms(f"{entry.name} {' '.join(entry.tags)}"))
-    if asked and set(terms(" ".join(asked))) <= known and all(word.isalpha() for word in asked):
-        return " ".join(asked)
+    for words in (named if all(word in left for word in named) else [], asked):
+        if words and words[-1:] == asked[-1:] and set(terms(" ".join(words))) <= known and all(map(str.isalpha, words)):
+            return " ".join(words)
     return noun_of(entry)
 
 
