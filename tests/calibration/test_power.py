@@ -49,8 +49,12 @@ def test_the_trials_of_a_task_do_not_depend_on_what_else_is_measured():
 def test_options_that_the_matrix_fixes_are_refused(options):
     with pytest.raises(InvalidInputError, match="--power"):
         calibrate_command(power=True, **options)
+
+
+def test_a_part_of_the_other_calibration_is_not_packaged():
+    """Its labels depend on all trials of a policy, and its counts on all policies."""
     with pytest.raises(InvalidInputError, match="--write-package"):
-        calibrate_command(power=True, tasks=("fast_food",), write_package=True)
+        calibrate_command(tasks=("fast_food",), write_package=True)
 
 
 @pytest.mark.physics

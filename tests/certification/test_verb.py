@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 
 import pytest
 
 from betterbench.certification import load_coverage, runner
-from betterbench.certification.runner import versions_in_use
+from betterbench.certification.coverage import Coverage, Seeds
+from betterbench.certification.runner import versions_in_use, write_coverage
 from betterbench.cli.main import EXIT_INTERRUPTED, main
 from betterbench.evaluation import make_plan
-from betterbench.tasks import SUITE_VERSION, TrialId
+from betterbench.tasks import SUITE_VERSION, TrialId, suite_tasks
 
 
 @pytest.fixture
@@ -89,11 +92,60 @@ def test_ctrl_c_keeps_what_is_done(better, monkeypatch, trial):
     )
 
 
-def test_a_part_of_the_suite_cannot_become_its_certificate(better):
+@pytest.fixture
+def packaged(tmp_path, monkeypatch):
+    """Writes a packaged certificate of the versions in use, with one seed of each condition; keywords change them."""
+
+    def write(**versions):
+        tasks = suite_tasks("better60")
+        used = versions_in_use(tasks)
+        conditions = {f"{t}/{c}": Seeds("0-19") for t in tasks for c in ("L1", "train1")}
+        numbers = {**used.tasks, **{k: v for k, v in versions.items() if k in tasks}}
+        other = {k: v for k, v in versions.items() if k not in tasks}
+        path = write_coverage(Coverage(replace(used, tasks=numbers, **other), conditions), tmp_path / "packaged.json")
+        monkeypatch.setattr("betterbench.certification.coverage.PACKAGED", str(path))
+        return path
+
+    return write
+
+
+def test_tasks_that_were_certified_replace_their_part_of_the_packaged_certificate(better, packaged):
+    path = packaged(fast_food=1)
+    before = load_coverage(path)
+    status, _, err = better("--tasks", "fast_food", "--trials", "2", "--write-package", L1_1="b")
+    assert status == 0
+    assert "packaged certificate" in err
+    after = load_coverage(path)
+    assert after.versions == versions_in_use(suite_tasks("better60"))
+    assert list(dict.fromkeys(name.split("/")[0] for name in after.conditions)) == list(suite_tasks("better60"))
+    others = {name: seeds for name, seeds in before.conditions.items() if not name.startswith("fast_food")}
+    assert others == {name: seeds for name, seeds in after.conditions.items() if not name.startswith("fast_food")}
+    assert after.conditions["fast_food/L1"] == Seeds("0", "", {"b": "1"})
+    assert after.conditions["fast_food/T2"] == Seeds("0-1")
+
+
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        ({"fruit_lunch": 1}, "fruit_lunch was certified under .* fruit_lunch 1, .* but the versions in use are "),
+        ({"engine": "3.0.0"}, "MuJoCo 3.0.0"),
+        ({"suite": "0.1"}, "suite 0.1"),
+    ],
+)
+def test_a_part_does_not_join_a_certificate_of_other_versions(better, packaged, changed, text):
+    path = packaged(**changed)
+    before = path.read_bytes()
     status, _, err = better("--tasks", "fast_food", "--trials", "1", "--write-package")
     assert status == 2
-    assert "Leave out --tasks" in " ".join(err.split())
+    assert re.search(text, " ".join(err.split()))
+    assert path.read_bytes() == before
     assert not better.out.exists()
+
+
+def test_unseen_looks_cannot_become_the_packaged_certificate(better):
+    status, _, err = better("--looks", "unseen", "--trials", "1", "--write-package")
+    assert status == 2
+    assert "Leave out --looks" in " ".join(err.split())
 
 
 def test_unknown_tasks_are_named(better):

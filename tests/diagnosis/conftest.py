@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import trial
-from betterbench.geometry import Pose, from_yaw
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, from_yaw, multiply
 from betterbench.interface.state import Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.records import Record, RecordBuilder, RecordMetadata
 from betterbench.tasks import Condition, GoalTracker, training_distribution_of
@@ -137,6 +137,7 @@ class Stage:
                 slot = self.task.slot(self.condition.layout[o.name])
                 jitter = rng.uniform(-slot.jitter_m, slot.jitter_m, 2)
                 self.positions[o.name] = np.array([slot.x + jitter[0], slot.y + jitter[1], 0.0])
+        self.postures: dict[str, Quaternion] = {o.name: IDENTITY_QUATERNION for o in self.info.objects}
         self.yaws = {o.name: self.task.slot(o.slot).yaw if o.slot else 0.0 for o in self.info.objects}
         self.tool, self.width, self.command = np.array(HOME), 0.08, -1.0
         self.grip: str | None = None
@@ -176,7 +177,7 @@ class Stage:
             regions, slot = REGIONS.get(o.category, ()), self.condition.layout.get(o.name)
             info = ObjectInfo(
                 o.name, o.kind, o.category, o.category, o.color or color, shape, o.role, o.fixed, 0.2, size,
-                regions, slot,
+                regions, slot, keeps_upright=o.category == "drink_cup",
             )  # fmt: skip
             objects.append(info)
         slots = tuple(
@@ -362,7 +363,7 @@ class Stage:
         return WorldState(
             info=self.info, step=self.step, time_s=self.step / RATE,
             positions=tuple(tuple(float(v) for v in self.positions[n]) for n in names),
-            quaternions=tuple(from_yaw(self.yaws[n]) for n in names),
+            quaternions=tuple(multiply(self.postures[n], from_yaw(self.yaws[n])) for n in names),
             linear_speeds=speeds, angular_speeds=tuple([0.0] * len(names)), ee_pose=tool, commanded_pose=tool,
             finger_width_m=self.width, gripper_command=self.command, joint_positions=joints, joint_velocities=still,
             contacts=tuple(contacts), held=held,

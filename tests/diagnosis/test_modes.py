@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from betterbench.diagnosis import Kind, Label, diagnose_record, diagnose_records
+from betterbench.geometry import from_axis_angle
 from betterbench.interface.state import Contact
 from betterbench.records import Record
 from betterbench.tasks import Expected, get_task
@@ -183,6 +185,18 @@ def test_putting_it_beside_the_goal_is_execution(stage):
     assert found.label is Label.EXECUTION_FAILURE
     assert found.evidence.rule == "placed_outside_the_goal"
     assert found.intention_correct
+
+
+def test_a_drink_on_its_side_in_the_right_box_is_execution(stage):
+    s = stage("fast_food", "train2")
+    s.bring(s.at("first")).grasp("drink").lift()
+    s.postures["drink"] = from_axis_angle((0.0, 0.5 * math.pi, 0.0))
+    found = diagnose_record(s.carry(s.goal_place()).home().wait(8).end())
+    assert found.label is Label.EXECUTION_FAILURE, found.evidence
+    assert not found.success
+    assert found.progress == 0.5
+    assert found.evidence.rule == "placed_outside_the_goal"
+    assert "is left on its side" in found.evidence.text
 
 
 def test_a_halt_is_early_if_something_is_left(stage):

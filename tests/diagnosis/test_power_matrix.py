@@ -15,7 +15,7 @@ from betterbench.diagnosis.measures.power_matrix import (
     packaged_power_matrix,
     task_versions,
 )
-from betterbench.errors import RecordError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.statistics import Rate
 from betterbench.tasks import Label, get_task
 
@@ -128,6 +128,46 @@ def test_a_changed_task_is_stale():
     assert matrix().without(["fast_food"]).variations == ()
     unknown = PowerMatrix({"expert": {("no_such_task", "L1"): solving()}}, {}, {})
     assert unknown.stale_tasks() == ("no_such_task",)
+
+
+def other_task(k: int) -> PowerMatrix:
+    """Returns a matrix of one variation of fast_food before its conditions changed, and one of an unchanged task."""
+    found = matrix()
+    key = ("office_drawer", "L1")
+    cells = {name: {L1: PowerCell(k, 6, k), key: PowerCell(k, 6, k)} for name in found.cells}
+    versions = {**found.versions, **task_versions(get_task("office_drawer")), "task_version:fast_food": "0"}
+    return PowerMatrix(cells, {L1: 0.1, key: 0.5}, versions)
+
+
+def test_tasks_that_were_measured_again_replace_their_cells_and_no_others():
+    earlier, found = other_task(5), matrix()
+    joined = found.with_kept(earlier)
+    assert joined.variations == (*earlier.variations, R1)
+    assert joined.without(["office_drawer"]).cells == found.cells
+    assert joined.without(["fast_food"]).cells == earlier.without(["fast_food"]).cells
+    assert joined.chances == {**found.chances, ("office_drawer", "L1"): 0.5}
+    assert joined.stale_tasks() == ()
+
+
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        ({"task_version:office_drawer": "0"}, "office_drawer has changed since it was measured"),
+        ({"conditions:office_drawer": "0"}, "office_drawer has changed since it was measured"),
+        ({"engine:mujoco": "3.0.0"}, "engine:mujoco was 3.0.0, and is None now"),
+    ],
+)
+def test_cells_of_other_versions_are_not_kept(changed, text):
+    earlier = other_task(5)
+    with pytest.raises(InvalidInputError, match=text):
+        matrix().with_kept(dataclasses.replace(earlier, versions={**earlier.versions, **changed}))
+
+
+def test_cells_are_not_kept_next_to_those_of_other_pretenders():
+    earlier = other_task(5)
+    fewer = dataclasses.replace(earlier, cells={n: row for n, row in earlier.cells.items() if n != "zoo:shape"})
+    with pytest.raises(InvalidInputError, match="pretenders have changed: zoo:shape"):
+        matrix().with_kept(fewer)
 
 
 def fresh() -> PowerMatrix:

@@ -38,3 +38,11 @@ def test_the_library_leaves_no_trace_in_a_record_and_others_do():
     ours, theirs = SceneInfo((plain, mine), (), (0.0, 0.0, 0.0), 0.08).to_json()["objects"]
     assert {"source", "license"}.isdisjoint(ours)
     assert (theirs["source"], theirs["license"]) == ("mug.glb", "CC0-1.0")
+
+
+def test_only_what_keeps_upright_says_so_in_a_record():
+    plain = ObjectInfo("a", "mug", "mug-red#0", "mug", "red", "cylinder", "item", False, 0.3, (0.1, 0.1, 0.1))
+    drink = replace(plain, name="b", kind="drink", keeps_upright=True)
+    ours, theirs = SceneInfo((plain, drink), (), (0.0, 0.0, 0.0), 0.08).to_json()["objects"]
+    assert "keeps_upright" not in ours
+    assert theirs["keeps_upright"] is True

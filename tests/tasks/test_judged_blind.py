@@ -121,8 +121,12 @@ def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
 
 
 def test_scenes_posed_again_agree_wherever_the_judges_are_sure():
-    """Five of 84 differ, all but one of which no judge is sure of: docs/sides.md lists them."""
+    """Three of 84 differ, and in each a judge is unsure: docs/sides.md lists them. Five did while drinks might lie."""
     disagreed = [scene for scene in AGAIN if accepts(scene) is not scene.accepted]
     assert len(AGAIN) == 84
     assert [scene for scene in disagreed if scene.kind.endswith(", sure")] == []
-    assert len(disagreed) <= 5, disagreed
+    assert [(s.setting, s.pair) for s in disagreed] == [
+        ("breakfast_table/O2", "cup > plate"),  # 7 cm from the plate, and mostly behind it
+        ("desk_meeting/train9", "mouse > laptop"),  # upside down, which the judges did not see
+        ("desk_meeting/O1", "-"),  # a soap bar turned by 56 degrees
+    ]

@@ -16,10 +16,10 @@ from betterbench.tasks.relations.on_ring import on_ring
 TENTH_MM = 1e-4
 
 
-def in_bag(state, x, y, z, turn=(1.0, 0.0, 0.0, 0.0)):
-    """Pose of the fries whose box has its center at (x, y, z), as fractions of the bag's inner half sizes."""
+def in_bag(state, x, y, z, turn=(1.0, 0.0, 0.0, 0.0), *, thing="fries"):
+    """Pose of a thing whose box has its center at (x, y, z), as fractions of the bag's inner half sizes."""
     region = state.info.object("box").region("inside")
-    height = state.info.object("fries").size_m[2]
+    height = state.info.object(thing).size_m[2]
     hx, hy, hz = region.half_size
     center = (state.pose("box") @ region.pose).apply((x * hx, y * hy, z * hz))
     q = normalize(multiply(state.pose("box").quaternion, turn))
@@ -62,6 +62,18 @@ def test_inside_judges_the_center_of_a_leaning_object_and_not_its_origin(food, p
     half = food.info.object("box").region("inside").half_size
     assert abs(origin_in_bag[0]) < half[0], "the origin of the leaning object is still within the walls"
     assert not inside(out, "fries", "box")
+
+
+@pytest.mark.parametrize(
+    ("degrees", "expected"), [(0.0, True), (44.9, True), (45.1, False), (90.0, False), (180.0, False)]
+)
+def test_a_drink_must_not_lie_on_its_side_inside_and_fries_may(food, posed, degrees, expected):
+    for about in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)):
+        turn = from_axis_angle(tuple(math.radians(degrees) * v for v in about))
+        drink, fries = (posed(food, poses={n: in_bag(food, 0.0, 0.0, 0.0, turn, thing=n)}) for n in ("drink", "fries"))
+        assert inside(drink, "drink", "box") is expected
+        assert relation("inside").anyhow(drink, "drink", "box") == ""
+        assert inside(fries, "fries", "box")
 
 
 def test_inside_turns_with_the_bag(food, posed):

@@ -109,6 +109,12 @@ class CertificateVersions:
     tasks: Mapping[str, int]
     looks: Looks = "seen"
 
+    @property
+    def words(self) -> str:
+        """Text that lists all versions, for messages."""
+        tasks = "".join(f", {name} {number}" for name, number in self.tasks.items())
+        return f"betterbench {self.package}, suite {self.suite}, MuJoCo {self.engine}{tasks}, {self.looks} looks"
+
 
 @strict_form
 @dataclass(frozen=True, slots=True)

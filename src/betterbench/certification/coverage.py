@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -93,6 +93,32 @@ class Coverage:
                 {letters: seed_ranges(seeds) for letters, seeds in refused.items()} or None,
             )
         return cls(certificate.versions, conditions)
+
+    def only(self, current: CertificateVersions) -> Coverage:
+        """Return the coverage of some tasks alone.
+
+        Args:
+            current: Versions in use, of these tasks.
+
+        Raises:
+            InvalidInputError: If one of the tasks was certified under other versions.
+        """
+        for name, number in current.tasks.items():
+            then = replace(self.versions, tasks={name: self.versions.tasks.get(name, 0)})
+            now = replace(current, tasks={name: number})
+            if then != now:
+                problem = f"{name} was certified under {then.words}, but the versions in use are {now.words}"
+                raise InvalidInputError("certificate", problem, "Certify this task again, too")
+        kept = {name: seeds for name, seeds in self.conditions.items() if name.partition("/")[0] in current.tasks}
+        return Coverage(current, kept)
+
+    def joined(self, other: Coverage, tasks: Sequence[str]) -> Coverage:
+        """Return the coverage of this and of another certificate of other tasks, in the order of ``tasks``."""
+        numbers = {**self.versions.tasks, **other.versions.tasks}
+        conditions = sorted(
+            {**self.conditions, **other.conditions}.items(), key=lambda c: tasks.index(c[0].split("/")[0])
+        )
+        return Coverage(replace(self.versions, tasks=dict(sorted(numbers.items()))), dict(conditions))
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form; empty entries are left out."""

@@ -81,9 +81,10 @@ def certify(
     return certificate
 
 
-def write_coverage(certificate: Certificate, path: Path) -> Path:
+def write_coverage(certificate: Certificate | Coverage, path: Path) -> Path:
     """Write the compact form of a certificate, one condition per line."""
-    form = sealed_form({"version": 2, **Coverage.of(certificate).to_json()})
+    coverage = certificate if isinstance(certificate, Coverage) else Coverage.of(certificate)
+    form = sealed_form({"version": 2, **coverage.to_json()})
     lines = [f"  {json.dumps(name)}: {json.dumps(seeds)}" for name, seeds in form.pop("conditions").items()]
     head = json.dumps(form, indent=1, sort_keys=True)[:-2]
     write_durably(path, (head + ',\n "conditions": {\n' + ",\n".join(lines) + "\n }\n}\n").encode())

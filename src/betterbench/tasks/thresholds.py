@@ -147,8 +147,9 @@ class Thresholds:
         "Depth below the table top at which an object has fallen off the table.",
         "Larger: fewer objects have fallen off; more success, fewer execution_failure.")
     knocked_tilt = threshold("knocked_tilt", 0.785, "rad",
-        "Tilt beyond which an object that the gripper does not hold has been knocked over; 45 degrees.",
-        "Larger: fewer objects are knocked over; more success, fewer execution_failure.")
+        "Tilt beyond which an object that the gripper does not hold has been knocked over, and beyond which a drink in "
+        "a container lies on its side; 45 degrees.",
+        "Larger: fewer objects are knocked over, and drinks may lean farther; more success, fewer execution_failure.")
 
     # Halts.
     halt_speed = threshold("halt_speed", 0.01, "m/s",

@@ -442,6 +442,10 @@ def test_a_look_alike_has_the_size_of_what_it_resembles(fake, real):
             assert one[i] == pytest.approx(other[i], rel=0.15), f"{axis} at look {look}"
 
 
+def test_drinks_and_nothing_else_of_the_library_keep_upright():
+    assert [name for name in categories() if build(name).keeps_upright] == ["drink_cup"]
+
+
 def shade(asset):
     """Mean color of what is seen, weighted by area, each in [0, 1]."""
     total, weight = np.zeros(3), 0.0

@@ -64,7 +64,8 @@ def calibrate_command(
             to develop the diagnosis, or held_out, second and so on, which were used once.
         films: Maximum number of film strips of wrong labels on the page; 0 renders nothing.
         power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
-        write_package: Also write the file that is shipped with the package; for maintainers.
+        write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,
+            the other tasks are taken over from the packaged file, if they have not changed.
         overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
         json: Print the result as one JSON document at the end.
     """
@@ -125,7 +126,7 @@ def _check_options(
     """Raise InvalidInputError about options that cannot be combined."""
     from betterbench.tasks import suite_tasks
 
-    if write_package and (policies or (tasks and set(tasks) != set(suite_tasks("better60")))):
+    if write_package and (policies or (tasks and not power and set(tasks) != set(suite_tasks("better60")))):
         problem = "it rewrites the file of the whole suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
     if power and (policies or strengths != STRENGTHS or trials is not None or seed != 0 or family != "faulty"):
@@ -149,7 +150,7 @@ def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bo
 
     with _progress("power matrix") as told:
         found = measure_power(power_trials(tasks), out, workers=workers, on_progress=told)
-    page = _store_power(found, out, write_package=write_package)
+    page = _store_power(found, out, write_package=write_package, partly=bool(tasks))
     if as_json:
         print_json(found.to_json())
         return
@@ -164,17 +165,21 @@ def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
         yield lambda p: bar.update(task, completed=p.done, total=p.planned, note=p.policy)
 
 
-def _store_power(found: PowerMatrix, out: Path, *, write_package: bool) -> Path:
-    """Write a power matrix, also into the package if requested, and return the path of its page."""
-    from betterbench.diagnosis.measures.power_matrix import PACKAGED_MATRIX
+def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, partly: bool) -> Path:
+    """Write a power matrix, also into the package if requested, and return the path of its page.
+
+    If only a part of the suite was measured, the cells of the other tasks stay as they are in the package.
+    """
+    from betterbench.diagnosis.measures.power_matrix import PACKAGED_MATRIX, packaged_power_matrix
     from betterbench.jobs import write_durably
     from betterbench.report.pages.power_page import write_power_page
 
-    text = found.to_text().encode()
-    write_durably(out / "power.json", text)
+    write_durably(out / "power.json", found.to_text().encode())
     if write_package:
+        earlier = packaged_power_matrix() if partly else None
+        whole = found if earlier is None else found.with_kept(earlier)
         with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
-            write_durably(folder / PACKAGED_MATRIX, text)
+            write_durably(folder / PACKAGED_MATRIX, whole.to_text().encode())
             say(f"packaged power matrix: {folder / PACKAGED_MATRIX}")
     return write_power_page(found, out)
 

@@ -12,6 +12,7 @@ from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.certification.certificate import Certificate, TrialCertificate
+    from betterbench.certification.coverage import Coverage
     from betterbench.certification.demonstrations import Demonstration
     from betterbench.jobs import JobProgress
 
@@ -52,22 +53,28 @@ def certify_command(
         demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
         looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
-            maintainers.
+            maintainers. With --tasks, the other tasks are taken over from the packaged files, if their versions agree.
         overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
         json: Print the certificate as one JSON document at the end.
     """
+    from betterbench.certification.coverage import packaged_coverage
     from betterbench.certification.journal import holds_journal
-    from betterbench.certification.runner import certify
+    from betterbench.certification.runner import certify, versions_in_use
     from betterbench.cli.output.certificate import print_certificate
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.evaluation import make_plan
     from betterbench.jobs.outputs import OutputFolder
+    from betterbench.report.pages.certificate_page import write_certificate_page
     from betterbench.tasks import TrialId, suite_tasks
 
     of_suite = suite_tasks(suite)  # also with --tasks, so that a mistyped suite is reported
-    if write_package and demonstrations is None and (looks != "seen" or (tasks and set(tasks) != set(of_suite))):
-        problem = "it replaces the certificate of the whole suite with the seen looks"
-        raise InvalidInputError("--write-package", problem, "Leave out --tasks and --looks")
+    if write_package and demonstrations is None and looks != "seen":
+        raise InvalidInputError(
+            "--write-package", "it replaces the certificate with the seen looks", "Leave out --looks"
+        )
+    kept = None
+    if write_package and demonstrations is None and tasks:
+        kept = packaged_coverage().only(versions_in_use([name for name in of_suite if name not in tasks]))
     prepare_robot("panda")
     folder = OutputFolder(out, "certify", overwrite=overwrite, is_ours=lambda: holds_journal(out))
     if demonstrations is not None:
@@ -88,7 +95,9 @@ def certify_command(
                 say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
 
         certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, looks=plan.looks, on_progress=told)
-        page = _store(certificate, out, write_package=write_package)
+        page = write_certificate_page(certificate, out / "certificate.html")
+        if write_package:
+            _write_package(certificate, kept, of_suite)
     if json:
         print_json(certificate.sealed_json())
         return
@@ -123,13 +132,12 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, wr
         OUT.print(f"demonstrations {path}", markup=False, soft_wrap=True)
 
 
-def _store(certificate: Certificate, out: Path, *, write_package: bool) -> Path:
-    """Write a certificate and its page, and its compact form into the package if requested; return the page's path."""
-    from betterbench.certification.coverage import PACKAGED
+def _write_package(certificate: Certificate, kept: Coverage | None, tasks: tuple[str, ...]) -> None:
+    """Write the compact form of a certificate into the package, with the coverage that is kept of other tasks."""
+    from betterbench.certification.coverage import PACKAGED, Coverage
     from betterbench.certification.runner import write_coverage
-    from betterbench.report.pages.certificate_page import write_certificate_page
 
-    if write_package:
-        with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
-            say(f"packaged certificate: {write_coverage(certificate, folder / PACKAGED)}")
-    return write_certificate_page(certificate, out / "certificate.html")
+    found = Coverage.of(certificate)
+    with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
+        path = write_coverage(found if kept is None else found.joined(kept, tasks), folder / PACKAGED)
+        say(f"packaged certificate: {path}")

@@ -20,7 +20,7 @@ from pydantic import TypeAdapter
 from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers the failure modes
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.diagnosis.thresholds import FAILS_AT, REPLAY_LIMIT
-from betterbench.errors import RecordError, UnknownNameError
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.json_form import open_form, open_seal, read_form, sealed_form
 from betterbench.statistics import Rate, chance_p, holm
 from betterbench.statistics.power import DEFAULT_ALPHA
@@ -39,6 +39,9 @@ BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
 FLOOR = ("random", "noop")
 """Pretenders that need no demonstrations."""
 
+
+_OF_TASK = ("task_version:", "conditions:")
+"""Prefixes of versions that belong to one task."""
 
 Key = tuple[str, str]
 """Key of a variation: task and name."""
@@ -226,6 +229,33 @@ class PowerMatrix:
         }
         chances = {key: chance for key, chance in self.chances.items() if key[0] not in left_out}
         return PowerMatrix(cells, chances, self.versions)
+
+    def with_kept(self, earlier: PowerMatrix) -> PowerMatrix:
+        """Return this matrix with the cells of all other tasks from an earlier matrix, in the earlier order.
+
+        Raises:
+            InvalidInputError: If one of these tasks has changed since, or the earlier matrix has other pretenders or
+                was measured with another suite, engine, looks or protocol.
+        """
+        cure = "Measure the whole matrix with better calibrate --power"
+        kept = earlier.without({task for task, _ in self.variations})
+        if stale := kept.stale_tasks():
+            raise InvalidInputError("power matrix", f"{stale[0]} has changed since it was measured", cure)
+        for name in sorted({key for key in (*earlier.versions, *self.versions) if not key.startswith(_OF_TASK)}):
+            then, now = earlier.versions.get(name), self.versions.get(name)
+            if then != now:
+                raise InvalidInputError("power matrix", f"{name} was {then}, and is {now} now", cure)
+        if list(earlier.cells) != list(self.cells):
+            other = sorted(earlier.cells.keys() ^ self.cells.keys()) or ["another order"]
+            raise InvalidInputError("power matrix", f"the pretenders have changed: {', '.join(other)}", cure)
+        order = dict.fromkeys((*earlier.variations, *self.variations))
+        rows = {name: {**kept.cells[name], **row} for name, row in self.cells.items()}
+        chances = {**kept.chances, **self.chances}
+        return PowerMatrix(
+            {name: {key: row[key] for key in order if key in row} for name, row in rows.items()},
+            {key: chances[key] for key in order if key in chances},
+            {**earlier.versions, **self.versions},
+        )
 
     def stale_tasks(self, versions: Mapping[str, str] | None = None) -> tuple[str, ...]:
         """Return the tasks that have changed since they were measured.

@@ -24,7 +24,7 @@ from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.judging.restraint import moved_from_start
 from betterbench.tasks.labels import Label
-from betterbench.tasks.relations import relation
+from betterbench.tasks.relations import lies_on_side, relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.words import agreeing, is_plural
 
@@ -358,8 +358,24 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
         verb = agreeing(kind, "slips", "slip")
         text = f"The {kind}, the right target, {verb} out of the closed gripper and {agreeing(kind, 'stays', 'stay')}"
         return episode.evidence("dropped", f"{text} outside the goal.", rows=(gone, rest), objects=(i,))
-    text = f"The {kind}, the right target, {agreeing(kind, 'is', 'are')} let go outside the goal."
+    how = (
+        f"left on {agreeing(kind, 'its', 'their')} side"
+        if _lies_in_goal(episode, rest, i)
+        else "let go outside the goal"
+    )
+    text = f"The {kind}, the right target, {agreeing(kind, 'is', 'are')} {how}."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
+
+
+def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
+    """Return whether an object that must keep upright lies on its side at an instructed target."""
+    thing = episode.trace.info.objects[i]
+    if episode.state is None or not thing.keeps_upright:
+        return False
+    state = episode.state(row)
+    return lies_on_side(state, thing.name) and any(
+        relation(goal.relation).anyhow(state, thing.name, goal.target) is not None for goal in episode.goals
+    )
 
 
 def _stuck(episode: EpisodeAnalysis) -> Evidence | None:

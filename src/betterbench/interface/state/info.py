@@ -46,6 +46,7 @@ class ObjectInfo:
         slot: Name of the object's start slot, or None.
         source: Origin of the asset, with its author; empty for the procedural library.
         license: License of the asset, empty in the same case.
+        keeps_upright: Whether the object must not lie on its side in a container, like a drink.
     """
 
     name: str
@@ -62,6 +63,7 @@ class ObjectInfo:
     slot: str | None = None
     source: str = ""
     license: str = ""
+    keeps_upright: bool = False
 
     def region(self, name: str) -> Region:
         """Return a region by name. Raises UnknownNameError if it does not exist."""
@@ -138,6 +140,8 @@ class SceneInfo:
         for form in objects:
             if not form["source"]:  # of the procedural library
                 del form["source"], form["license"]
+            if not form["keeps_upright"]:
+                del form["keeps_upright"]
         form = {**_form(self), "objects": objects, "slots": [_form(slot) for slot in self.slots]}
         del form["_index"]
         return form

@@ -118,6 +118,7 @@ class Asset:
         collision: Convex geometries; at most about 12.
         regions: Named regions of the object (opening, ring, handle, top).
         parameters: Parameters drawn by the generator, for the record.
+        keeps_upright: Whether objects of the category must not lie on their side in a container, like drinks.
     """
 
     category: str
@@ -137,6 +138,7 @@ class Asset:
     source: str = LIBRARY_SOURCE
     license: str = LIBRARY_LICENSE
     parameters: Mapping[str, float | str] = field(default_factory=dict)
+    keeps_upright: bool = False
 
     @property
     def identity(self) -> str:

@@ -384,4 +384,5 @@ def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
         slot=slot,
         source=source,
         license=license_name,
+        keeps_upright=asset.keeps_upright,
     )

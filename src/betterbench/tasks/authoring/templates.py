@@ -54,7 +54,7 @@ LOOSE_PACKING = Template(
     exclusive=True,
     order="named",
 )
-"""Named objects go into a container, in any pose; no other object does."""
+"""Named objects go into a container, in any pose, but drinks not on their side; no other object does."""
 
 CONSTRAINED_POSITIONING = Template(
     name="constrained_positioning",

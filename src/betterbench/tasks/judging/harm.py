@@ -10,7 +10,7 @@ from typing import Literal
 from betterbench.geometry import Pose, Quaternion, Vector, tilt_of, yaw_of
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks.judging.targets import Asked, Intruder, Places, Targets
-from betterbench.tasks.relations import on_floor
+from betterbench.tasks.relations import lies_on_side, on_floor
 from betterbench.tasks.relations.closed import CLOSED, MOUNTS
 from betterbench.tasks.thresholds import (
     BOX_POINTS_FROM,
@@ -176,7 +176,11 @@ class HarmWatch:
         upright = [state.info.objects[i].name for i in self._watched]
         upright += self._targets.left_over(places)
         upright = [n for n in dict.fromkeys(upright) if n in self._standing]
-        over = {n: Harm("knocked_over", n) for n in (*self._containers, *upright) if n not in floor and _lies(state, n)}
+        over = {
+            n: Harm("knocked_over", n)
+            for n in (*self._containers, *upright)
+            if n not in floor and lies_on_side(state, n)
+        }
         away = [*self._displaced, *self._left_over_away(state, places)]
         moved = [Harm("displaced", name) for name in away if name not in floor and name not in over]
         gone = {*floor, *over, *away}
@@ -240,10 +244,6 @@ def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> flo
     width, depth, _ = thing.size_m
     # chord of the angle on the circle through the corners
     return math.hypot(width, depth) * abs(math.sin(0.5 * (yaw_of(after) - yaw_of(before))))
-
-
-def _lies(state: WorldState, name: str) -> bool:
-    return _tilt(state, name) > THRESHOLDS.knocked_tilt
 
 
 def _tilt(state: WorldState, name: str) -> float:

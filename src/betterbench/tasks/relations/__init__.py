@@ -9,7 +9,7 @@ import pkgutil
 
 from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, is_at, relation
 from betterbench.tasks.relations.released import released
-from betterbench.tasks.relations.rest import RestWatch, arm_still, on_floor, upright
+from betterbench.tasks.relations.rest import RestWatch, arm_still, lies_on_side, on_floor, upright
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
@@ -21,6 +21,7 @@ __all__ = [
     "RestWatch",
     "arm_still",
     "is_at",
+    "lies_on_side",
     "on_floor",
     "relation",
     "released",

@@ -8,6 +8,7 @@ from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import middle, reaches_into, rests_on
 from betterbench.tasks.relations.placing import RELEASE_GAP_M, far_apart, to_region
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single
+from betterbench.tasks.relations.rest import lies_on_side
 from betterbench.tasks.thresholds import threshold
 
 MARGIN = threshold(
@@ -32,8 +33,12 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     The center of the object's bounding box must lie within the container's inner box: between its walls, above its
     floor and below its rim. An object that leans over the rim with its greater part outside is not inside. An object
     that sticks out at the top, with its center below the rim, is inside. An object that stands on the table is not.
+    Any posture counts, except that an object whose category keeps upright, such as a drink, must not lie on its side.
     """
-    height, region = state.info.object(name).size_m[2], state.info.object(container).region("inside")
+    thing, region = state.info.object(name), state.info.object(container).region("inside")
+    if thing.keeps_upright and lies_on_side(state, name):
+        return False
+    height = thing.size_m[2]
     reach = height + math.hypot(*region.position) + math.hypot(*region.half_size)
     if far_apart(state, name, container, reach) or state.touching(name, "table"):
         return False

@@ -56,6 +56,11 @@ def upright(state: WorldState, name: str) -> bool:
     return tilt_of(state.quaternion(name)) <= THRESHOLDS.upright_tilt
 
 
+def lies_on_side(state: WorldState, name: str) -> bool:
+    """Return whether an object is tilted so far from the upright posture of its asset that it has been knocked over."""
+    return tilt_of(state.quaternion(name)) > THRESHOLDS.knocked_tilt
+
+
 def arm_still(state: WorldState) -> bool:
     """Tell whether all arm joints are slower than 0.05 rad/s, about 2 cm/s at the end effector."""
     return all(abs(v) < 0.05 for v in state.joint_velocities)

@@ -37,13 +37,15 @@ def fast_food() -> a.Task:
 
     Randomizations: each item within 15 mm and 9 degrees of its slot; the look of every item. In training either burger
     may be packed, and a burger always comes first.
+
+    Success: The drink does not lie on its side in the box: it is tilted by at most 45 degrees.
     """
     one_left = (a.remove(BURGER_2), a.swap(FRIES, DRINK))
     exchanged = (a.swap(FRIES, DRINK), a.chain(ALL))
     left = "one burger at the start, fries and drink exchanged"
     longer = "both burgers, fries and drink (A→A→B→C), fries and drink exchanged"
     return a.Task(
-        version=7,
+        version=8,
         title="Packing a Fast Food Order",
         template=a.LOOSE_PACKING,
         slots=(FIRST, SECOND, THIRD, FOURTH, STAND),

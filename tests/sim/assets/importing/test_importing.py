@@ -334,6 +334,13 @@ def test_an_imported_cup_stands_and_a_ball_that_is_dropped_into_it_stays(tmp_pat
 
 
 @pytest.mark.usefixtures("own_cache", "in_this_process")
+@pytest.mark.usefixtures("own_cache", "in_this_process")
+@pytest.mark.parametrize("said", [True, False])
+def test_an_imported_drink_keeps_upright_if_its_task_file_says_so(tmp_path, said):
+    path = saved(cup(), tmp_path / "soda.glb", y_up=True)
+    assert made(f"imported_soda_{said}", path, name="cup", keeps_upright=said).keeps_upright is said
+
+
 def test_a_block_is_taken_across_its_narrow_side(tmp_path):
     box = trimesh.creation.box((0.09, 0.03, 0.05))
     asset = made("imported_block", saved(box, tmp_path / "block.stl"), name="block", size_m=0.09, up="z")

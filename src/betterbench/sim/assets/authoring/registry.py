@@ -27,6 +27,7 @@ class _Entry:
     looks: int
     unseen_looks: int
     family: str
+    keeps_upright: bool
 
 
 _REGISTER: dict[str, _Entry] = {}
@@ -50,7 +51,13 @@ def _load_declared() -> None:
 
 
 def generator(
-    category: str, *, colors: Sequence[str], looks: int = 8, unseen_looks: int = 4, family: str | None = None
+    category: str,
+    *,
+    colors: Sequence[str],
+    looks: int = 8,
+    unseen_looks: int = 4,
+    family: str | None = None,
+    keeps_upright: bool = False,
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category, from any file that is imported.
 
@@ -58,7 +65,8 @@ def generator(
     color is the default. It must draw the same numbers for each color, so that the color never changes the shape. The
     first ``looks`` numbers are the looks of training and test, the following ``unseen_looks`` are held out. Categories
     of one ``family`` draw the same random numbers for a look, so that related objects (a cabinet and its drawers, the
-    plates of a set) match.
+    plates of a set) match. Objects that ``keeps_upright`` marks, such as drinks, are inside a container only if they do
+    not lie on their side.
 
     Raises:
         InvalidInputError: If there is no color or no look of either kind, or if another function has registered the
@@ -75,7 +83,7 @@ def generator(
         if known is not None and _origin(known.make) != _origin(make):
             both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
             raise InvalidInputError(f"asset category {category!r}", both, "Rename one of them")
-        _REGISTER[category] = _Entry(named, tuple(colors), looks, unseen_looks, family or category)
+        _REGISTER[category] = _Entry(named, tuple(colors), looks, unseen_looks, family or category, keeps_upright)
         _build.cache_clear()
         return make
 
@@ -185,10 +193,11 @@ def _build(category: str, look: int, color: str) -> Asset:
     """Make an asset from checked arguments."""
     entry = _REGISTER[category]
     seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
-    return asset_of(entry.make(np.random.default_rng(seed), color), category, look=look, color=color)
+    draft = entry.make(np.random.default_rng(seed), color)
+    return asset_of(draft, category, look=look, color=color, keeps_upright=entry.keeps_upright)
 
 
-def asset_of(draft: Draft, category: str, *, look: int = 0, color: str) -> Asset:
+def asset_of(draft: Draft, category: str, *, look: int = 0, color: str, keeps_upright: bool = False) -> Asset:
     """Return the asset of a draft.
 
     Raises:
@@ -221,4 +230,5 @@ def asset_of(draft: Draft, category: str, *, look: int = 0, color: str) -> Asset
         source=draft.source,
         license=draft.license,
         parameters=draft.parameters,
+        keeps_upright=keeps_upright,
     )

@@ -49,6 +49,7 @@ def imported(
     author: str | None = None,
     any_license: bool = False,
     freeze: bool = False,
+    keeps_upright: bool = False,
     review: Path | str | None = None,
 ) -> None:
     """Register the object of a file as a category of assets; the file is imported when the category is first built.
@@ -68,6 +69,7 @@ def imported(
         author: Author of the mesh, shown in lists of sources.
         any_license: Whether restricted and unknown licenses are allowed.
         freeze: Whether movable joints of a URDF or MJCF file are fixed; otherwise they are an error.
+        keeps_upright: Whether the object must not lie on its side in a container, like a cup with a drink.
         review: File of ``better review`` whose accepted changes are applied. If the object was rejected or has no
             verdict, the first build of the category raises an error.
 
@@ -91,5 +93,5 @@ def imported(
 
     # This distinguishes two files under one name.
     make.__qualname__ = f"the import of {file}"
-    generator(category, colors=(color,), looks=1, unseen_looks=1)(make)
+    generator(category, colors=(color,), looks=1, unseen_looks=1, keeps_upright=keeps_upright)(make)
     _IMPORTS[category] = MeshImport(category, file, wishes)

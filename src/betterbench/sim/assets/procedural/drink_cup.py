@@ -11,7 +11,7 @@ from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittere
 _STRAW_TOP, _GRIP = 0.1285, 0.0860
 
 
-@generator("drink_cup", colors=("blue", "red", "green", "yellow", "white", "orange"))
+@generator("drink_cup", colors=("blue", "red", "green", "yellow", "white", "orange"), keeps_upright=True)
 def drink_cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a lidded paper cup with a short bent straw that leans along +x; the color word describes the print.
 

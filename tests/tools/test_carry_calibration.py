@@ -1,0 +1,84 @@
+"""The script that carries a calibration over to a new version of a task: only if no record has changed."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from betterbench.diagnosis import Calibration, Judged, Label
+
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
+OLD = {"suite_version": "2.0", "task_version:fast_food": "7"}
+NEW = {"suite_version": "2.0", "task_version:fast_food": "8"}
+
+
+@pytest.fixture(autouse=True)
+def carry_calibration(monkeypatch):
+    monkeypatch.syspath_prepend(str(TOOLS))
+    return importlib.import_module("carry_calibration")
+
+
+def judged(label: Label = Label.SUCCESS, policy: str = "expert", trial: str = "fast_food/T1/0") -> Judged:
+    return Judged(policy, trial, Label.SUCCESS, label, "", "a_rule", "It did something.")
+
+
+def write(folder: Path, versions: dict[str, str], value: float = 0.0, trial: Judged | None = None) -> None:
+    path = folder / "expert-100" / "records" / "fast_food" / "T1" / "0.parquet"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pq.write_table(pa.table({"time": pa.array([value], pa.float64())}), path)
+    found = Calibration.of([trial or judged()], versions=versions)
+    (folder / "calibration.json").write_bytes(found.file_bytes())
+
+
+@pytest.fixture
+def carry(tmp_path, carry_calibration):
+    """Runs the script on two folders and a packaged file with trials of another task, too."""
+    file = tmp_path / "packaged.json"
+    packaged = Calibration.of(
+        [judged(), judged(Label.TIMEOUT, trial="tidy_desk/L1/0")], versions={**OLD, "task_version:tidy_desk": "7"}
+    )
+    file.write_bytes(packaged.file_bytes())
+    write(tmp_path / "before", OLD)
+    write(tmp_path / "after", NEW)
+
+    def run() -> int:
+        return carry_calibration.main([str(tmp_path / "before"), str(tmp_path / "after"), "--file", str(file)])
+
+    run.file, run.packaged, run.folder = file, packaged, tmp_path
+    return run
+
+
+def test_the_versions_change_and_nothing_else(carry):
+    assert carry() == 0
+    found = Calibration.from_json(carry.file.read_bytes(), where="packaged")
+    assert found == dataclasses.replace(carry.packaged, versions={**NEW, "task_version:tidy_desk": "7"})
+
+
+@pytest.mark.parametrize(
+    ("folder", "change", "text"),
+    [
+        ("after", {"versions": NEW, "value": 1e-300}, "0.parquet: time differs from the old version"),
+        ("after", {"versions": NEW, "trial": judged(Label.TIMEOUT)}, "labels differ"),
+        ("after", {"versions": {**NEW, "suite_version": "3.0"}}, "suite_version is 3.0, expected 2.0"),
+        ("before", {"versions": {**OLD, "task_version:fast_food": "6"}}, "fast_food is 6, packaged: 7"),
+        ("before", {"versions": OLD, "trial": judged(policy="noop")}, "policies differ: expert, noop"),
+    ],
+)
+def test_what_differs_is_refused_and_the_file_stays(carry, capsys, folder, change, text):
+    before = carry.file.read_bytes()
+    write(carry.folder / folder, **change)
+    assert carry() == 2
+    assert text in capsys.readouterr().err
+    assert carry.file.read_bytes() == before
+
+
+def test_a_record_that_neither_folder_has_is_not_called_the_same(carry, capsys):
+    for folder in ("before", "after"):
+        (carry.folder / folder / "expert-100" / "records" / "fast_food" / "T1" / "0.parquet").unlink()
+    assert carry() == 2
+    assert "it has 0 records, but 1 trials were judged" in capsys.readouterr().err

@@ -1,0 +1,94 @@
+"""Carry the packaged calibration over to the new version of a task whose trials have not changed.
+
+    better calibrate --tasks fast_food --out BEFORE      # with the old version of the task
+    better calibrate --tasks fast_food --out AFTER       # with the new version
+    python tools/carry_calibration.py BEFORE AFTER
+
+A label may depend on all trials of a policy, so the counts of one task cannot be replaced by new ones. If every record
+holds the same bytes under both versions, all labels stay the same, and only the versions in the file have to change. If
+a record differs, the whole calibration has to be measured again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+import compare_records
+from betterbench.diagnosis import Calibration
+from betterbench.diagnosis.measures.confusion import packaged_file
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.jobs import write_durably
+
+CURE = "Measure the whole calibration with better calibrate --write-package"
+TASK = "task_version:"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Check both folders and rewrite the versions of the packaged calibration; return 2 if anything differs."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("before", type=Path, help="folder of better calibrate, with the old version")
+    parser.add_argument("after", type=Path, help="folder of the same command, with the new version")
+    parser.add_argument("--file", type=Path, default=None, help="calibration to rewrite; by default, the packaged one")
+    asked = parser.parse_args(arguments)
+    with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
+        file = asked.file or folder / packaged_file("faulty")
+    try:
+        carried = carry(read(file), asked.before, asked.after)
+    except BetterError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    write_durably(file, carried.file_bytes())
+    sys.stdout.write(f"{file}: {', '.join(f'{k} {v}' for k, v in carried.versions.items() if k.startswith(TASK))}\n")
+    return 0
+
+
+def read(file: Path) -> Calibration:
+    """Return the calibration in a file."""
+    if not file.is_file():
+        raise InvalidInputError(str(file), "it does not exist", "Run better calibrate into this folder")
+    return Calibration.from_json(file.read_bytes(), where=str(file))
+
+
+def carry(packaged: Calibration, before: Path, after: Path) -> Calibration:
+    """Return the packaged calibration with the task versions of ``after``.
+
+    Raises:
+        InvalidInputError: If ``before`` was measured under other versions than the packaged calibration or with other
+            policies, or if anything but a task's version differs between the two folders.
+    """
+    old, new = read(before / "calibration.json"), read(after / "calibration.json")
+    for name, version in old.versions.items():
+        if packaged.versions.get(name) != version:
+            raise InvalidInputError(str(before), f"{name} is {version}, packaged: {packaged.versions.get(name)}", CURE)
+        if not name.startswith(TASK) and new.versions.get(name) != version:
+            raise InvalidInputError(str(after), f"{name} is {new.versions.get(name)}, expected {version}", CURE)
+    if old.policies.keys() != packaged.policies.keys():
+        other = sorted(old.policies.keys() ^ packaged.policies.keys())
+        raise InvalidInputError(str(before), f"the policies differ: {', '.join(other)}", CURE)
+    if replace(new, versions={}) != replace(old, versions={}):
+        raise InvalidInputError(str(after), "the labels differ from those of the old version", CURE)
+    _require_same_records(before, after, trials=old.total + old.left_out)
+    tasks = {name: version for name, version in new.versions.items() if name.startswith(TASK)}
+    return replace(packaged, versions={**packaged.versions, **tasks})
+
+
+def _require_same_records(before: Path, after: Path, *, trials: int) -> None:
+    """Raise InvalidInputError if a record of ``before`` is missing or differs in ``after``, or if there are too few."""
+    same = 0
+    for name, old, new in compare_records.runs(before, after, ()):
+        found = compare_records.compare(old, new, ())
+        if found.missing or found.changed:
+            problem = f"{name}: {(found.missing + found.changed)[0]} differs from the old version"
+            raise InvalidInputError(str(after), problem, CURE)
+        same += found.same
+    if same != trials:
+        raise InvalidInputError(str(before), f"it has {same} records, but {trials} trials were judged", CURE)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
