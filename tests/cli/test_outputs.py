@@ -103,6 +103,7 @@ ENDINGS = {"assets": ".png", "show": ".png", "doctor": ".png", "view": ".html", 
 FOLDERS = {
     "report": (lambda made, out: ["report", str(made.run), "--films", "0", "--no-latex", "--out", out], "index.html"),
     "shortcuts": (lambda made, out: ["shortcuts", str(made.strange), "--out", out], "shortcuts.md"),
+    "generate": (lambda _, out: ["generate", "loose_packing", "--num", "2", "--out", out], "generate.json"),
     "recipe": (lambda _, out: ["recipe", "openpi", "--data", "sets/pi", "--out", out], "README.md"),
 }
 LONG = {

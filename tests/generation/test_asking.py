@@ -160,7 +160,10 @@ def test_the_objects_of_a_sentence_must_be_there(tmp_path):
     without = changed(["instantiation", "items", 1], described("can", "red soda can", [0.2, 0.4], [0.09, 0.13], "food"))
     model = Model(text(without), text(GOOD))
     asked(model, tmp_path, sentence="Pack an apple and a lemon into a lunchbox.")
-    assert "instantiation: has no lemon, which the request names. Add it." in model.asked[-1][-1]["content"]
+    assert (
+        "instantiation: the request names a lemon, which is not among the objects. Add it."
+        in model.asked[-1][-1]["content"]
+    )
 
 
 def test_a_model_chooses_the_template_and_a_wrong_one_goes_back(tmp_path):
@@ -171,6 +174,32 @@ def test_a_model_chooses_the_template_and_a_wrong_one_goes_back(tmp_path):
     assert "Unknown template 'packing'. Did you mean 'loose_packing'" in model.asked[1][-1]["content"]
     with ExchangeFile(tmp_path / "f.jsonl") as file, pytest.raises(InvalidInputError, match="chose no template"):
         ask_for_template("Sing.", KeptChat(file, Model('{"template": ""}', "[]", "no")), tries=3)
+
+
+BURGER = {
+    "scenario_name": "Making a burger",
+    "instruction": "Build a burger on the bottom bun.",
+    "scene_context": "kitchen",
+    "instantiation": {
+        "base": [described("base", "bottom bun", [0.05, 0.07], [0.07, 0.08])],
+        "layers": [
+            described("patty", "burger patty", [0.05, 0.06], [0.065, 0.07]),
+            described("cheese", "cheese slice", [0.05, 0.06], [0.06, 0.07]),
+        ],
+    },
+}
+
+
+def test_a_sentence_is_answered_by_a_model_and_repeated_without_it(tmp_path):
+    script = ['{"template": "logical_assembly"}', text(BURGER)]
+    settings = GenerateSettings("build a burger with cheese", model="http://localhost:1/v1#tiny")
+    made = generate_scenarios(settings, tmp_path / "out", chat=Model(*script))
+    assert made.template == "logical_assembly"
+    assert list(made.scenarios) == [1]
+    replay = GenerateSettings("build a burger with cheese", replay=tmp_path / "out/exchanges.jsonl")
+    assert generate_scenarios(replay, tmp_path / "again").scenarios == made.scenarios
+    kept = [(tmp_path / name / "exchanges.jsonl").read_bytes() for name in ("out", "again")]
+    assert kept[0] == kept[1]
 
 
 def test_only_a_fence_around_the_whole_answer_is_removed():

@@ -10,6 +10,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError
 from betterbench.generation.grammar import distinct_goals, goal_key, nouns_of_library, write_scenarios
 from betterbench.generation.grammar.nouns import described, measure, measured, measured_categories, short_name
@@ -17,6 +18,7 @@ from betterbench.generation.grammar.theme import GRAMMARS
 from betterbench.generation.scenario_form import scenario_from_json, scenario_to_json
 from betterbench.generation.sense import sense_problems
 from betterbench.sim.assets import categories, colors
+from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 NAMES = sorted(TEMPLATES)
@@ -135,3 +137,13 @@ def test_the_plates_of_a_stack_have_different_colors_and_the_drawers_that_of_the
         assert {color for _, color in found["drawers"]} == {found["cabinet"][0][1]}
     for scenario in write_scenarios("constrained_positioning", 20, seed=5):
         assert len({color for _, color in kinds_of(scenario)["items"]}) == 2
+
+
+@pytest.mark.slow
+def test_every_query_finds_its_object_in_the_catalogue(tmp_path):
+    assert main(["assets", "index", "procedural", "--encoder", "none", "--catalogue", str(tmp_path)]) == 0
+    with Catalogue(tmp_path) as catalogue:
+        for category in measured_categories():
+            for color in colors(category):
+                query = described(category, color).asset_query
+                assert catalogue.search(query, limit=1)[0].entry.id == f"procedural/{category}-{color}", query

@@ -146,7 +146,7 @@ def generate_scenarios(
     # before a folder is made, because wrong input is found here
     written = None if settings.asks_model else _offline(settings, sentence)
     with OutputFolder(out, "generate", overwrite=overwrite):
-        _require_same_settings(out, settings)
+        _write_settings(out, settings, overwrite=overwrite)
         if written is None:
             with ExchangeFile(out / FILE_NAME) as file:
                 made = _by_model(settings, sentence, KeptChat(file, live, kept), on_progress)
@@ -197,8 +197,8 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
     return Generated(template, asked.scenarios, {}, asked.refused)
 
 
-def _require_same_settings(out: Path, settings: GenerateSettings) -> None:
-    """Write the settings of a folder; refuse a folder with other settings, or with more scenarios."""
+def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -> None:
+    """Write the settings of a folder; unless they may be overwritten, refuse other settings and more scenarios."""
     path = out / SETTINGS_NAME
     form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.count}
     if settings.asks_model:
@@ -206,7 +206,7 @@ def _require_same_settings(out: Path, settings: GenerateSettings) -> None:
         form |= {"model": source, "prompt": PROMPT_ID, "vocabulary": settings.vocabulary}
     else:
         form |= {"model": OFFLINE, "seed": settings.seed}
-    if path.is_file():
+    if path.is_file() and not overwrite:
         there = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder")
         number = there.get("num")
         if type(number) is int and number > settings.count:

@@ -77,7 +77,7 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
     for problem, cure in (
         *_sentence_problems(text),
         *_chain_problems(scenario, template),
-        *_noun_problems(scenario, template),
+        *noun_problems(scenario, template),
     ):
         yield "instruction", problem, cure
 
@@ -129,7 +129,8 @@ def _head(described: DescribedObject) -> frozenset[str]:
     return frozenset(nouns[-1]) if nouns else frozenset(terms(described.asset_query)[-1:])
 
 
-def _noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
+def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
+    """Yield the nouns of an instruction that are no objects of the scenario, as problem and remedy."""
     objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, one_line, require_between
 from betterbench.generation.asking.exchanges import KeptChat
 from betterbench.generation.asking.prompt import correction, scenario_messages, template_messages
 from betterbench.generation.grammar.author import MOST_SCENARIOS
-from betterbench.generation.instruction_sense import words_of_object
+from betterbench.generation.instruction_sense import noun_problems
 from betterbench.generation.scenario import Scenario
 from betterbench.generation.scenario_form import scenario_from_answer
 from betterbench.generation.sense import sense_problems
-from betterbench.generation.vocabulary import known_nouns
 from betterbench.jobs import OnCount
 from betterbench.json_form import parse_json
-from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Message
@@ -137,7 +135,7 @@ def _checked(answer: str, request: _Request) -> tuple[Scenario | None, Sequence[
         return None, [str(error)]
     problems = [str(p) for p in sense_problems(scenario, where="answer[0]", mixed=bool(request.sentence))]
     problems += _vocabulary_problems(scenario, request.vocabulary)
-    problems += _sentence_problems(scenario, request.sentence)
+    problems += _sentence_problems(scenario, request)
     twin = next((s for s in request.before if _objects(s) == _objects(scenario)), None)
     if twin is not None:
         problems.append(f"answer[0]: instantiation: has the same objects as the scenario {twin.name!r}. Choose others.")
@@ -189,15 +187,13 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
     return found
 
 
-def _sentence_problems(scenario: Scenario, sentence: str) -> list[str]:
-    """Return a problem for each object that the sentence names and the scenario lacks."""
-    there = frozenset().union(*(words_of_object(o) for objects in scenario.groups.values() for o in objects))
-    named = dict.fromkeys(noun[-1] for _, noun in known_nouns(terms(sentence)))
-    return [
-        f"answer[0]: instantiation: has no {noun}, which the request names. Add it."
-        for noun in named
-        if noun not in there
-    ]
+def _sentence_problems(scenario: Scenario, request: _Request) -> list[str]:
+    """Return a problem for each object that the user's sentence names and the scenario lacks."""
+    if not request.sentence:
+        return []
+    asked = replace(scenario, instruction=request.sentence)
+    found = (problem for problem, _ in noun_problems(asked, request.template))
+    return [f"answer[0]: instantiation: the request {problem}. Add it." for problem in found]
 
 
 def _objects(scenario: Scenario) -> list[tuple[str, list[str]]]:
