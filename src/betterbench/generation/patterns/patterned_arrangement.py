@@ -14,6 +14,7 @@ from betterbench.generation.cast import Cast
 from betterbench.generation.layout import Table, footprint, require_usable
 from betterbench.generation.patterns.draft import Draft, first_that_fits, in_role, look_alikes_of
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
+from betterbench.sim.assets import build
 from betterbench.tasks import authoring as a
 from betterbench.tasks.authoring.operations import Operation
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
@@ -147,7 +148,7 @@ def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
 
 
 def _is_round(anchor: ObjectSpec) -> bool:
-    return anchor.category == "place_plate"
+    return build(anchor.category).shape == "round"
 
 
 def _refuse_long(spec: ObjectSpec) -> None:
@@ -161,6 +162,8 @@ def _refuse_long(spec: ObjectSpec) -> None:
 def _fits(spec: ObjectSpec, side: str) -> bool:
     """Return whether there is room for an object at a side."""
     size = footprint(spec.category)
+    if side == "upper_right" and size.radius_m > _FRONT_M:
+        return False
     across = size.y_m[1] - size.y_m[0] if size.longish else size.width_m
     return across <= (_NARROW_M if side == "behind" else _WIDE_M)
 
@@ -273,14 +276,15 @@ def _new_pairs(draft: Draft, plan: _Plan) -> Iterator[tuple[Step, Step]]:
     """Yield the pairs of steps with different objects and sides, without those of tests that training lacks."""
     sides = [side for _, side in plan.steps]
     trained = {frozenset(pair) for pair in plan.pairs}
-    asked = {g.name for v in draft.variations for o in v.interventions for g in _goals(o.arguments.get("instruction"))}
+    given = [o.arguments.get("instruction") for v in draft.variations for o in v.interventions]
+    tested = {frozenset(goal.name for goal in _goals(instruction)) for instruction in given}
     for one, two in itertools.combinations([o for o, _ in plan.steps], 2):
         for left, right in itertools.permutations(sides, 2):
             pair = ((one, left), (two, right))
             if not (_fits(one, left) and _fits(two, right)):
                 continue
-            names = {f"{o.name}_{side}" for o, side in pair}
-            if frozenset(pair) in trained or not names <= asked:
+            names = frozenset(f"{o.name}_{side}" for o, side in pair)
+            if frozenset(pair) in trained or names not in tested:
                 yield pair
 
 
