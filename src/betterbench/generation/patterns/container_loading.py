@@ -211,12 +211,12 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
     chosen = group(cast, "drawers", "drawer", 2, 2)
     found = []
     for mount in MOUNTS:
-        for spec in chosen:
-            if spec.category.startswith(mount):
-                found.append(replace(spec, color=cabinet.color, mount=a.drawer(mount, spec.category, cabinet).mount))
-    if len(found) != len(MOUNTS):
-        listed = ", ".join(spec.category for spec in chosen)
-        raise InvalidInputError("cast group 'drawers'", f"has {listed}", "Choose an upper and a lower drawer")
+        fitting = [spec for spec in chosen if spec.category.startswith(mount)]
+        if len(fitting) != 1:
+            listed = " and ".join(spec.category for spec in chosen)
+            raise InvalidInputError("cast group 'drawers'", f"has {listed}", "Choose an upper and a lower drawer")
+        spec = fitting[0]
+        found.append(replace(spec, color=cabinet.color, mount=a.drawer(mount, spec.category, cabinet).mount))
     for spec in found:
         if family_of(spec.category) != family_of(cabinet.category):
             raise refused(spec, f"does not belong to the cabinet {cabinet.name!r}", "Choose drawers of its family")
