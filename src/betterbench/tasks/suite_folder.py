@@ -24,6 +24,12 @@ HEAD = "suite.json"
 TASKS = "tasks"
 """Folder of the tasks in a suite."""
 
+CERTIFICATE = "certificate.json"
+"""Certificate of a suite's tasks in its folder, as ``better certify`` writes it; not part of the digest."""
+
+POWER = "power.json"
+"""Power matrix of a suite's tasks in its folder, as ``better calibrate --power`` writes it; not part of the digest."""
+
 _MOST_BYTES = 16 << 20
 _DIGITS = 12
 _CURE = "Get the folder again, or write the suite again"
