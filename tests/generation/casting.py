@@ -73,9 +73,9 @@ CASTS = {
     "three_mugs": mugs("white", "black", "red", machine_color="cream"),
     "mugs_and_a_bystander": mugs("gray", "red", machine_color="blue", distractors=[a.distractor("sponge")]),
     "soap_and_sponge": desk(("soap bar", "soap_bar", "green"), ("sponge", "sponge", "yellow"), cabinet_color="brown"),
-    "mouse_and_napkins": desk(
+    "mouse_and_sauce": desk(
         ("computer mouse", "computer_mouse", "black"),
-        ("stack of napkins", "napkin_stack", "white"),
+        ("sauce cup", "sauce_cup", "white"),
         cabinet_color="gray",
         alike={"computer_mouse": a.distractor("soap", "soap bar", "soap_bar", "gray")},
     ),

@@ -162,6 +162,9 @@ REFUSED = {
     "'apple' (apple): is 7": lambda: desk(("apple", "apple", "red"), ("tape", "tape_roll", "blue")),
     "'fork' (fork): is 160 mm long": lambda: desk(("fork", "fork", "silver"), ("tape", "tape_roll", "blue")),
     "'keyboard' (keyboard): has no grasp": lambda: desk(("keyboard", "keyboard", None), ("tape", "tape_roll", None)),
+    "'napkin_stack' (napkin stack): is held": lambda: desk(
+        ("tape", "tape_roll", "blue"), ("napkin stack", "napkin_stack", "white")
+    ),
     "'salt' (salt shaker): is held 32.9 mm above its foot": lambda: jars(
         ("salt", "salt shaker", "salt_shaker", "white"), spice("pepper"), spice("paprika")
     ),

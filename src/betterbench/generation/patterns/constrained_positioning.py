@@ -30,7 +30,7 @@ NEAR, FAR = a.Slot("near", 0.60, -0.13, yaw=-1.5708), a.Slot("far", 0.42, -0.14,
 MIDDLE = a.Slot("middle", 0.51, -0.24, yaw=-1.5708)
 STAND = a.Slot("machine", 0.52, 0.19, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0)
 IN_FRONT = a.Slot("in_front", 0.71, 0.0, yaw=-1.5708)
-ASIDE = a.Slot("aside", 0.74, -0.22)
+ASIDE = a.Slot("aside", 0.72, -0.19)
 
 PLACES = {FAR.name: "top", NEAR.name: "bottom", MIDDLE.name: "middle"}
 """Words of the slots as the front camera shows them: the far slot is at the top of the image."""

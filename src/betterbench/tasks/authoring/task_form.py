@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, one_line
-from betterbench.json_form import NO_TRUTH, parse_json, read_form, strict_form
+from betterbench.json_form import NO_TRUTH, json_schema_of, parse_json, read_form, strict_form
 from betterbench.tasks.authoring import registry
 from betterbench.tasks.authoring.no_test import require_no_test
 from betterbench.tasks.authoring.operations import Operation, operation_named
@@ -159,6 +159,11 @@ _FORM = TypeAdapter(_Form)
 _INSTRUCTION = TypeAdapter(_Instruction)
 _NUMBER = TypeAdapter(_Width)
 _TEXT = TypeAdapter(str)
+
+
+def task_schema() -> dict[str, Any]:
+    """Return the JSON schema of the form of a task."""
+    return json_schema_of(_FORM, title="Task")
 
 
 def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
