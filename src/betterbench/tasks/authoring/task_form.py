@@ -261,7 +261,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
         training=training,
         variations=variations,
     )
-    task = dataclasses.replace(task, regimes=_regimes(read.regimes, names))
+    task = dataclasses.replace(task, regimes=_regimes(dict(read.regimes.items()), names))
     require_readable(task)
     _require_applicable(task, names)
     try:
