@@ -9,7 +9,7 @@
 - ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN as data.
 """
 
-from betterbench.tasks import regimes as regimes
+from betterbench.tasks import regimes as regimes  # adds the regimes of the suite to its tasks
 from betterbench.tasks import suite
 from betterbench.tasks.authoring.operations import Changes, Operation, operation_names
 from betterbench.tasks.authoring.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
@@ -22,6 +22,16 @@ from betterbench.tasks.authoring.training_distribution import TrainingDistributi
 from betterbench.tasks.authoring.variation import Variation
 from betterbench.tasks.axes import Axis, Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
+from betterbench.tasks.judging.goal import GoalTracker
+from betterbench.tasks.judging.premise import broken_premises
+from betterbench.tasks.judging.truth import Truth
+from betterbench.tasks.labels import Kind, Label, all_labels, new_label, remove_label
+from betterbench.tasks.looks import LOOKS, Looks, looks_named
+from betterbench.tasks.randomness import SUITE_VERSION, stream
+from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
+from betterbench.tasks.suite_folder import SuiteFolder, read_suite_folder, suite_files
+from betterbench.tasks.thresholds import THRESHOLDS, Threshold, Thresholds, threshold, threshold_table
+from betterbench.tasks.trial_id import TrialId
 
 __all__ = [
     "LOOKS",

@@ -43,9 +43,8 @@ LONGEST_M = 0.14
 """Largest length of an object in a slot [m]."""
 TURNED = CABINET_BACK.yaw
 """Heading of the slots if an object has corners that would touch the walls of a drawer [rad]: that of the cabinet."""
-CORNER_M = 0.008
-"""Distance from half the length of an object to its corners from which they would touch the walls [m]. The expert keeps
-5 mm from half the length; 3 mm more are tolerated, because corners are round."""
+CORNER_M = 0.005
+"""Distance by which corners may reach beyond half the length of an object [m]: the expert keeps it from the walls."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_CABINET = "A drawer is found where the cabinet is, not where it was."
