@@ -226,7 +226,7 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
 
 
 def _has_corners(item: a.ObjectSpec) -> bool:
-    """Return whether the corners of a look would touch the walls of a drawer if the object were turned in it."""
+    """Return whether a look, unless it is round, would need more room in a drawer if it were turned in it."""
     turn = abs(TURNED)
     for asset in assets_of(item):
         long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
@@ -238,8 +238,9 @@ def _has_corners(item: a.ObjectSpec) -> bool:
 
 
 def _is_round(asset: Asset) -> bool:
-    """Return whether an object has no corners: its surface is as far from the middle in every direction."""
-    return radius_below(asset, math.inf) <= 0.5 * max(asset.size_m[:2]) + 0.003
+    """Return whether an object is as wide as long and has no corners."""
+    long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
+    return wide > 0.9 * long and radius_below(asset, math.inf) <= 0.5 * long + 0.003
 
 
 def _require_fit(item: a.ObjectSpec, cabinet: a.ObjectSpec, drawers: tuple[a.ObjectSpec, ...]) -> None:
