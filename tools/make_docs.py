@@ -12,6 +12,7 @@ import calibration_page
 import framing_page
 import library_sheet
 import scene_pictures
+import schema_page
 import task_pages
 import threshold_page
 from betterbench.evaluation import show_comparison
@@ -39,6 +40,7 @@ def main() -> None:
         write_overviews(tasks, arguments.out, seed=arguments.seed)
         calibration_page.write(arguments.out)
         threshold_page.write(arguments.out)
+        schema_page.write(arguments.out)
     sys.stdout.write(f"wrote the pages of {len(arguments.tasks or tasks)} tasks below {arguments.out}\n")
 
 

@@ -50,6 +50,16 @@ growing_form = with_config(ConfigDict(strict=True, allow_inf_nan=False, extra="a
 """The same for a ``TypedDict``, keeping unknown keys, for a part of a file that is read and written again."""
 
 
+def json_schema_of(adapter: TypeAdapter[Any], *, title: str) -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of a form, with the names of its parts without a leading underscore."""
+    text = json.dumps(adapter.json_schema())
+    names = {name: name.lstrip("_") for name in json.loads(text).get("$defs", {})}
+    for name, plain in names.items():
+        text = text.replace(f'"#/$defs/{name}"', f'"#/$defs/{plain}"').replace(f'"{name}": {{', f'"{plain}": {{')
+        text = text.replace(f'"title": "{name}"', f'"title": "{plain}"')
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **json.loads(text), "title": title}
+
+
 def _no_truth(value: object) -> object:
     if isinstance(value, bool):
         raise ValueError("expected a number, got a boolean")  # noqa: TRY004 - pydantic passes a TypeError on

@@ -7,10 +7,10 @@ from betterbench.generation.scenario import Scenario
 from betterbench.tasks import authoring as a
 
 
-def cast(template, name, instruction, groups, look_alikes=None, seed=0):
+def cast(template, name, instruction, groups, look_alikes):
     """Return a cast of chosen objects without descriptions."""
     scenario = Scenario(template, name, instruction, "kitchen", {})
-    return Cast(scenario, {key: tuple(specs) for key, specs in groups.items()}, look_alikes or {}, seed)
+    return Cast(scenario, {key: tuple(specs) for key, specs in groups.items()}, look_alikes)
 
 
 def mugs(*colors, machine="coffee_machine", machine_color=None, alike=None, distractors=()):
@@ -72,12 +72,10 @@ CASTS = {
     "green_yellow_mugs": mugs("green", "yellow", machine_color="silver", alike="drink_cup"),
     "three_mugs": mugs("white", "black", "red", machine_color="cream"),
     "mugs_and_a_bystander": mugs("gray", "red", machine_color="blue", distractors=[a.distractor("sponge")]),
-    "soap_and_sponge": desk(
-        ("soap bar", "soap_bar", "green"), ("sponge", "sponge", "yellow"), cabinet_color="brown"
-    ),
-    "mouse_and_napkins": desk(
+    "soap_and_sponge": desk(("soap bar", "soap_bar", "green"), ("sponge", "sponge", "yellow"), cabinet_color="brown"),
+    "mouse_and_sauce": desk(
         ("computer mouse", "computer_mouse", "black"),
-        ("stack of napkins", "napkin_stack", "white"),
+        ("sauce cup", "sauce_cup", "white"),
         cabinet_color="gray",
         alike={"computer_mouse": a.distractor("soap", "soap bar", "soap_bar", "gray")},
     ),

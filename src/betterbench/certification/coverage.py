@@ -15,7 +15,8 @@ from betterbench.certification.certificate import Certificate, CertificateVersio
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import form_errors, open_seal, read_bounded, read_form, strict_form
 from betterbench.tasks import Looks, TrialId
-from betterbench.tasks.user_files import options_for
+from betterbench.tasks.suite_folder import CERTIFICATE
+from betterbench.tasks.user_files import options_for, suite_file
 
 SOLVED_SHARE = 0.95
 """Minimum share of a condition's trials that the expert must solve.
@@ -200,6 +201,16 @@ def parse_ranges(text: str) -> frozenset[int]:
 def packaged_coverage() -> Coverage:
     """Return the certificate packaged with the suite."""
     return _load(resources.files("betterbench.certification").joinpath("data", PACKAGED), "packaged certificate")
+
+
+def coverage_of(tasks: Iterable[str]) -> Coverage:
+    """Return the certificate that comes with tasks: that in the folder of their suite, or the packaged one.
+
+    Raises:
+        InvalidInputError: If the certificate of the folder is unreadable.
+    """
+    own = suite_file(tasks, CERTIFICATE)
+    return packaged_coverage() if own is None else load_coverage(own)
 
 
 def load_coverage(path: Path) -> Coverage:

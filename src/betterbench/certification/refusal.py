@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from betterbench.certification.coverage import Coverage, cure_for, load_coverage, packaged_coverage
+from betterbench.certification.coverage import Coverage, coverage_of, cure_for, load_coverage
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.planning.plan import Plan, plan_extent
 from betterbench.sim.scenes import engine_version
@@ -19,17 +19,20 @@ _NAMED = 5
 def require_certified(plan: Plan, certificate: Path | None = None) -> str:
     """Check that a certificate covers every trial of a plan, and return a sentence on its limits.
 
-    Without a path, the packaged certificate is used. It covers only the seen looks; trials with unseen looks are
-    allowed, and the sentence states that they are not certified. The sentence is empty if the expert solved all trials.
+    Without a path, the certificate of the suite is used: the packaged one, or that in the suite's folder. If it covers
+    only the seen looks, trials with unseen looks are allowed, and the sentence states that they are not certified. The
+    sentence is empty if the expert solved all trials.
 
     Raises:
         InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.
     """
-    coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
-    if certificate is None and plan.looks != coverage.versions.looks:
-        return f"These trials are not certified: the packaged certificate covers the {coverage.versions.looks} looks."
-    seed, trials = plan_extent(plan)
     planned = [t.id for t in plan.trials]
+    tasks = dict.fromkeys(t.task for t in planned)
+    coverage = coverage_of(tasks) if certificate is None else load_coverage(certificate)
+    if certificate is None and plan.looks != coverage.versions.looks:
+        looks = coverage.versions.looks
+        return f"These trials are not certified: the certificate of the suite covers the {looks} looks."
+    seed, trials = plan_extent(plan)
     return require_coverage(coverage, planned, seed=seed, trials_per_variation=trials, looks=plan.looks)
 
 

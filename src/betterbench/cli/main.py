@@ -56,6 +56,8 @@ class Verb:
     Attributes:
         function: Its "module:name" in the package of verbs, or the full name of a function of betterbench-calibration.
         takes_tasks: Whether it accepts ``--task-file`` and ``--asset-dir``.
+        takes_suite: Whether it accepts ``--suite`` beside its own options. Without ``--tasks``, it then works on the
+            tasks of the suite.
         takes_run_file: Whether its options may be given in a run file.
     """
 
@@ -63,6 +65,7 @@ class Verb:
     summary: str
     takes_tasks: bool = True
     takes_run_file: bool = False
+    takes_suite: bool = False
 
     def load(self, telling: Telling) -> Callable[..., None]:
         """Import the function of the verb and add the options common to all verbs."""
@@ -73,6 +76,8 @@ class Verb:
         else:
             home = importlib.import_module(f"betterbench.cli.verbs.{module}")
         function: Callable[..., None] = getattr(home, name)
+        if self.takes_suite:
+            function = _with_suite(function)
         if self.takes_run_file:
             function = _with_run_file(function)
         return _with_log_options(guarded(_with_task_files(function) if self.takes_tasks else function), telling)
@@ -88,39 +93,55 @@ class Verb:
 
 VERBS: dict[str, Verb] = {
     "doctor": Verb("doctor:doctor_command", "Check what works on this machine, or try a policy."),
-    "list": Verb("listing:list_command", "List suites, tasks, variations, policies or assets."),
+    "list": Verb("listing:list_command", "List suites, tasks, variations, policies or assets.", takes_suite=True),
     "assets": Verb("assets:assets_command", "Index, search and show assets, and list their licenses."),
     "review": Verb("review:review_command", "Review imported meshes in the browser."),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
-    "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
+    "show": Verb("show:show_command", "Draw a training scene beside a test scene.", takes_suite=True),
     "generate": Verb("generate:generate_command", "Write scenarios of a template or about a sentence."),
     "build": Verb("build:build_command", "Build certified tasks from scenarios."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
-    "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
+    "calibrate": Verb(
+        "calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault.", takes_suite=True
+    ),
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
     "collect": Verb("collect:collect_command", "Collect varied demonstrations of the expert."),
-    "teleop": Verb("teleop:teleop_command", "Demonstrate in the browser, by gizmo, keys or a leader arm."),
-    "amplify": Verb("amplify:amplify_command", "Carry demonstrations over to new starts, many from few."),
+    "teleop": Verb(
+        "teleop:teleop_command", "Demonstrate in the browser, by gizmo, keys or a leader arm.", takes_suite=True
+    ),
+    "amplify": Verb(
+        "amplify:amplify_command", "Carry demonstrations over to new starts, many from few.", takes_suite=True
+    ),
     "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and its audit."),
-    "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe."),
+    "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe.", takes_suite=True),
     "study": Verb("study:study_command", "Train learners on every arm and compare what they learned."),
-    "shortcuts": Verb("shortcuts:shortcuts_command", "Find shortcuts that a dataset offers a learner."),
-    "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
-    "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
-    "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),
-    "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on."),
+    "shortcuts": Verb(
+        "shortcuts:shortcuts_command", "Find shortcuts that a dataset offers a learner.", takes_suite=True
+    ),
+    "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed.", takes_suite=True),
+    "compare": Verb(
+        "compare:compare_command", "Compare policies on the trials that their runs share.", takes_suite=True
+    ),
+    "report": Verb(
+        "report:report_command", "Write a page with tables, figures and film strips of runs.", takes_suite=True
+    ),
+    "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on.", takes_suite=True),
     "recipe": Verb("recipe:recipe_command", "Write how openpi, GR00T, Being-H or LeRobot train.", takes_tasks=False),
     "mixture": Verb(
         "betterbench_calibration.cli.mixture:mixture_command",
         "Show a mixture of training data and draw from it.",
         takes_tasks=False,
     ),
-    "materialize": Verb("materialize:materialize_command", "Write depth, masks and boxes of recorded states."),
-    "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time."),
+    "materialize": Verb(
+        "materialize:materialize_command", "Write depth, masks and boxes of recorded states.", takes_suite=True
+    ),
+    "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time.", takes_suite=True),
     "vqa": Verb("vqa:vqa_command", "Make questions about recorded frames from the records."),
-    "replay": Verb("replay:replay_command", "Simulate a record again and compare, or write its video."),
-    "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol."),
+    "replay": Verb(
+        "replay:replay_command", "Simulate a record again and compare, or write its video.", takes_suite=True
+    ),
+    "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol.", takes_suite=True),
     "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and report on them.", takes_tasks=False),
     "audit-paper": Verb(
         "betterbench_calibration.cli.audit_paper:audit_command",
@@ -264,6 +285,24 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
         task_file="Python file that defines tasks, assets or learners of your own; may be given several times.",
         asset_dir="Folder of assets that better assets import has written; may be given several times.",
     )
+
+
+def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a verb that also takes ``--suite``, loads its tasks, and works on them if no tasks are named."""
+    takes_names = "tasks" in inspect.signature(function).parameters
+
+    def verb(*args: object, suite: str | None = None, **options: object) -> None:
+        if suite is not None:
+            from betterbench.tasks import suite_tasks
+
+            of_suite = suite_tasks(suite)
+            if takes_names and not options.get("tasks"):
+                options["tasks"] = of_suite
+        function(*args, **options)
+
+    use = "its tasks are used if --tasks names none" if takes_names else "its tasks are loaded"
+    text = f"Packaged suite, or folder with a suite in JSON; {use}."
+    return _with_options(verb, function, suite=text)
 
 
 def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:

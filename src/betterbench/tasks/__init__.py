@@ -3,12 +3,13 @@
 - ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that make up conditions.
 - ``relations``: one file per relation ("inside", "beside"), with its check and its placements.
 - ``authoring``: templates, variations and the registry, for writing tasks.
-- ``suite``: the tasks of better60, one file each.
+- ``suite``: the tasks of better60, one file each; ``regimes``: their listed regimes.
 - ``judging``: goals, grasp attempts, restraint, harm and premises, judged from states.
 - ``interventions``: look-up of conditions by the name of a condition or a regime.
 - ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN as data.
 """
 
+from betterbench.tasks import regimes as regimes  # adds the regimes of the suite to its tasks
 from betterbench.tasks import suite
 from betterbench.tasks.authoring.operations import Changes, Operation, operation_names
 from betterbench.tasks.authoring.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
@@ -21,9 +22,6 @@ from betterbench.tasks.authoring.training_distribution import TrainingDistributi
 from betterbench.tasks.authoring.variation import Variation
 from betterbench.tasks.axes import Axis, Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
-
-# The regimes of the suite are in files of their own, which belong to the tasks and use the names above.
-from betterbench.tasks.interventions import listed_regimes as _listed_regimes  # noqa: F401
 from betterbench.tasks.judging.goal import GoalTracker
 from betterbench.tasks.judging.premise import broken_premises
 from betterbench.tasks.judging.truth import Truth

@@ -16,13 +16,19 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.json_form import NO_TRUTH, dump_json, read_bounded, read_form, strict_form
+from betterbench.json_form import NO_TRUTH, dump_json, json_schema_of, read_bounded, read_form, strict_form
 
 HEAD = "suite.json"
 """File that lists the tasks of a suite."""
 
 TASKS = "tasks"
 """Folder of the tasks in a suite."""
+
+CERTIFICATE = "certificate.json"
+"""Certificate of a suite's tasks in its folder, as ``better certify`` writes it; not part of the digest."""
+
+POWER = "power.json"
+"""Power matrix of a suite's tasks in its folder, as ``better calibrate --power`` writes it; not part of the digest."""
 
 _MOST_BYTES = 16 << 20
 _DIGITS = 12
@@ -41,6 +47,11 @@ class _Head:
 
 
 _HEAD = TypeAdapter(_Head)
+
+
+def suite_schema() -> dict[str, Any]:
+    """Return the JSON schema of the head of a suite."""
+    return json_schema_of(_HEAD, title="Suite")
 
 
 @dataclass(frozen=True, slots=True)

@@ -330,6 +330,19 @@ def explaining(kind: str, name: str) -> Iterator[None]:
         yield
 
 
+def suite_file(tasks: Iterable[str], name: str) -> Path | None:
+    """Return a file in the folder of the suite that defines all these tasks, or None.
+
+    The result is None if the tasks are not of one folder, or if the folder does not contain the file.
+    """
+    origins = {_origins.get(("task", task)) for task in tasks}
+    files = {None if origin is None else _files.get(origin.path) for origin in origins}
+    folders = {None if file is None else file.suite for file in files}
+    folder = folders.pop() if len(folders) == 1 else None
+    path = None if folder is None else Path(folder) / name
+    return path if path is not None and path.is_file() else None
+
+
 def companion_of(task: str) -> Companion | None:
     """Return the companion of a task's file, which contains the measurements of its demonstrations.
 

@@ -23,6 +23,7 @@ def study_command(
     *,
     out: Path,
     preset: str | None = None,
+    suite: str | None = None,
     workers: int | None = None,
     device: str = "cpu",
     certificate: Path | None = None,
@@ -42,13 +43,14 @@ def study_command(
         plan: YAML file with tasks, arms, seeds and recipe.
         out: Folder of the study.
         preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
+        suite: Packaged suite, or folder with a suite in JSON, whose tasks replace those of the plan.
         workers: Worker processes for demonstrations and trials; one per processor if not given.
         device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         overwrite: Write to a folder that better study did not make, and replace files of the same names there.
         json: Print one JSON document instead of tables.
     """
-    chosen = _plan(plan, preset)
+    chosen = _plan(plan, preset, suite)
     count = sum(1 for _ in chosen.learners())
     say(f"{count} learners: {', '.join(chosen.tasks)}; {', '.join(chosen.arms)}; {len(chosen.seeds)} seeds")
     from betterbench.jobs.outputs import OutputFolder
@@ -66,18 +68,21 @@ def study_command(
     _print(found, out)
 
 
-def _plan(file: Path | None, preset: str | None) -> StudyPlan:
+def _plan(file: Path | None, preset: str | None, suite: str | None) -> StudyPlan:
     from betterbench.cli.yaml_file import read_yaml
     from betterbench.learning.study.plan import CURE, preset_text, read_study_plan
+    from betterbench.tasks import suite_tasks
 
     if (file is None) == (preset is None):
         raise InvalidInputError("the plan", "a study needs one plan", "Give a YAML file or --preset small, not both")
+    tasks = {} if suite is None else {"tasks": list(suite_tasks(suite))}
     if file is not None:
-        return read_study_plan(read_yaml(file, cure=CURE, deepest=8), where=str(file))  # camera views are nested
+        read = read_yaml(file, cure=CURE, deepest=8)  # camera views are nested
+        return read_study_plan({**read, **tasks}, where=str(file))
     import yaml
 
     form: dict[str, Any] = yaml.safe_load(preset_text(str(preset)))
-    return read_study_plan(form, where=f"preset {preset}")
+    return read_study_plan({**form, **tasks}, where=f"preset {preset}")
 
 
 def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | None) -> StudyOutcome:

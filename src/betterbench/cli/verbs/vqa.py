@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -101,6 +101,7 @@ def vqa_command(
     *,
     run: Path | None = None,
     out: Path | None = None,
+    suite: str | None = None,
     asked: _Frames = FrameOptions(),
     chat: _Model = ModelOptions(),
     workers: int = 1,
@@ -120,6 +121,7 @@ def vqa_command(
         source: Folder of a run to make questions about, or of a set for a model to answer.
         run: Folder of a run whose decisive moments the questions are about.
         out: Folder of the set.
+        suite: Packaged suite, or folder with a suite in JSON; its tasks are used if --tasks names none.
         asked: Frames, cameras and types of the questions.
         chat: Model that answers the set.
         workers: Number of trials processed in parallel.
@@ -128,6 +130,11 @@ def vqa_command(
     """
     from betterbench.cli.output.vqa import print_scores, print_set
 
+    if suite is not None:
+        from betterbench.tasks import suite_tasks
+
+        of_suite = suite_tasks(suite)
+        asked = asked if asked.tasks else replace(asked, tasks=of_suite)
     if chat.learner is not None:
         _ask_learner(chat.learner, source, run, out, asked, json=json)
         return

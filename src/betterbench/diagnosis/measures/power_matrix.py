@@ -26,6 +26,8 @@ from betterbench.statistics import Rate, chance_p, holm
 from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.tasks import Expected, Label, Task, get_task
 from betterbench.tasks.interventions import vary
+from betterbench.tasks.suite_folder import POWER
+from betterbench.tasks.user_files import suite_file
 
 PACKAGED_MATRIX = "power.json"
 """File of the packaged matrix, in the folder ``data``."""
@@ -346,6 +348,16 @@ def task_versions(task: Task) -> dict[str, str]:
     form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
     digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]
     return {f"task_version:{task.id}": str(task.version), f"conditions:{task.id}": digest}
+
+
+def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
+    """Return the power matrix that comes with tasks: that in the folder of their suite, or the packaged one.
+
+    Raises:
+        RecordError: If it is corrupt.
+    """
+    own = suite_file(tasks, POWER)
+    return packaged_power_matrix() if own is None else PowerMatrix.from_json(own.read_bytes())
 
 
 @cache

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from betterbench.diagnosis.measures.power_matrix import CURE, EXPERT, Ceiling, Key, PowerMatrix, packaged_power_matrix
+from betterbench.diagnosis.measures.power_matrix import CURE, EXPERT, Ceiling, Key, PowerMatrix, power_matrix_of
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.statistics import Difference, Rate, newcombe_difference, paired_bootstrap
@@ -131,14 +131,14 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
 
     Args:
         diagnosis: The run.
-        matrix: The power matrix; default: the packaged one.
+        matrix: The power matrix; default: that of the run's suite.
     """
     varied = [t for t in diagnosis.even_trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     if matrix is None:
         try:
-            matrix = packaged_power_matrix()
+            matrix = power_matrix_of({t.task for t in varied})
         except RecordError as error:
-            return _without(len(varied), f"The packaged power matrix cannot be read: {error}")
+            return _without(len(varied), f"The power matrix of the suite cannot be read: {error}")
     if matrix is None:
         return _without(len(varied), f"This build has no power matrix, so there are no reference lines; {CURE}.")
     mine = {t.task for t in varied}

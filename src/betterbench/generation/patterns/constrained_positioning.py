@@ -30,7 +30,7 @@ NEAR, FAR = a.Slot("near", 0.60, -0.13, yaw=-1.5708), a.Slot("far", 0.42, -0.14,
 MIDDLE = a.Slot("middle", 0.51, -0.24, yaw=-1.5708)
 STAND = a.Slot("machine", 0.52, 0.19, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0)
 IN_FRONT = a.Slot("in_front", 0.71, 0.0, yaw=-1.5708)
-ASIDE = a.Slot("aside", 0.74, -0.22)
+ASIDE = a.Slot("aside", 0.72, -0.19)
 
 PLACES = {FAR.name: "top", NEAR.name: "bottom", MIDDLE.name: "middle"}
 """Words of the slots as the front camera shows them: the far slot is at the top of the image."""
@@ -165,29 +165,33 @@ class _Positioning:
         raise AssertionError("two items are requested in every layout")
 
     def _balanced(self) -> list[Condition]:
-        """Return each word with all items and an additional object, then each item alone or beside a look-alike.
+        """Return each word with all items and another object, then each item alone or beside another's look-alike.
 
-        The additional object keeps these scenes from being tests; only the words determine the target in them.
+        The additional object keeps these scenes from being tests; only the words determine the target in them. Beside
+        an item's own look-alike, the scene would be a test.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
-        alikes = tuple(self._beside().values())
+        beside = self._beside()
+        alikes = tuple(beside.values())
         found = []
         for number, order in enumerate(self._orders()):
             layout = {**self._in_slots(order), **around}
             extras = alikes if len(self.items) == 2 else (alikes[number % len(alikes)],)
             for extra in extras:
                 found += [a.condition({**layout, extra: IN_FRONT}, asked) for asked in words]
+        n = len(self.items)
         for number, item in enumerate(self.items):
-            other = alikes[(number + 1) % len(alikes)]
+            following = (beside.get(self.items[(number + i) % n].name) for i in range(1, n))
+            other = next((spec for spec in following if spec is not None), beside.get(""))
             for slot, elsewhere in zip(self.slots, (*self.slots[1:], self.slots[0]), strict=True):
-                for others in ({}, {other: elsewhere}):
+                for others in ({}, {other: elsewhere}) if other is not None else ({},):
                     alone = {item: slot, **others, **around}
                     found += [a.condition(alone, self.named(item)), a.condition(alone, self.placed(slot))]
         return found
 
     def _beside(self) -> dict[str, a.ObjectSpec]:
-        """Return the look-alikes, or a toy block if no item has one."""
+        """Return the look-alikes by the name of their item, or a toy block under the name "" if no item has one."""
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 
     def _orders(self) -> list[tuple[a.ObjectSpec, ...]]:

@@ -43,9 +43,8 @@ LONGEST_M = 0.14
 """Largest length of an object in a slot [m]."""
 TURNED = CABINET_BACK.yaw
 """Heading of the slots if an object has corners that would touch the walls of a drawer [rad]: that of the cabinet."""
-CORNER_M = 0.008
-"""Distance from half the length of an object to its corners from which they would touch the walls [m]. The expert keeps
-5 mm from half the length; 3 mm more are tolerated, because corners are round."""
+CORNER_M = 0.005
+"""Distance by which corners may reach beyond half the length of an object [m]: the expert keeps it from the walls."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_CABINET = "A drawer is found where the cabinet is, not where it was."
@@ -211,12 +210,12 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
     chosen = group(cast, "drawers", "drawer", 2, 2)
     found = []
     for mount in MOUNTS:
-        for spec in chosen:
-            if spec.category.startswith(mount):
-                found.append(replace(spec, color=cabinet.color, mount=a.drawer(mount, spec.category, cabinet).mount))
-    if len(found) != len(MOUNTS):
-        listed = ", ".join(spec.category for spec in chosen)
-        raise InvalidInputError("cast group 'drawers'", f"has {listed}", "Choose an upper and a lower drawer")
+        fitting = [spec for spec in chosen if spec.category.startswith(mount)]
+        if len(fitting) != 1:
+            listed = " and ".join(spec.category for spec in chosen)
+            raise InvalidInputError("cast group 'drawers'", f"has {listed}", "Choose an upper and a lower drawer")
+        spec = fitting[0]
+        found.append(replace(spec, color=cabinet.color, mount=a.drawer(mount, spec.category, cabinet).mount))
     for spec in found:
         if family_of(spec.category) != family_of(cabinet.category):
             raise refused(spec, f"does not belong to the cabinet {cabinet.name!r}", "Choose drawers of its family")
@@ -227,7 +226,7 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
 
 
 def _has_corners(item: a.ObjectSpec) -> bool:
-    """Return whether the corners of a look would touch the walls of a drawer if the object were turned in it."""
+    """Return whether a look, unless it is round, would need more room in a drawer if it were turned in it."""
     turn = abs(TURNED)
     for asset in assets_of(item):
         long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
@@ -239,8 +238,9 @@ def _has_corners(item: a.ObjectSpec) -> bool:
 
 
 def _is_round(asset: Asset) -> bool:
-    """Return whether an object has no corners: its surface is as far from the middle in every direction."""
-    return radius_below(asset, math.inf) <= 0.5 * max(asset.size_m[:2]) + 0.003
+    """Return whether an object is as wide as long and has no corners."""
+    long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])
+    return wide > 0.9 * long and radius_below(asset, math.inf) <= 0.5 * long + 0.003
 
 
 def _require_fit(item: a.ObjectSpec, cabinet: a.ObjectSpec, drawers: tuple[a.ObjectSpec, ...]) -> None:

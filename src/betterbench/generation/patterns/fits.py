@@ -20,6 +20,9 @@ from betterbench.tasks.condition import ObjectSpec, Role
 GRASP_M = PANDA.gripper_opening_m - 0.006
 """Largest thickness of an object between the pads [m]: the opening, with 3 mm of free distance on each side."""
 
+LOWEST_M = 0.010
+"""Least height of a grasp above the foot of an object [m]: lower down, the fingers touch the table."""
+
 BYSTANDER_M = 0.10
 """Largest footprint of an object that only stands aside [m]."""
 
@@ -77,7 +80,7 @@ def require_grasp(spec: ObjectSpec) -> None:
     """Check that the gripper can hold every look of an object.
 
     Raises:
-        InvalidInputError: If a look has no grasp, or only grasps that are too wide.
+        InvalidInputError: If a look has no grasp, or only grasps that are too wide or too low.
     """
     for asset in assets_of(spec):
         if not asset.grasps:
@@ -89,6 +92,10 @@ def require_grasp(spec: ObjectSpec) -> None:
                 f"is {mm(width)} thick at its narrowest grasp",
                 f"The gripper needs {mm(GRASP_M)} or less; choose a smaller object",
             )
+        height = max(grasp.pose.position[2] for grasp in asset.grasps)
+        if height < LOWEST_M:
+            cure = f"The gripper needs {mm(LOWEST_M)} or more; choose a higher object"
+            raise refused(spec, f"is held {mm(height)} above the table", cure)
 
 
 def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:

@@ -28,7 +28,7 @@ from betterbench.tasks.condition import Condition
 
 FIRST, SECOND, THIRD = a.Slot("first", 0.42, -0.22), a.Slot("second", 0.60, -0.20), a.Slot("third", 0.51, -0.09)
 STAND = a.Slot("stand", 0.52, 0.13, jitter_m=0.0, yaw_jitter=0.0)
-ASIDE = a.Slot("aside", 0.73, -0.10)
+ASIDE = a.Slot("aside", 0.71, -0.10)
 HOLES = {"hole_1": "left", "hole_2": "middle", "hole_3": "right"}
 """Words of the holes as the front camera shows them."""
 
@@ -142,10 +142,10 @@ class _Insertion:
             unbuilt.append(Unbuilt("O", title, reason))
         else:
             same = [spec for spec in plain if spec is not None]
-            operations = (*(a.replace(i, p) for i, p in zip(self.items, same, strict=True)), a.swap(same[0], same[1]))
+            replaced = tuple(a.replace(i, p) for i, p in zip(self.items, same, strict=True))
             title = f"{title}, {kinds[0]} and {kinds[1]} exchanged"
             number = 1 + sum(v.name.startswith("O") for v in found)
-            found.append(a.Variation(f"O{number}", operations, title, LABELS, "train4"))
+            found.append(a.Variation(f"O{number}", (*replaced, a.swap(same[0], same[1])), title, LABELS, "train4"))
         return in_order(found), tuple(unbuilt)
 
     def _plain(self, item: a.ObjectSpec) -> a.ObjectSpec | None:

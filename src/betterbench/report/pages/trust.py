@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from betterbench.certification.coverage import packaged_coverage, parse_ranges
+from betterbench.certification.coverage import coverage_of, parse_ranges
 from betterbench.diagnosis import Calibration, RunDiagnosis, packaged_calibration
 from betterbench.diagnosis.measures.confusion import CLAIMED
-from betterbench.diagnosis.measures.power_matrix import CURE, packaged_power_matrix
+from betterbench.diagnosis.measures.power_matrix import CURE, power_matrix_of
 from betterbench.report.outcomes import is_abroad
 from betterbench.report.pages.calibration_page import calibration_summary, rate_text
 from betterbench.report.pages.power_page import flagged, redundant
@@ -43,7 +43,7 @@ def _interval(held_out: Calibration) -> str:
 
 def _blind(ran: set[str]) -> dict[str, str]:
     """Return a statement on the variations of the run that can be solved blind."""
-    matrix = packaged_power_matrix()
+    matrix = power_matrix_of(_tasks(ran))
     if matrix is None:
         return {"Blind probes": f"This build contains no power matrix; {CURE}."}
     cells = matrix.without(matrix.stale_tasks()).blind_cells()
@@ -64,16 +64,23 @@ def _blind(ran: set[str]) -> dict[str, str]:
     return facts
 
 
+def _tasks(names: Iterable[str]) -> set[str]:
+    """Return the tasks of conditions by their names ("fast_food/T1")."""
+    return {name.partition("/")[0] for name in names}
+
+
 def _certified(trials: set[tuple[str, int]], looks: Sequence[str]) -> str:
-    coverage = packaged_coverage()
+    coverage = coverage_of(_tasks(name for name, _ in trials))
     others = [name for name in looks if name != coverage.versions.looks]
     if others:
-        return f"The packaged certificate covers the {coverage.versions.looks} looks, not the {listed(others)} ones."
+        return (
+            f"The certificate of the suite covers the {coverage.versions.looks} looks, not the {listed(others)} ones."
+        )
     if coverage.versions.suite != SUITE_VERSION:
-        return f"The packaged certificate is for suite version {coverage.versions.suite}, not {SUITE_VERSION}."
+        return f"The certificate of the suite is for suite version {coverage.versions.suite}, not {SUITE_VERSION}."
     seeds = {name: parse_ranges(s.certified) for name, s in coverage.conditions.items()}
     covered = Rate(sum(seed in seeds.get(name, ()) for name, seed in trials), len(trials))
     return (
-        f"{rate_text(covered)} of the trials are covered by the packaged certificate: solved by the expert with "
+        f"{rate_text(covered)} of the trials are covered by the certificate of the suite: solved by the expert with "
         "trained motions only, at rest, reachable, and consistent with the premise of the instruction."
     )

@@ -75,10 +75,9 @@ def registered_for_now(made: Task) -> Iterator[Task]:
 def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
     """Return the regimes of a task: its own and those of further files, without those of a task it was derived from."""
     found = {regime: listed for source in _REGIME_SOURCES for regime, listed in source(name).items()}
-    for regime, listed in made.regimes.items():
-        if all(condition.task in ("", name) for condition in listed.conditions):
-            found[regime] = listed
-    return found
+    owners = {condition.task for listed in made.regimes.values() for condition in listed.conditions}
+    inherited = any(owner in _BUILDERS and _BUILDERS[owner]().regimes is made.regimes for owner in owners - {name})
+    return found if inherited else found | dict(made.regimes)
 
 
 def regimes_from(source: Callable[[str], Mapping[str, ListedRegime]]) -> Callable[[str], Mapping[str, ListedRegime]]:

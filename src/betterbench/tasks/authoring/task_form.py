@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, one_line
-from betterbench.json_form import NO_TRUTH, parse_json, read_form, strict_form
+from betterbench.json_form import NO_TRUTH, json_schema_of, parse_json, read_form, strict_form
 from betterbench.tasks.authoring import registry
 from betterbench.tasks.authoring.no_test import require_no_test
 from betterbench.tasks.authoring.operations import Operation, operation_named
@@ -161,6 +161,11 @@ _NUMBER = TypeAdapter(_Width)
 _TEXT = TypeAdapter(str)
 
 
+def task_schema() -> dict[str, Any]:
+    """Return the JSON schema of the form of a task."""
+    return json_schema_of(_FORM, title="Task")
+
+
 def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
     """Return the JSON form of a task.
 
@@ -256,7 +261,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
         training=training,
         variations=variations,
     )
-    task = dataclasses.replace(task, regimes=_regimes(read.regimes, names))
+    task = dataclasses.replace(task, regimes=_regimes(dict(read.regimes.items()), names))
     require_readable(task)
     _require_applicable(task, names)
     try:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.json_form import read_form, strict_form
+from betterbench.json_form import json_schema_of, read_form, strict_form
 from betterbench.tasks.authoring.template import Meta, ObjectGroup, Order, Protocol, Template
 from betterbench.tasks.condition import Role
 from betterbench.tasks.relations import RELATIONS
@@ -79,6 +79,11 @@ class _Form:
 
 
 _FORM = TypeAdapter(_Form)
+
+
+def template_schema() -> dict[str, Any]:
+    """Return the JSON schema of the form of a template."""
+    return json_schema_of(_FORM, title="Template")
 
 
 def template_to_json(template: Template) -> dict[str, Any]:

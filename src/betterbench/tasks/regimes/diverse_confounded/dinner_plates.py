@@ -5,7 +5,7 @@ The position of the white plate is crossed with these slots, as in the balanced 
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
-from betterbench.tasks.interventions.balanced.dinner_plates import ON_THE_STACK, balanced_dinner_plates
+from betterbench.tasks.regimes.balanced.dinner_plates import ON_THE_STACK, balanced_dinner_plates
 from betterbench.tasks.suite.dinner_plates import (
     BLUE,
     BLUE_ON_RED,

@@ -5,5 +5,5 @@ includes all balanced conditions that keep words tied to slots, and replaces the
 bystanders or without bystanders. Learners of the two regimes therefore differ in word associations, not in the amount
 of data.
 
-Two tasks have this regime, one file each, see :mod:`betterbench.tasks.interventions.listed_regimes`.
+Two tasks have this regime, one file each, see :mod:`betterbench.tasks.regimes`.
 """

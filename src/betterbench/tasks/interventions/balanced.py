@@ -1,8 +1,4 @@
-"""Balanced training conditions: the same skills with words, slots, orders and objects crossed.
-
-One file per task of the suite, see :mod:`betterbench.tasks.interventions.listed_regimes`. Slots that neither training
-nor variations use are listed in ``ASIDE``; nothing is picked from these slots.
-"""
+"""Look-up of balanced training conditions and of the slots that only listed regimes use."""
 
 from __future__ import annotations
 

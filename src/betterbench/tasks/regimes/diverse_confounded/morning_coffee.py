@@ -5,7 +5,7 @@ The conditions with "top" and "bottom", which are position words, are those of t
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
-from betterbench.tasks.interventions.balanced.morning_coffee import BLUE_CAN, IN_FRONT, balanced_morning_coffee
+from betterbench.tasks.regimes.balanced.morning_coffee import BLUE_CAN, IN_FRONT, balanced_morning_coffee
 from betterbench.tasks.suite.morning_coffee import BLUE, BLUE_MUG, FAR, MACHINE, NEAR, RED, RED_CAN, RED_MUG, STAND
 
 CROSSED = (

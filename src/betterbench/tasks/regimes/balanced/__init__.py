@@ -1,0 +1,4 @@
+"""Balanced training conditions: the same skills with words, slots, orders and objects crossed.
+
+One file per task of the suite, see :mod:`betterbench.tasks.regimes`. Nothing is picked from the slots in ``ASIDE``.
+"""
