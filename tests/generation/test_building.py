@@ -13,9 +13,9 @@ from betterbench.certification.certificate import CLAUSES, Clause, TrialCertific
 from betterbench.certification.coverage import load_coverage
 from betterbench.errors import InvalidInputError
 from betterbench.generation.building import attempts as attempts_module
-from betterbench.generation.building.attempts import Settings
-from betterbench.generation.building.job import BuildReport, build_suite
+from betterbench.generation.building.job import build_suite
 from betterbench.generation.building.proving import Proof
+from betterbench.generation.building.result import BuildReport, Settings
 from betterbench.generation.grammar import write_scenarios
 from betterbench.generation.scenario import Scenario
 from betterbench.sim.scenes import engine_version

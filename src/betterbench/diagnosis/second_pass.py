@@ -83,7 +83,8 @@ def _proven_elsewhere(
     tasks together.
     """
     others = [found for name, found in alone.items() if name != task]
-    word = rule_of_all_tasks(*({n: f for n, f in found.items() if n != task} for found in (choices, alone))) == WORD
+    here = {name: mine for name, mine in choices.items() if name != task}
+    word = rule_of_all_tasks(here, {name: alone[name] for name in here}) == WORD
     return [WORD] * word + [
         family
         for family in (PLACE, LATER)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from betterbench.diagnosis.measures.power_matrix import PowerMatrix
-    from betterbench.generation.building.job import BuildReport, Result
+    from betterbench.generation.building.result import BuildReport, Result
     from betterbench.generation.scenario import Scenario
     from betterbench.jobs import JobProgress
 
@@ -102,8 +102,8 @@ def build_and_tell(
 ) -> None:
     """Build scenarios, draw the cards, measure the power if requested, write the page, and print the outcome."""
     from betterbench.cli.verbs.evaluate import prepare_robot
-    from betterbench.generation.building.attempts import Settings
     from betterbench.generation.building.job import build_suite
+    from betterbench.generation.building.result import Settings
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.report.pages.build_page import write_build_page
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from betterbench.errors import BetterError, one_line
 from betterbench.generation.building.casting import Choice, cast_of
-from betterbench.generation.building.proving import Failure, Proof, prove, provisional, without
+from betterbench.generation.building.proving import Proof, prove, provisional, without
+from betterbench.generation.building.result import Attempt, Failure, Settings
 from betterbench.generation.patterns import GeneratedTask, pattern_of
 from betterbench.generation.scenario import Scenario
 from betterbench.sim.assets.catalogue.search import Catalogue
@@ -28,34 +29,6 @@ CHANGES: tuple[tuple[str, int, int], ...] = (
     ("other assets for the same descriptions", 0, 1),
 )
 """Attempts in their order: the change, the seed of the slots, and the number of the choice of assets."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Settings of a build.
-
-    Attributes:
-        seeds: Seeds of each condition that are certified, from 0.
-        demonstrations: Demonstrations that are measured; at least one for each training condition.
-    """
-
-    seeds: int = 3
-    demonstrations: int = 24
-
-
-@dataclass(frozen=True, slots=True)
-class Attempt:
-    """One attempt at a task.
-
-    Attributes:
-        change: Difference from the description ("other slots").
-        reason: Why the attempt failed; empty for a success.
-        failures: Conditions that failed a clause of the certificate.
-    """
-
-    change: str
-    reason: str
-    failures: tuple[Failure, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

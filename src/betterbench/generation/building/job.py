@@ -11,18 +11,23 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter
+from pydantic import TypeAdapter
 
-from betterbench.certification.certificate import Certificate, CertificateVersions, TrialCertificate
+from betterbench.certification.certificate import Certificate, CertificateVersions
 from betterbench.certification.runner import write_json
 from betterbench.errors import InvalidInputError
-from betterbench.generation.building.attempts import Attempt, Built, Settings, build_task
-from betterbench.generation.building.proving import Failure
+from betterbench.generation.building.attempts import Built, build_task
+from betterbench.generation.building.result import (
+    BuildReport,
+    ChosenAsset,
+    Result,
+    Settings,
+    UnbuiltVariation,
+)
 from betterbench.generation.scenario import Scenario
 from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
-from betterbench.json_form import NO_TRUTH, dump_json, read_bounded, read_form, strict_form
+from betterbench.json_form import dump_json, read_bounded, read_form
 from betterbench.sim.assets import categories
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
@@ -31,7 +36,7 @@ from betterbench.sim.assets.catalogue.sources.procedural import NAME
 from betterbench.sim.assets.catalogue.sources.source import SourceOptions
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, suite_files, task_names, task_to_json
-from betterbench.tasks.demonstrated import Demonstrated, DemonstrationsFile
+from betterbench.tasks.demonstrated import DemonstrationsFile
 from betterbench.tasks.user_files import COMPANION_SUFFIX
 from betterbench.version import __version__
 
@@ -43,79 +48,7 @@ _LONGEST_ID = 40
 _CURE = "Remove the file, and run the same command again"
 
 
-@strict_form
-@dataclass(frozen=True, slots=True)
-class _Chosen:
-    group: str
-    description: str
-    query: str
-    asset: str
-    score: float
-    passed_over: tuple[str, ...]
-
-
-@strict_form
-@dataclass(frozen=True, slots=True)
-class _Unbuilt:
-    axis: str
-    title: str
-    reason: str
-
-
-@strict_form
-@dataclass(frozen=True, slots=True)
-class Result:
-    """Stored result of a scenario.
-
-    Attributes:
-        key: Digest of the scenario, the settings and the versions.
-        task_id: Identifier of the task.
-        template: Name of the template.
-        title: Name of the scenario.
-        attempts: All attempts, with the reasons of failures.
-        left_out: Variations that failed their certificate.
-        unbuilt: Variations that the pattern could not derive.
-        confounds: Regularities of the training conditions.
-        chosen: Assets, with their search scores.
-        task: JSON form of the task; None if no attempt succeeded.
-        demonstrated: Measurements of its demonstrations.
-        trials: Certificates of its trials.
-    """
-
-    schema_version: Annotated[int, NO_TRUTH, Field(ge=1, le=1)]
-    key: str
-    task_id: str
-    template: str
-    title: str
-    attempts: tuple[Attempt, ...]
-    left_out: tuple[Failure, ...]
-    unbuilt: tuple[_Unbuilt, ...]
-    confounds: tuple[str, ...]
-    chosen: tuple[_Chosen, ...]
-    task: dict[str, Any] | None
-    demonstrated: Demonstrated | None
-    trials: tuple[TrialCertificate, ...]
-
-    @property
-    def certified(self) -> bool:
-        """Whether the task is part of the suite."""
-        return self.task is not None
-
-
 _RESULT = TypeAdapter(Result)
-
-
-@dataclass(frozen=True, slots=True)
-class BuildReport:
-    """Outcome of a build.
-
-    Attributes:
-        results: One result for each scenario, in order.
-        suite: Folder of the suite; None if no task was certified.
-    """
-
-    results: tuple[Result, ...]
-    suite: Path | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,10 +132,10 @@ def _result(built: Built, key: str) -> Result:
         title=built.scenario.name,
         attempts=built.attempts,
         left_out=built.left_out,
-        unbuilt=() if made is None else tuple(_Unbuilt(u.axis, u.title, u.reason) for u in made.unbuilt),
+        unbuilt=() if made is None else tuple(UnbuiltVariation(u.axis, u.title, u.reason) for u in made.unbuilt),
         confounds=() if made is None else made.confounds,
         chosen=tuple(
-            _Chosen(c.group, c.described.description, c.described.asset_query, c.entry.id, c.score, c.passed_over)
+            ChosenAsset(c.group, c.described.description, c.described.asset_query, c.entry.id, c.score, c.passed_over)
             for c in built.choices
         ),
         task=None if made is None else task_to_json(made.task),

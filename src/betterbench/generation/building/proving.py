@@ -11,31 +11,13 @@ from typing import TypeVar
 from betterbench.certification.certificate import CLAUSES, TrialCertificate
 from betterbench.certification.demonstrations import demonstrate, planned_demonstrations, summed_up
 from betterbench.certification.examine import examine
+from betterbench.generation.building.result import Failure
 from betterbench.tasks import Task, TrialId
 from betterbench.tasks.authoring.registry import registered_for_now
 from betterbench.tasks.demonstrated import Demonstrated, measured_so_far
 from betterbench.tasks.interventions import resolve_condition
 
 _FoundT = TypeVar("_FoundT")
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """Condition of a task that fails a clause of the certificate.
-
-    Attributes:
-        condition: Name of the condition.
-        seeds: Seeds that fail.
-        clause: Letter of the first failed clause.
-        meaning: What the clause requires.
-        text: Finding on the first seed.
-    """
-
-    condition: str
-    seeds: tuple[int, ...]
-    clause: str
-    meaning: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from betterbench.diagnosis.measures.power_matrix import PowerMatrix
-from betterbench.generation.building.attempts import Settings
-from betterbench.generation.building.job import BuildReport
+from betterbench.generation.building.result import BuildReport, Settings
 from betterbench.report.html import environment, write
 
 

@@ -1,0 +1,136 @@
+"""Results of a build, as they are stored and shown. Reading them starts no simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from betterbench.certification.certificate import TrialCertificate
+from betterbench.json_form import NO_TRUTH, strict_form
+from betterbench.tasks.demonstrated import Demonstrated
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Settings of a build.
+
+    Attributes:
+        seeds: Seeds of each condition that are certified, from 0.
+        demonstrations: Demonstrations that are measured; at least one for each training condition.
+    """
+
+    seeds: int = 3
+    demonstrations: int = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Condition of a task that fails a clause of the certificate.
+
+    Attributes:
+        condition: Name of the condition.
+        seeds: Seeds that fail.
+        clause: Letter of the first failed clause.
+        meaning: What the clause requires.
+        text: Finding on the first seed.
+    """
+
+    condition: str
+    seeds: tuple[int, ...]
+    clause: str
+    meaning: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One attempt at a task.
+
+    Attributes:
+        change: Difference from the description ("other slots").
+        reason: Why the attempt failed; empty for a success.
+        failures: Conditions that failed a clause of the certificate.
+    """
+
+    change: str
+    reason: str
+    failures: tuple[Failure, ...] = ()
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class ChosenAsset:
+    """Asset of a description, with its search score and the better results that did not suit."""
+
+    group: str
+    description: str
+    query: str
+    asset: str
+    score: float
+    passed_over: tuple[str, ...]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class UnbuiltVariation:
+    """Variation that the pattern could not derive."""
+
+    axis: str
+    title: str
+    reason: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Result:
+    """Stored result of a scenario.
+
+    Attributes:
+        key: Digest of the scenario, the settings and the versions.
+        task_id: Identifier of the task.
+        template: Name of the template.
+        title: Name of the scenario.
+        attempts: All attempts, with the reasons of failures.
+        left_out: Variations that failed their certificate.
+        unbuilt: Variations that the pattern could not derive.
+        confounds: Regularities of the training conditions.
+        chosen: Assets, with their search scores.
+        task: JSON form of the task; None if no attempt succeeded.
+        demonstrated: Measurements of its demonstrations.
+        trials: Certificates of its trials.
+    """
+
+    schema_version: Annotated[int, NO_TRUTH, Field(ge=1, le=1)]
+    key: str
+    task_id: str
+    template: str
+    title: str
+    attempts: tuple[Attempt, ...]
+    left_out: tuple[Failure, ...]
+    unbuilt: tuple[UnbuiltVariation, ...]
+    confounds: tuple[str, ...]
+    chosen: tuple[ChosenAsset, ...]
+    task: dict[str, Any] | None
+    demonstrated: Demonstrated | None
+    trials: tuple[TrialCertificate, ...]
+
+    @property
+    def certified(self) -> bool:
+        """Whether the task is part of the suite."""
+        return self.task is not None
+
+
+@dataclass(frozen=True, slots=True)
+class BuildReport:
+    """Outcome of a build.
+
+    Attributes:
+        results: One result for each scenario, in order.
+        suite: Folder of the suite; None if no task was certified.
+    """
+
+    results: tuple[Result, ...]
+    suite: Path | None
