@@ -1,6 +1,4 @@
-"""From a sentence to a certified task.
+"""Generation: tasks made from descriptions instead of written by hand.
 
-- ``scenario``: a template filled in: name, instruction, context, and per group the described objects.
-- ``cast``: a scenario with an object of the library for each description.
-- ``patterns``: one file per template, which turns a cast into a task with training conditions and variations.
+- ``better_release``: import and audit of tasks in the format of the BeTTER release.
 """

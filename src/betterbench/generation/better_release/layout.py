@@ -1,0 +1,237 @@
+"""Start positions of the release on our table.
+
+Both world frames have the robot base at the origin, x away from it and y to the left, so positions are taken over as they
+are. Positions that are within 2.5 cm of each other become one slot. A slot is then moved as little as needed so that it is
+in reach and in the view of the front camera, and so that objects of a scene do not overlap with the sizes of our assets;
+the order of any two objects of a scene from left to right and from near to far is kept.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from betterbench.generation.better_release.matching import Match
+from betterbench.generation.better_release.resolved import Resolved
+from betterbench.geometry import normalize, yaw_of
+from betterbench.tasks import Slot, get_task, suite_tasks
+
+SAME_SLOT_M = 0.025
+"""Largest distance of two positions that count as one slot [m]: a jitter of 15 mm and the precision of a placement by
+hand."""
+SAME_YAW_RAD = 0.3
+"""Largest difference of headings in one slot, for objects that are not round [rad]."""
+JITTER_M, TARGET_JITTER_M = 0.01, 0.005
+"""Jitter of slots, and of slots of targets [m]."""
+GAP_M = 0.04
+"""Free distance between two objects [m]: room for a finger and for the jitter of both."""
+NEAR_X_M, FAR_X_M = 0.36, 0.69
+"""Distances from the robot base [m] between which the suite has its slots for grasps."""
+FAR_TARGET_X_M = 0.60
+"""Largest distance of the center of a target from the robot base [m]."""
+SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
+"""The front camera shows |y| up to 0.36 - 0.19 x [m] with the margin of 8 mm, at all jitters of the camera and with 1 cm
+for the jitter of the slot; a test compares this with the camera."""
+_ROUND = ("round", "cylinder")
+_ORDERED_M, _KEPT_M = 0.02, 0.004
+_ROUNDS, _SPRING_ROUNDS = 900, 600
+
+
+def beyond_workspace_m(x: float, y: float) -> float:
+    """Return the distance of a position from the part of our table that is in reach and in view [m], 0 inside."""
+    inside_x = min(max(x, NEAR_X_M), FAR_X_M)
+    limit = SEEN_AT_0_M - SEEN_SLOPE * inside_x
+    inside_y = min(max(y, -limit), limit)
+    return math.hypot(x - inside_x, y - inside_y)
+
+
+@dataclass
+class _Cluster:
+    """Positions that become one slot."""
+
+    name: str
+    x: float
+    y: float
+    yaw: float
+    is_target: bool
+    half_x: float = 0.0
+    half_y: float = 0.0
+    users: list[tuple[str, str]] = field(default_factory=list)
+
+    def take_in(self, variation: str, name: str, match: Match) -> None:
+        """Add an object of a variation, and make room for it."""
+        half_x, half_y = _half_extents(match, self.yaw)
+        self.half_x, self.half_y = max(self.half_x, half_x), max(self.half_y, half_y)
+        self.users.append((variation, name))
+
+
+@dataclass(frozen=True)
+class PlacedSlots:
+    """Slots of a task.
+
+    Attributes:
+        slots: The slots by name.
+        of: Slot name by variation and object.
+        moved_m: Distance of each slot from its position in the release [m].
+        crowded: Pairs of slots used in one scene that could not be separated, with the missing distance [m].
+    """
+
+    slots: Mapping[str, Slot]
+    of: Mapping[tuple[str, str], str]
+    moved_m: Mapping[str, float]
+    crowded: tuple[tuple[str, str, float], ...]
+
+
+def place_slots(
+    variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
+) -> PlacedSlots:
+    """Return the slots for some variations.
+
+    Args:
+        variations: The variations, training variations first.
+        present: Objects by variation that start in a slot.
+        matches: Matched assets by object.
+    """
+    clusters: list[_Cluster] = []
+    first_yaw: dict[str, float] = {}
+    for variation in variations:
+        for name in present[variation.name]:
+            pose, match = variation.poses[name], matches[name]
+            turn = yaw_of(normalize(pose.rotation))
+            yaw = math.remainder(turn - first_yaw.setdefault(name, turn), math.tau)
+            is_target = name == variation.container
+            yaw = 0.0 if match.asset.shape in _ROUND and not is_target else yaw
+            yaw += _usual_yaw(match.category) if is_target else 0.0
+            x, y, _ = pose.position
+            cluster = _same_slot(clusters, variation.name, (x, y, yaw), is_target=is_target)
+            if cluster is None:
+                kind = "stand" if is_target else "slot"
+                number = 1 + sum(c.is_target == is_target for c in clusters)
+                cluster = _Cluster(f"{kind}_{number}", x, y, yaw, is_target)
+                clusters.append(cluster)
+            cluster.take_in(variation.name, name, match)
+    found, crowded = _separated(clusters)
+    return PlacedSlots(
+        slots={
+            c.name: Slot(
+                c.name,
+                round(float(x), 4),
+                round(float(y), 4),
+                round(c.yaw, 4),
+                jitter_m=TARGET_JITTER_M if c.is_target else JITTER_M,
+                yaw_jitter=0.03 if c.is_target else 0.15,
+            )
+            for c, (x, y) in zip(clusters, found, strict=True)
+        },
+        of={user: c.name for c in clusters for user in c.users},
+        moved_m={
+            c.name: round(math.dist((c.x, c.y), (x, y)), 4) for c, (x, y) in zip(clusters, found, strict=True)
+        },
+        crowded=crowded,
+    )
+
+
+def _same_slot(
+    clusters: Iterable[_Cluster], variation: str, place: tuple[float, float, float], *, is_target: bool
+) -> _Cluster | None:
+    """Return the nearest cluster of a position that no other object of the variation uses."""
+    x, y, yaw = place
+    near = [
+        c
+        for c in clusters
+        if c.is_target == is_target
+        and math.dist((c.x, c.y), (x, y)) <= SAME_SLOT_M
+        and abs(math.remainder(c.yaw - yaw, math.tau)) <= SAME_YAW_RAD
+        and all(variation != other for other, _ in c.users)
+    ]
+    return min(near, key=lambda c: math.dist((c.x, c.y), (x, y)), default=None)
+
+
+@functools.cache
+def _usual_yaw(category: str) -> float:
+    """Return the heading with which the suite sets up targets of a category [rad], 0 if it has none."""
+    yaws = Counter(
+        task.slot(condition.layout[spec.name]).yaw
+        for task in map(get_task, suite_tasks("better60"))
+        for condition in task.training
+        for spec in condition.objects
+        if spec.category == category and spec.name in condition.layout
+    )
+    return yaws.most_common(1)[0][0] if yaws else 0.0
+
+
+def _half_extents(match: Match, yaw: float) -> tuple[float, float]:
+    half_x, half_y = 0.5 * match.asset.size_m[0], 0.5 * match.asset.size_m[1]
+    c, s = abs(math.cos(yaw)), abs(math.sin(yaw))
+    return c * half_x + s * half_y, s * half_x + c * half_y
+
+
+def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, str, float], ...]]:
+    """Return positions (n, 2) of the clusters [m] without overlaps, and the pairs that still overlap."""
+    wished = np.array([(c.x, c.y) for c in clusters]).reshape(-1, 2)
+    places = wished.copy()
+    pairs = _together(clusters)
+    for number in range(_ROUNDS):
+        if number < _SPRING_ROUNDS:
+            places += 0.05 * (wished - places)
+        for i, j in pairs:
+            _push_apart(places, wished, clusters, i, j)
+            _keep_order(places, wished, i, j)
+        for i, c in enumerate(clusters):
+            places[i] = _inside(c, *places[i])
+    crowded = []
+    for i, j in pairs:
+        missing = min(_overlaps(places, clusters, i, j))
+        if missing > GAP_M + 1e-3:  # the objects themselves overlap
+            crowded.append((clusters[i].name, clusters[j].name, round(float(missing - GAP_M), 4)))
+    return places, tuple(crowded)
+
+
+def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
+    """Return the pairs of slots that one scene uses."""
+    scenes = [{variation for variation, _ in c.users} for c in clusters]
+    return [(i, j) for i in range(len(clusters)) for j in range(i + 1, len(clusters)) if scenes[i] & scenes[j]]
+
+
+def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
+    """Return how much two slots lack of the free distance along x and y [m]; negative where they have more."""
+    a, b = clusters[i], clusters[j]
+    apart = np.abs(places[i] - places[j])
+    return a.half_x + b.half_x + GAP_M - float(apart[0]), a.half_y + b.half_y + GAP_M - float(apart[1])
+
+
+def _push_apart(places: np.ndarray, wished: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> None:
+    lacks = _overlaps(places, clusters, i, j)
+    if min(lacks) <= 0.0:
+        return
+    axis = int(lacks[1] <= lacks[0])
+    toward = 1.0 if wished[i, axis] >= wished[j, axis] else -1.0
+    # a target moves less than the objects around it
+    share = 0.5 if clusters[i].is_target == clusters[j].is_target else 0.1 if clusters[i].is_target else 0.9
+    places[i, axis] += toward * share * lacks[axis]
+    places[j, axis] -= toward * (1.0 - share) * lacks[axis]
+
+
+def _keep_order(places: np.ndarray, wished: np.ndarray, i: int, j: int) -> None:
+    for axis in (0, 1):
+        apart = wished[i, axis] - wished[j, axis]
+        if abs(apart) <= _ORDERED_M:
+            continue
+        toward = math.copysign(1.0, apart)
+        lack = _KEPT_M - toward * (places[i, axis] - places[j, axis])
+        if lack > 0.0:
+            places[i, axis] += 0.5 * toward * lack
+            places[j, axis] -= 0.5 * toward * lack
+
+
+def _inside(cluster: _Cluster, x: float, y: float) -> tuple[float, float]:
+    """Return the nearest position inside the workspace."""
+    far = FAR_TARGET_X_M if cluster.is_target else FAR_X_M
+    x = min(max(x, NEAR_X_M), far)
+    limit = max(0.0, SEEN_AT_0_M - SEEN_SLOPE * x - (0.5 * cluster.half_y if cluster.is_target else 0.0))
+    return x, min(max(y, -limit), limit)
