@@ -93,6 +93,7 @@ VERBS: dict[str, Verb] = {
     "review": Verb("review:review_command", "Review imported meshes in the browser."),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
+    "import-better": Verb("import_better:import_better_command", "Import and audit tasks of the BeTTER release."),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),

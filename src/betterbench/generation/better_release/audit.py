@@ -392,8 +392,8 @@ class _Auditor:
             yield Finding(variation.name, "names_no_goal", text, {"goals": len(goals)}, tuple(present))
         elif noun.every and len(wanted) < len(present):
             more = [name for name in present if name not in goals]
-            kinds = ", ".join(self._with_group(variation, name) for name in more)
-            text = f"{said} in general, which covers {kinds}; the goals are: {shown}."
+            kinds = " and ".join(self._with_group(variation, name) for name in more)
+            text = f"“{variation.instruction}” covers every {noun.text}, also {kinds}; the goals are: {shown}."
             numbers = {"covered": len(present), "goals": len(wanted)}
             yield Finding(variation.name, "names_more", text, numbers, tuple(more))
         elif len(wanted) < len(present):
@@ -403,9 +403,8 @@ class _Auditor:
 
     def _with_group(self, variation: Resolved, name: str) -> str:
         group = next((g for g in GROUPS if name in variation.groups[g]), None)
-        if group == "fail":
-            return f"the {self.noun(name)}, a fail object,"
-        return f"the {self.noun(name)} in {'no group' if group is None else f'the {group} group'}"
+        where = "no group" if group is None else f"{group} group"
+        return f"the {self.lexicon.noun(name)} ({name}, {where})"
 
     def _targets(self, variation: Resolved, sentence: Sentence, there: set[str]) -> Iterator[Finding]:
         goals, targets = set(variation.goals), {p.target_id for p in variation.success}

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.generation.better_release.files import ReleaseInstance, ReleaseTask
 from betterbench.generation.better_release.sentence import classes_of, color_of, nouns_of
 from betterbench.sim.assets import Asset, build, categories, colors, looks
+from betterbench.sim.assets.catalogue.encoders import TextEncoder, open_encoder
+from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
+from betterbench.sim.assets.catalogue.sources import open_source
+from betterbench.sim.assets.catalogue.sources.source import SourceOptions
 from betterbench.sim.assets.catalogue.terms import terms
 
 SOURCE = "procedural"
@@ -47,6 +54,31 @@ class Match:
     def is_stand_in(self) -> bool:
         """Whether the asset may look like an object with another noun."""
         return self.how in ("search", "class")
+
+
+@contextmanager
+def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
+    """Open a catalogue of the library; without the encoder of meaning, it is searched by words only.
+
+    Args:
+        folder: Folder of an existing catalogue; None to index the built-in generators into a temporary one.
+    """
+    try:
+        encoder: TextEncoder | None = open_encoder()
+    except MissingDependencyError:
+        encoder = None
+
+    def opened(_: str) -> TextEncoder:
+        if encoder is None:
+            raise AssertionError("a catalogue without an encoder has no vectors")
+        return encoder
+
+    with ExitStack() as stack:
+        if folder is None:
+            folder = Path(stack.enter_context(TemporaryDirectory(prefix="betterbench-")))
+            source = open_source(SOURCE, SourceOptions())
+            index_sources(folder, [source], encoder=encoder, on_progress=lambda _stage, _done, _total: None)
+        yield stack.enter_context(Catalogue(folder, encoder=None if encoder is None else opened))
 
 
 def match_instances(
