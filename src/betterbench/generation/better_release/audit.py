@@ -55,6 +55,7 @@ CODES: Mapping[str, str] = {
     "not_represented": "The variation cannot be represented in our form.",
     "left_out": "An object of the scene is left out in our form.",
     "no_counterpart": "A predicate has no counterpart in our relations.",
+    "hidden": "In our scene, the target hides a goal object from the front camera.",
     "stand_in": "An object is represented by an asset with another name.",
 }
 """Codes of findings, each with its meaning."""
@@ -62,7 +63,7 @@ CODES: Mapping[str, str] = {
 REMARKS = frozenset(
     (
         *("in_no_group", "undecided", "fail_predicates_removed", "outside_our_table", "group_size", "no_effect"),
-        *("template_boolean", "disabled", "not_represented", "left_out", "no_counterpart", "stand_in"),
+        *("template_boolean", "disabled", "not_represented", "left_out", "no_counterpart", "hidden", "stand_in"),
     )
 )
 """Codes that concern the import or the form of the files, or that are open; all others are faults of the task."""
@@ -444,6 +445,10 @@ class _Auditor:
         shown = self.built.variations[variation.name]
         if shown.name is None and variation.enabled:
             yield Finding(variation.name, "not_represented", f"{'; '.join(shown.reasons)}.".capitalize())
+        for name in variation.goals:
+            if shown.name is not None and (variation.name, name) in self.built.slots.hidden:
+                text = f"The {self.noun(variation.container)} hides the {self.noun(name)} from our front camera."
+                yield Finding(variation.name, "hidden", text, {}, (name, variation.container))
         for name, reason in shown.left_out.items():
             yield Finding(variation.name, "left_out", f"The {self.noun(name)} is left out: {reason}.", {}, (name,))
         for predicate in shown.predicates:

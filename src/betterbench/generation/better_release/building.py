@@ -53,7 +53,7 @@ _HYPOTHESES = {
     Axis.TEMPORAL_EXTRAPOLATION: "What is done already is seen, and known steps go on from there.",
 }
 
-_NAMES_IN_TITLE = 3
+_NAMES_IN_TITLE = 2
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class _Maker:
         self.specs = {name: self._spec(name) for name in task.instances if name in matches}
         self.left_out = {name: self._left_out(v) for name, v in resolved.items()}
         self.rests = {name: self._at_rest(v) for name, v in resolved.items()}
-        self.slots = place_slots(resolved.values(), self.rests, matches)
+        self.slots = place_slots(list(resolved.values()), self.rests, matches)
 
     def build(self) -> Built:
         made: dict[str, Represented] = {}
@@ -330,11 +330,10 @@ class _Maker:
         axis = axis_of(ways[base])
         number = 1 + sum(v.axis is axis for v in before)
         said = tuple(_said(operation) for operation in ways[base])
-        more = f" and {len(said) - _NAMES_IN_TITLE} more" if len(said) > _NAMES_IN_TITLE else ""
         found = Variation(
             f"{axis.letter}{number}",
             ways[base],
-            title=f"{variation.name}: {', '.join(said[:_NAMES_IN_TITLE])}{more}",
+            title=f"{variation.name}: {_title(ways[base])}",
             hypothesis=_HYPOTHESES[axis],
             base=base,
             mid_task_look=bool(wanted.preplaced),
@@ -439,6 +438,15 @@ def axis_of(operations: Sequence[Operation]) -> Axis:
     if names & {"preplace", "repeat", "chain", "draw_out"}:
         return Axis.TEMPORAL_EXTRAPOLATION
     return Axis.SPATIAL_LAYOUT_SHIFT if names & {"swap", "move"} else Axis.PRIMITIVE_RECOMPOSITION
+
+
+def _title(operations: Sequence[Operation]) -> str:
+    """Return operations in a few words; many moves are counted."""
+    moves = [operation for operation in operations if operation.name in ("move", "swap")]
+    others = [_said(operation) for operation in operations if operation not in moves]
+    count = sum(1 if operation.name == "move" else 2 for operation in moves)
+    said = [f"{count} objects moved"] if len(moves) > _NAMES_IN_TITLE else [_said(operation) for operation in moves]
+    return ", ".join((*said, *others))
 
 
 def _said(operation: Operation) -> str:

@@ -3,7 +3,8 @@
 Both world frames have the robot base at the origin, x away from it and y to the left, so positions are taken over as they
 are. Positions that are within 2.5 cm of each other become one slot. A slot is then moved as little as needed so that it is
 in reach and in the view of the front camera, and so that objects of a scene do not overlap with the sizes of our assets;
-the order of any two objects of a scene from left to right and from near to far is kept.
+the order of any two objects of a scene from left to right and from near to far is kept. Headings are not taken over,
+because our assets have other axes: each slot has a heading at which the gripper is free to open.
 """
 
 from __future__ import annotations
@@ -11,25 +12,26 @@ from __future__ import annotations
 import functools
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from betterbench.generation.better_release.matching import Match
 from betterbench.generation.better_release.resolved import Resolved
-from betterbench.geometry import normalize, yaw_of
+from betterbench.geometry import Pose, Vector, from_yaw, rotate
+from betterbench.sim.assets import CollisionPart
 from betterbench.tasks import Slot, get_task, suite_tasks
 
 SAME_SLOT_M = 0.025
 """Largest distance of two positions that count as one slot [m]: a jitter of 15 mm and the precision of a placement by
 hand."""
-SAME_YAW_RAD = 0.3
-"""Largest difference of headings in one slot, for objects that are not round [rad]."""
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
 """Jitter of slots, and of slots of targets [m]."""
 GAP_M = 0.04
 """Free distance between two objects [m]: room for a finger and for the jitter of both."""
+TARGET_GAP_M = 0.05
+"""Free distance between an object and a target [m]: room for a finger and the palm beside the wall of a container."""
 NEAR_X_M, FAR_X_M = 0.36, 0.69
 """Distances from the robot base [m] between which the suite has its slots for grasps."""
 FAR_TARGET_X_M = 0.60
@@ -37,9 +39,12 @@ FAR_TARGET_X_M = 0.60
 SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
 """The front camera shows |y| up to 0.36 - 0.19 x [m] with the margin of 8 mm, at all jitters of the camera and with 1 cm
 for the jitter of the slot; a test compares this with the camera."""
-_ROUND = ("round", "cylinder")
+FRONT_CAMERA_M = (1.45, 0.0, 0.95)
+"""Position of the front camera, world frame [m]; a test compares it with the scene."""
+_QUARTERS = (0.0, math.pi / 2, -math.pi / 2, math.pi)
 _ORDERED_M, _KEPT_M = 0.02, 0.004
 _ROUNDS, _SPRING_ROUNDS = 900, 600
+_TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
@@ -66,6 +71,8 @@ class _Cluster:
     def take_in(self, variation: str, name: str, match: Match) -> None:
         """Add an object of a variation, and make room for it."""
         half_x, half_y = _half_extents(match, self.yaw)
+        if not self.is_target:  # its heading is not known yet
+            half_x = half_y = max(half_x, half_y)
         self.half_x, self.half_y = max(self.half_x, half_x), max(self.half_y, half_y)
         self.users.append((variation, name))
 
@@ -79,16 +86,18 @@ class PlacedSlots:
         of: Slot name by variation and object.
         moved_m: Distance of each slot from its position in the release [m].
         crowded: Pairs of slots used in one scene that could not be separated, with the missing distance [m].
+        hidden: Objects by variation whose middle the target hides from the front camera.
     """
 
     slots: Mapping[str, Slot]
     of: Mapping[tuple[str, str], str]
     moved_m: Mapping[str, float]
     crowded: tuple[tuple[str, str, float], ...]
+    hidden: frozenset[tuple[str, str]]
 
 
 def place_slots(
-    variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
+    variations: Sequence[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
 ) -> PlacedSlots:
     """Return the slots for some variations.
 
@@ -98,58 +107,112 @@ def place_slots(
         matches: Matched assets by object.
     """
     clusters: list[_Cluster] = []
-    first_yaw: dict[str, float] = {}
+    target_yaw = {name: _open_yaw(name, variations, present, matches) for name in {v.container for v in variations}}
     for variation in variations:
         for name in present[variation.name]:
-            pose, match = variation.poses[name], matches[name]
-            turn = yaw_of(normalize(pose.rotation))
-            yaw = math.remainder(turn - first_yaw.setdefault(name, turn), math.tau)
             is_target = name == variation.container
-            yaw = 0.0 if match.asset.shape in _ROUND and not is_target else yaw
-            yaw += _usual_yaw(match.category) if is_target else 0.0
-            x, y, _ = pose.position
-            cluster = _same_slot(clusters, variation.name, (x, y, yaw), is_target=is_target)
+            x, y, _ = variation.poses[name].position
+            cluster = _same_slot(clusters, variation.name, (x, y), is_target=is_target)
             if cluster is None:
                 kind = "stand" if is_target else "slot"
                 number = 1 + sum(c.is_target == is_target for c in clusters)
-                cluster = _Cluster(f"{kind}_{number}", x, y, yaw, is_target)
+                cluster = _Cluster(f"{kind}_{number}", x, y, target_yaw[name] if is_target else 0.0, is_target)
                 clusters.append(cluster)
-            cluster.take_in(variation.name, name, match)
+            cluster.take_in(variation.name, name, matches[name])
     found, crowded = _separated(clusters)
+    slots = {
+
+        c.name: Slot(
+            c.name,
+            round(float(x), 4),
+            round(float(y), 4),
+            round(c.yaw if c.is_target else _free_yaw(i, clusters, found, matches), 4),
+            jitter_m=TARGET_JITTER_M if c.is_target else JITTER_M,
+            yaw_jitter=0.03 if c.is_target else 0.15,
+        )
+        for i, (c, (x, y)) in enumerate(zip(clusters, found, strict=True))
+    }
+    of = {user: c.name for c in clusters for user in c.users}
+    hidden = {
+        (v.name, name)
+        for v in variations
+        for name in present[v.name]
+        if name != v.container and (v.name, v.container) in of
+        if _hides(matches[v.container], slots[of[v.name, v.container]], matches[name], slots[of[v.name, name]])
+    }
     return PlacedSlots(
-        slots={
-            c.name: Slot(
-                c.name,
-                round(float(x), 4),
-                round(float(y), 4),
-                round(c.yaw, 4),
-                jitter_m=TARGET_JITTER_M if c.is_target else JITTER_M,
-                yaw_jitter=0.03 if c.is_target else 0.15,
-            )
-            for c, (x, y) in zip(clusters, found, strict=True)
-        },
-        of={user: c.name for c in clusters for user in c.users},
+        slots=slots,
+        of=of,
         moved_m={
             c.name: round(math.dist((c.x, c.y), (x, y)), 4) for c, (x, y) in zip(clusters, found, strict=True)
         },
         crowded=crowded,
+        hidden=frozenset(hidden),
     )
 
 
 def _same_slot(
-    clusters: Iterable[_Cluster], variation: str, place: tuple[float, float, float], *, is_target: bool
+    clusters: Iterable[_Cluster], variation: str, place: tuple[float, float], *, is_target: bool
 ) -> _Cluster | None:
     """Return the nearest cluster of a position that no other object of the variation uses."""
-    x, y, yaw = place
     near = [
         c
         for c in clusters
         if c.is_target == is_target
-        and math.dist((c.x, c.y), (x, y)) <= SAME_SLOT_M
-        and abs(math.remainder(c.yaw - yaw, math.tau)) <= SAME_YAW_RAD
+        and math.dist((c.x, c.y), place) <= SAME_SLOT_M
         and all(variation != other for other, _ in c.users)
     ]
-    return min(near, key=lambda c: math.dist((c.x, c.y), (x, y)), default=None)
+    return min(near, key=lambda c: math.dist((c.x, c.y), place), default=None)
+
+
+def _open_yaw(
+    name: str, variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
+) -> float:
+    """Return a heading of a target that hides few goal objects; the heading in the suite is preferred [rad]."""
+    if name not in matches:
+        return 0.0
+    usual = _usual_yaw(matches[name].category)
+
+    def hidden(turn: float) -> int:
+        count = 0
+        for v in variations:
+            if v.container == name and name in present[v.name]:
+                stand = Slot("stand", *v.poses[name].position[:2], usual + turn)
+                others = [one for one in v.goals if one in present[v.name] and one != name]
+                places = (Slot("slot", *v.poses[one].position[:2]) for one in others)
+                pairs = zip(others, places, strict=True)
+                count += sum(_hides(matches[name], stand, matches[one], place) for one, place in pairs)
+        return count
+
+    return math.remainder(usual + min(_QUARTERS, key=hidden), math.tau)
+
+
+def _hides(target: Match, stand: Slot, match: Match, place: Slot) -> bool:
+    """Return whether a target is between the front camera and the middle of an object.
+
+    The collision shapes of the target are replaced by their boxes.
+    """
+    frame = Pose((stand.x, stand.y, 0.0), from_yaw(stand.yaw)).inverse()
+    eye, middle = frame.apply(FRONT_CAMERA_M), frame.apply((place.x, place.y, 0.5 * match.asset.size_m[2]))
+    return any(_crosses(part, eye, middle) for part in target.asset.collision)
+
+
+def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
+    """Return whether a straight line meets the box of a collision shape, all in the frame of its asset."""
+    center, half = np.zeros(3), np.asarray(part.size)
+    if part.shape == "hull" and part.vertices is not None:
+        low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
+        center, half = 0.5 * (low + high), 0.5 * (high - low)
+    elif part.shape in ("cylinder", "capsule"):
+        half = np.array([part.size[0], part.size[0], part.size[1]])
+    elif part.shape == "sphere":
+        half = np.full(3, part.size[0])
+    frame = Pose(part.position, part.quaternion).inverse()
+    a, b = np.asarray(frame.apply(start)) - center, np.asarray(frame.apply(end)) - center
+    way = np.where(np.abs(b - a) < _TINY, _TINY, b - a)
+    one, other = (-half - a) / way, (half - a) / way
+    enters, leaves = float(np.minimum(one, other).max()), float(np.maximum(one, other).min())
+    return max(enters, 0.0) <= min(leaves, 1.0)
 
 
 @functools.cache
@@ -186,10 +249,24 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
             places[i] = _inside(c, *places[i])
     crowded = []
     for i, j in pairs:
-        missing = min(_overlaps(places, clusters, i, j))
-        if missing > GAP_M + 1e-3:  # the objects themselves overlap
-            crowded.append((clusters[i].name, clusters[j].name, round(float(missing - GAP_M), 4)))
+        missing = min(_overlaps(places, clusters, i, j)) - _gap_m(clusters[i], clusters[j])
+        if missing > _ROUNDING_M:  # the objects themselves overlap
+            crowded.append((clusters[i].name, clusters[j].name, round(missing, 4)))
     return places, tuple(crowded)
+
+
+def _free_yaw(i: int, clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]) -> float:
+    """Return a heading for a slot at which the gripper opens along the nearest wall of a target, not toward it [rad]."""
+    grasps = next((matches[name].asset.grasps for _, name in clusters[i].users if matches[name].asset.grasps), ())
+    targets = [j for a, j in _together(clusters) if a == i and clusters[j].is_target]
+    targets += [a for a, j in _together(clusters) if j == i and clusters[a].is_target]
+    if not grasps or not targets:
+        return 0.0
+    opens = rotate(min(grasps, key=lambda g: g.preference).pose.quaternion, (0.0, 1.0, 0.0))
+    free = [np.abs(places[i] - places[j]) - (clusters[j].half_x, clusters[j].half_y) for j in targets]
+    beside = min(free, key=max)
+    wanted = 0.0 if beside[1] > beside[0] else 0.5 * math.pi
+    return math.remainder(wanted - math.atan2(opens[1], opens[0]), math.pi)
 
 
 def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
@@ -201,8 +278,12 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
     """Return how much two slots lack of the free distance along x and y [m]; negative where they have more."""
     a, b = clusters[i], clusters[j]
-    apart = np.abs(places[i] - places[j])
-    return a.half_x + b.half_x + GAP_M - float(apart[0]), a.half_y + b.half_y + GAP_M - float(apart[1])
+    apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
+    return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])
+
+
+def _gap_m(a: _Cluster, b: _Cluster) -> float:
+    return GAP_M if a.is_target == b.is_target else TARGET_GAP_M
 
 
 def _push_apart(places: np.ndarray, wished: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> None:
