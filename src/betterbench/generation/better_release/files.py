@@ -28,9 +28,8 @@ BASE = "BASE"
 MOST_VARIATIONS = 200
 """Largest number of variations of a task."""
 
-_CURE = (
-    "Correct the file, or restore it from the release; quote the words on, off, yes and no, which YAML reads as booleans"
-)
+_CURE = "Correct the file, or restore it from the release"
+_QUOTE = "Quote the words on, off, yes and no, which YAML reads as booleans"
 
 FormT = TypeVar("FormT")
 
@@ -319,7 +318,13 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
     def read(adapter: TypeAdapter[FormT], *parts: str) -> FormT:
         file = folder.joinpath(*parts)
         require_inside(file, folder)
-        return read_form(adapter, read_yaml(file), where=str(file), cure=_CURE)
+        form = read_yaml(file)
+        try:
+            return read_form(adapter, form, where=str(file), cure=_CURE)
+        except InvalidInputError as error:
+            if error.problem.endswith(("not True", "not False")):
+                raise InvalidInputError(error.where, error.problem, _QUOTE) from error
+            raise
 
     task = read(_TASK, "task.yaml")
     universe = read(_UNIVERSE, "object_universe.yaml")
