@@ -10,7 +10,6 @@ from tests.generation.better_release.writing import (
     BLOCK,
     BOX,
     CAN,
-    LAYOUT,
     LEMON,
     ORANGE,
     clone,
@@ -59,9 +58,7 @@ def new_goal(files):
 
 
 def left(files):
-    ev(files).update(
-        remove_goal_objects=[APPLE], add_fail_objects=[BLOCK], pose_overrides={BLOCK: pose(0.41, -0.23)}
-    )
+    ev(files).update(remove_goal_objects=[APPLE], add_fail_objects=[BLOCK], pose_overrides={BLOCK: pose(0.41, -0.23)})
     ev(files)["instruction"] = "Put the orange into the box."
 
 
@@ -87,7 +84,9 @@ def negation(files):
 
 def no_fails(files):
     ev(files)["policy_overrides"] = {
-        "fail": {"remove": [{"subject_id": n, "relation": r, "target_id": BOX} for n in (CAN, LEMON) for r in ("in", "on")]}
+        "fail": {
+            "remove": [{"subject_id": n, "relation": r, "target_id": BOX} for n in (CAN, LEMON) for r in ("in", "on")]
+        }
     }
 
 

@@ -16,7 +16,7 @@ def test_a_task_is_found_in_a_clone_and_in_its_own_folder(tmp_path, reading):
     folder = root / "assets" / "tasks" / "loose_packing" / "Picnic"
     assert find_tasks(root) == find_tasks(folder) == (folder,)
     assert reading(root).task.task_id == "Picnic"
-    with pytest.raises(InvalidInputError, match="neither a task.yaml nor"):
+    with pytest.raises(InvalidInputError, match=r"neither a task\.yaml nor"):
         find_tasks(tmp_path)
     with pytest.raises(InvalidInputError, match="is not a folder"):
         find_tasks(tmp_path / "absent")
@@ -79,11 +79,19 @@ WRONG = {
         lambda f: f["pose_overrides"][BOX].update(position=[0.1, "far", 0.2]),
         "base_variation.yaml: pose_overrides.box_1.position[1]",
     ),
-    "infinite": ("base_variation.yaml", lambda f: f["pose_overrides"][BOX].update(position=[0.1, float("nan"), 0]), "finite"),
+    "infinite": (
+        "base_variation.yaml",
+        lambda f: f["pose_overrides"][BOX].update(position=[0.1, float("nan"), 0]),
+        "finite",
+    ),
     "far away": ("base_variation.yaml", lambda f: f["pose_overrides"][BOX].update(position=[1e6, 0, 0]), "less than"),
     "escape": ("task.yaml", lambda f: f.update(instruction="Pack \x1b[31m it."), "unprintable"),
     "bidirectional": ("task.yaml", lambda f: f.update(instruction="Pack \u202e it."), "unprintable"),
-    "id": ("object_universe.yaml", lambda f: f["goal_objects"][0].update(instance_id="../../etc"), "goal_objects[0].inst"),
+    "id": (
+        "object_universe.yaml",
+        lambda f: f["goal_objects"][0].update(instance_id="../../etc"),
+        "goal_objects[0].inst",
+    ),
     "same id": (
         "object_universe.yaml",
         lambda f: f["goal_objects"][1].update(instance_id=APPLE),
@@ -95,8 +103,16 @@ WRONG = {
         lambda f: f["bindings"][BOX]["candidates"][0].update(registry_usd="../../../secret.usd"),
         "registry_usd: is a path that leads out of the release",
     ),
-    "registry path": ("task.yaml", lambda f: f["variation_registry"].update(eval=["../EV-01"]), "variation_registry.eval"),
-    "no training": ("task.yaml", lambda f: f["variation_registry"].update(train=[]), "variation_registry.train: is empty"),
+    "registry path": (
+        "task.yaml",
+        lambda f: f["variation_registry"].update(eval=["../EV-01"]),
+        "variation_registry.eval",
+    ),
+    "no training": (
+        "task.yaml",
+        lambda f: f["variation_registry"].update(train=[]),
+        "variation_registry.train: is empty",
+    ),
     "listed twice": ("task.yaml", lambda f: f["variation_registry"].update(eval=["TV-01"]), "'TV-01' is listed twice"),
     "no file": (
         "task.yaml",
@@ -104,7 +120,11 @@ WRONG = {
         "Unknown file of variations 'EV-02'. Did you mean",
     ),
     "not listed": ("task.yaml", lambda f: f["variation_registry"].update(eval=[]), "does not list 'EV-01'"),
-    "cycle": ("variations/EV-01.yaml", lambda f: f.update(extends="EV-01"), "extends: 'EV-01' is not the base variation"),
+    "cycle": (
+        "variations/EV-01.yaml",
+        lambda f: f.update(extends="EV-01"),
+        "extends: 'EV-01' is not the base variation",
+    ),
     "two levels": ("variations/EV-01.yaml", lambda f: f.update(extends="TV-01"), "one level of inheritance"),
     "base extends": ("base_variation.yaml", lambda f: f.update(extends="EV-01"), "the base variation extends another"),
     "other name": ("variations/EV-01.yaml", lambda f: f.update(variation_id="EV-02"), "is not the name of the file"),

@@ -68,7 +68,12 @@ def import_better_command(
         suite = _write_suite(imported, out)
         if certify and suite is not None:
             results = _certify(
-                imported, out, suite, trials=trials, demonstrations=demonstrations, workers=workers or os.cpu_count() or 1
+                imported,
+                out,
+                suite,
+                trials=trials,
+                demonstrations=demonstrations,
+                workers=workers or os.cpu_count() or 1,
             )
             imported = [replace(one, certificate=results.get(one.task_id or "", {})) for one in imported]
         form = audit_form(imported, suite=suite)

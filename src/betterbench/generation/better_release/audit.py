@@ -170,7 +170,7 @@ class _Auditor:
                 text += f" (found by its {'class' if match.how == 'class' else 'words'}, score {match.score:.2f})."
                 yield Finding("", "stand_in", text, {"score": match.score}, (name,))
 
-    # ----------------------------------------------------------------------------------------------- what is in the files
+    # --------------------------------------------------------------------------------------------- what is in the files
 
     def files(self, variation: Resolved) -> Iterator[Finding]:
         """Check ids, groups, poses and assets."""
@@ -178,7 +178,7 @@ class _Auditor:
         mentioned = {name: "a group" for group in GROUPS for name in variation.groups[group]}
         mentioned |= {p.subject_id: "a predicate" for p in (*variation.success, *variation.fail)}
         mentioned |= {p.target_id: "a predicate" for p in (*variation.success, *variation.fail)}
-        mentioned |= {name: "a pose" for name in variation.poses}
+        mentioned |= dict.fromkeys(variation.poses, "a pose")
         mentioned |= {variation.container: "the container"}
         for name, where in sorted(mentioned.items()):
             if name not in known:
@@ -226,8 +226,8 @@ class _Auditor:
         if self.task.template is not None:
             hints = {"target": "goal", "distractor": "fail", "decor": "decor"}
             for slot in self.task.template.slots:
-                group = hints.get(slot.group_hint)
-                count = 1 if group is None else len(variation.groups[group])
+                hint = hints.get(slot.group_hint)
+                count = 1 if hint is None else len(variation.groups[hint])
                 if not slot.min_count <= count <= slot.max_count:
                     text = f"The group {slot.group_hint} has {count} objects; the template allows "
                     text += f"{slot.min_count} to {slot.max_count}."
@@ -287,18 +287,20 @@ class _Auditor:
             apart = self._apart_cm(variation, a, b)
             needed = 50.0 * (min(self.sizes[a][:2]) + min(self.sizes[b][:2]))
             if apart < needed:
-                text = f"The {self.noun(a)} and the {self.noun(b)} are {apart:.1f} cm apart; with the sizes of our assets "
+                text = (
+                    f"The {self.noun(a)} and the {self.noun(b)} are {apart:.1f} cm apart; with the sizes of our assets "
+                )
                 text += f"they need {needed:.1f} cm."
                 numbers = {"apart_cm": apart, "needed_cm": needed, "overlap_cm": needed - apart}
                 yield Finding(variation.name, "overlap", text, numbers, (a, b))
         for name in variation.active:
             place = variation.xy(name)
             beyond = 0.0 if place is None else 100.0 * beyond_workspace_m(*place)
-            if place is not None and beyond > 0.5:  # noqa: PLR2004 - half a centimeter
+            if place is not None and beyond > 0.5:
                 slot = self.built.slots.of.get((variation.name, name))
                 moved = 100.0 * self.built.slots.moved_m[slot] if slot is not None else 0.0
-                text = f"The {self.noun(name)} at ({place[0]:.3f}, {place[1]:.3f}) m is {beyond:.1f} cm outside our table's "
-                text += f"reach and view; its slot is moved by {moved:.1f} cm."
+                text = f"The {self.noun(name)} at ({place[0]:.3f}, {place[1]:.3f}) m is {beyond:.1f} cm outside "
+                text += f"our table's reach and view; its slot is moved by {moved:.1f} cm."
                 numbers = {"outside_cm": beyond, "moved_cm": moved}
                 yield Finding(variation.name, "outside_our_table", text, numbers, (name,))
 
@@ -325,7 +327,7 @@ class _Auditor:
                 text += f" and {min(own):.1f} cm from its own nearest one." if own else "."
                 numbers = {"nearest_any_cm": nearest} | ({"nearest_own_cm": min(own)} if own else {})
                 yield Finding(variation.name, "pick_outside_support", text, numbers, (name,))
-            elif own and (turned := self._turned_deg(variation, name)) > 30.0:  # noqa: PLR2004 - twice a slot's jitter
+            elif own and (turned := self._turned_deg(variation, name)) > 30.0:
                 text = f"The {self.noun(name)} is turned by {turned:.0f} degrees from every training variation."
                 yield Finding(variation.name, "pick_outside_support", text, {"turned_deg": turned}, (name,))
         yield from self._placements(variation)
@@ -414,8 +416,8 @@ class _Auditor:
             nouns = ", ".join(noun.text for noun in places)
             kinds = ", ".join(self.noun(name) for name in sorted(targets))
             absent = not any(there & set(noun.objects) for noun in places)
-            text = f"“{variation.instruction}” names the {nouns}{', which is not there,' if absent else ''} as the target; "
-            text += f"the goals have the {kinds}."
+            text = f"“{variation.instruction}” names the {nouns}{', which is not there,' if absent else ''} as the "
+            text += f"target; the goals have the {kinds}."
             yield Finding(variation.name, "other_target", text, {}, tuple(sorted(targets)))
 
     def twins(self, variation: Resolved) -> Iterator[Finding]:
@@ -432,7 +434,9 @@ class _Auditor:
             if set(variation.success) != set(other.success):
                 differ = sorted({*variation.goals} ^ {*other.goals})
                 kinds = ", ".join(self.noun(name) for name in differ)
-                text = f"Scene and instruction are those of {other.name}, but the goals differ in: {kinds or 'relations'}."
+                text = (
+                    f"Scene and instruction are those of {other.name}, but the goals differ in: {kinds or 'relations'}."
+                )
                 yield Finding(variation.name, "same_input_other_goals", text, numbers, tuple(differ))
             elif other.training and not variation.training:
                 text = f"Scene, instruction and goals are those of {other.name}."

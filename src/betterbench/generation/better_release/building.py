@@ -101,8 +101,8 @@ def task_id_of(task: ReleaseTask) -> str:
 def build_task(task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match]) -> Built:
     """Build a task of our library from a release task.
 
-    Objects without a matched asset are left out, and so are objects that a variation replaces but leaves in the scene. A
-    variation whose goals cannot be expressed is not represented.
+    Objects without a matched asset are left out, and so are objects that a variation replaces but leaves in the scene.
+    A variation whose goals cannot be expressed is not represented.
 
     Args:
         task: The release task.
@@ -156,7 +156,9 @@ class _Maker:
     def _task(self, training: tuple[Condition, ...], variations: Sequence[Variation]) -> Task:
         assert self.template is not None  # noqa: S101 - for the type checker; build() returns without a template
         used = {slot for condition in training for slot in condition.layout.values()}
-        used |= {v.name for one in variations for o in one.interventions for v in o.arguments.values() if isinstance(v, Slot)}
+        used |= {
+            v.name for one in variations for o in one.interventions for v in o.arguments.values() if isinstance(v, Slot)
+        }
         task = Task(
             id=task_id_of(self.task),
             version=1,
@@ -208,7 +210,9 @@ class _Maker:
         reasons = []
         missing = self.left_out[variation.name]
         needed = dict.fromkeys((*(p.subject_id for p in variation.success), *(p.target_id for p in variation.success)))
-        reasons += [f"{name}: {missing.get(name, 'not in the scene')}" for name in needed if name not in self._there(variation)]
+        reasons += [
+            f"{name}: {missing.get(name, 'not in the scene')}" for name in needed if name not in self._there(variation)
+        ]
         if not variation.success:
             reasons.append("it has no goal")
         for predicate in variation.success:
@@ -216,7 +220,9 @@ class _Maker:
                 reasons.append(f"{predicate} has no counterpart")
         names = {r[0] for p in variation.success if (r := self._relation(p)) is not None}
         if not reasons and self.template is not None and not names <= {self.template.relation}:
-            reasons.append(f"its goals need {', '.join(sorted(names))}, and the task has the pattern {self.template.name}")
+            reasons.append(
+                f"its goals need {', '.join(sorted(names))}, and the task has the pattern {self.template.name}"
+            )
         if self.template is None and not reasons:
             reasons.append("no goal of the training variations has a counterpart")
         return reasons
@@ -360,9 +366,7 @@ def _from_below(predicates: Sequence[ReleasePredicate]) -> list[ReleasePredicate
     return found
 
 
-def operations_between(
-    base: Condition, wanted: Condition, slots: Mapping[str, Slot]
-) -> tuple[Operation, ...] | None:
+def operations_between(base: Condition, wanted: Condition, slots: Mapping[str, Slot]) -> tuple[Operation, ...] | None:
     """Return the operations that turn a condition into another one, or None if there are none.
 
     Replacements come first, then removals, moves and exchanges, additions, pre-placements and the instruction.
@@ -421,7 +425,10 @@ def _arrange(
         if not astray:
             return
         free = [name for name in astray if state.occupant(wanted.layout[name]) is None]
-        pair = next((n for n in astray if (o := state.occupant(wanted.layout[n])) and wanted.layout.get(o) == state.layout[n]), None)
+        pair = next(
+            (n for n in astray if (o := state.occupant(wanted.layout[n])) and wanted.layout.get(o) == state.layout[n]),
+            None,
+        )
         if pair is None and free:
             do(a.move(state.object(free[0]), slots[wanted.layout[free[0]]]))
             continue

@@ -1,9 +1,9 @@
 """Strict reader of a task folder of the BeTTER release.
 
-A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may be
-missing) and ``variations/ID.yaml``; its constraint template is in ``task_templates`` of the clone (may be missing). The
-names of the fields are those of the release at commit 9d75971. The reader of YAML is passed in, because YAML is read in
-one package only.
+A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may
+be missing) and ``variations/ID.yaml``; its constraint template is in ``task_templates`` of the clone (may be missing).
+The names of the fields are those of the release at commit 9d75971. The reader of YAML is passed in, because YAML is
+read in one package only.
 """
 
 from __future__ import annotations
@@ -310,9 +310,9 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
         read_yaml: Function that reads a YAML file; it has to bound the size and the depth, and to refuse aliases.
 
     Raises:
-        InvalidInputError: If a file is missing, leads out of the folder by a link or is not YAML, if a field is missing,
-            unknown or of the wrong type, if a variation extends another variation than the base, or if the registry
-            and the files differ; the message names the file, the path of the field and the remedy.
+        InvalidInputError: If a file is missing, leads out of the folder by a link or is not YAML, if a field is
+            missing, unknown or of the wrong type, if a variation extends another variation than the base, or if the
+            registry and the files differ; the message names the file, the path of the field and the remedy.
     """
 
     def read(adapter: TypeAdapter[FormT], *parts: str) -> FormT:
@@ -408,8 +408,8 @@ def _require_own_place(file: Path, name: str, variation: VariationFile, base: Va
 
 
 def _template(folder: Path, task: TaskFileForm, read_yaml: YamlReader) -> ReleaseTemplate | None:
-    """Return the template of a task in a clone: ``assets/tasks/TEMPLATE/TASK`` lies beside ``assets/task_templates``."""
-    if len(folder.absolute().parents) < 3:  # noqa: PLR2004 - the levels of that path
+    """Return the template of a task in a clone, where ``task_templates`` lies beside ``tasks/TEMPLATE/TASK``."""
+    if len(folder.absolute().parents) < 3:
         return None
     home = folder.absolute().parents[2] / "task_templates"
     file = home / f"{task.template_type}.yaml"

@@ -1,10 +1,10 @@
 """Start positions of the release on our table.
 
-Both world frames have the robot base at the origin, x away from it and y to the left, so positions are taken over as they
-are. Positions that are within 2.5 cm of each other become one slot. A slot is then moved as little as needed so that it is
-in reach and in the view of the front camera, and so that objects of a scene do not overlap with the sizes of our assets;
-the order of any two objects of a scene from left to right and from near to far is kept. Headings are not taken over,
-because our assets have other axes: each slot has a heading at which the gripper is free to open.
+Both world frames have the robot base at the origin, x away from it and y to the left, so positions are taken over as
+they are. Positions that are within 2.5 cm of each other become one slot. A slot is then moved as little as needed so
+that it is in reach and in the view of the front camera, and so that objects of a scene do not overlap with the sizes of
+our assets; the order of any two objects of a scene from left to right and from near to far is kept. Headings are not
+taken over, because our assets have other axes: each slot has a heading at which the gripper is free to open.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ NEAR_X_M, FAR_X_M = 0.36, 0.69
 FAR_TARGET_X_M = 0.60
 """Largest distance of the center of a target from the robot base [m]."""
 SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
-"""The front camera shows |y| up to 0.36 - 0.19 x [m] with the margin of 8 mm, at all jitters of the camera and with 1 cm
-for the jitter of the slot; a test compares this with the camera."""
+"""The front camera shows |y| up to 0.36 - 0.19 x [m] with the margin of 8 mm, at all jitters of the camera and with
+1 cm for the jitter of the slot; a test compares this with the camera."""
 FRONT_CAMERA_M = (1.45, 0.0, 0.95)
 """Position of the front camera, world frame [m]; a test compares it with the scene."""
 _QUARTERS = (0.0, math.pi / 2, -math.pi / 2, math.pi)
@@ -121,7 +121,6 @@ def place_slots(
             cluster.take_in(variation.name, name, matches[name])
     found, crowded = _separated(clusters)
     slots = {
-
         c.name: Slot(
             c.name,
             round(float(x), 4),
@@ -143,9 +142,7 @@ def place_slots(
     return PlacedSlots(
         slots=slots,
         of=of,
-        moved_m={
-            c.name: round(math.dist((c.x, c.y), (x, y)), 4) for c, (x, y) in zip(clusters, found, strict=True)
-        },
+        moved_m={c.name: round(math.dist((c.x, c.y), (x, y)), 4) for c, (x, y) in zip(clusters, found, strict=True)},
         crowded=crowded,
         hidden=frozenset(hidden),
     )
@@ -256,7 +253,7 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
 
 
 def _free_yaw(i: int, clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]) -> float:
-    """Return a heading for a slot at which the gripper opens along the nearest wall of a target, not toward it [rad]."""
+    """Return a heading of a slot at which the gripper opens along the nearest wall of a target [rad]."""
     grasps = next((matches[name].asset.grasps for _, name in clusters[i].users if matches[name].asset.grasps), ())
     targets = [j for a, j in _together(clusters) if a == i and clusters[j].is_target]
     targets += [a for a, j in _together(clusters) if j == i and clusters[a].is_target]

@@ -86,8 +86,8 @@ def match_instances(
 ) -> dict[str, Match]:
     """Return the matched assets by object; objects without any similar asset are left out.
 
-    Containers are matched with categories that have an inside, a stack or a marked region; other objects with categories
-    that can be grasped. Each category is used once as long as there is another one.
+    Containers are matched with categories that have an inside, a stack or a marked region; other objects with
+    categories that can be grasped. Each category is used once as long as there is another one.
 
     Args:
         task: The task.

@@ -51,8 +51,10 @@ def certified_text(summary: Summary | None) -> str:
 
 
 def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
-    """Return the remarks of a certificate on clauses that fail."""
-    return () if summary is None else tuple(note for note in summary.notes if ") fails" in note)
+    """Return one remark of a certificate on each clause that fails, with an example seed."""
+    notes = () if summary is None else summary.notes
+    firsts = (next((note for note in notes if note.startswith(f"({letter}) fails")), "") for letter in CLAUSES)
+    return tuple(filter(None, firsts))
 
 
 def audit_form(tasks: Iterable[Imported], *, suite: str | None) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Relations of the release in an initial scene.
 
-The release judges axis-aligned boxes of its own assets, whose sizes are not in its task files. Relations that need a size
-are therefore estimated with the matched assets of our library; without a matched asset they stay undecided.
+The release judges axis-aligned boxes of its own assets, whose sizes are not in its task files. Relations that need a
+size are therefore estimated with the matched assets of our library; without a matched asset they stay undecided.
 """
 
 from __future__ import annotations

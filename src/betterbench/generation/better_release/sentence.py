@@ -1,7 +1,7 @@
 """Objects that an instruction names, read conservatively: what cannot be decided is returned as undecided.
 
-Known nouns are the names of the objects of the task, the categories of our library and the words of the catalogue's word
-list, whose lines also say which objects a class such as "fruit" contains.
+Known nouns are the names of the objects of the task, the categories of our library and the words of the catalogue's
+word list, whose lines also say which objects a class such as "fruit" contains.
 """
 
 from __future__ import annotations
@@ -19,23 +19,32 @@ from betterbench.sim.assets.catalogue.terms import terms
 Noun = tuple[str, ...]
 """A noun as terms of the catalogue: lower case, singular ("juice", "box")."""
 
-_BEFORE_TARGETS = frozenset("in into inside on onto upon at to near beside behind under over with from of next".split())
-_EVERY = frozenset("all both each every".split())
-_SOME = frozenset("a an one two three some any several few".split())
-_BEGINS_CLAUSE = frozenset("and then next first finally also".split())
-_VERBS = frozenset(
-    "pack put place move pick take bring set stack insert drop store arrange load get hand lay leave sort collect gather "
-    "fill push pull transfer deposit slide lift grab tidy clear throw toss".split()
-)
-_PLAIN_WORDS = frozenset(
-    "the this that these those it them its their up down away out back together carefully please item object thing "
-    "remaining other rest left right front top bottom center middle inside there here order table".split()
-)
-_ADJECTIVES = frozenset(
-    "big small large little tall short round long ripe fresh shiny open closed empty full plastic wooden metal paper "
-    "glass single dark light plain clean".split()
-)
-_CHANGES_MEANING = frozenset("not except without but only never no unless if instead avoid leave".split())
+_PREPOSITIONS = """
+in into inside on onto upon at to near beside behind under over with from of next
+"""
+_BEFORE_TARGETS = frozenset(_PREPOSITIONS.split())
+_EVERY = frozenset(("all", "both", "each", "every"))
+_SOME = frozenset(("a", "an", "one", "two", "three", "some", "any", "several", "few"))
+_BEGINS_CLAUSE = frozenset(("and", "then", "next", "first", "finally", "also"))
+_KNOWN_VERBS = """
+pack put place move pick take bring set stack insert drop store arrange load get hand lay sort collect gather fill push
+pull transfer deposit slide lift grab tidy clear throw toss
+"""
+_VERBS = frozenset(_KNOWN_VERBS.split())
+_NAMES_NOTHING = """
+the this that these those it them its their up down away out back together carefully please item object thing remaining
+other rest left right front top bottom center middle inside there here order table
+"""
+_PLAIN_WORDS = frozenset(_NAMES_NOTHING.split())
+_KNOWN_ADJECTIVES = """
+big small large little tall short round long ripe fresh shiny open closed empty full plastic wooden metal paper glass
+single dark light plain clean
+"""
+_ADJECTIVES = frozenset(_KNOWN_ADJECTIVES.split())
+_LIMITING = """
+not except without but only never no unless if instead avoid leave
+"""
+_CHANGES_MEANING = frozenset(_LIMITING.split())
 
 
 @dataclass(frozen=True, slots=True)
