@@ -32,7 +32,7 @@ def import_better_command(
     catalogue: Path | None = None,
     certify: bool = False,
     trials: int = 3,
-    demonstrations: int = 24,
+    demonstrations: int = 60,
     workers: int | None = None,
     overwrite: bool = False,
     json: bool = False,
