@@ -15,6 +15,7 @@ from tests.generation.better_release.writing import (
     clone,
     lunch,
     pose,
+    thing,
     write_task,
 )
 
@@ -45,6 +46,15 @@ def ev(files):
 
 def moved(files):
     ev(files)["pose_overrides"] = {APPLE: pose(0.48, 0.24)}
+
+
+def turned(files):
+    files["object_universe.yaml"]["goal_objects"][0] = thing(APPLE, "stapler", "stapler")
+    for name in ("TV-01", "TV-02", "EV-01"):
+        said = files[f"variations/{name}.yaml"]
+        text = said.get("instruction", files["task.yaml"]["instruction"])
+        said["instruction"] = text.replace("apple", "stapler")
+    ev(files)["pose_overrides"] = {APPLE: pose(0.40, -0.24, (0.5**0.5, 0.5**0.5))}
 
 
 def far_target(files):
@@ -167,6 +177,7 @@ def odd_relation(files):
 # by planted fault: the code, the variation, the objects, and numbers with their values
 PLANTED = {
     moved: ("pick_outside_support", "EV-01", {APPLE}, {"nearest_any_cm": 8.0, "nearest_own_cm": math.hypot(8, 48)}),
+    turned: ("pick_outside_support", "EV-01", {APPLE}, {"turned_deg": 90.0}),
     far_target: ("place_outside_support", "EV-01", {BOX}, {"nearest_cm": math.hypot(5, 6)}),
     new_goal: ("pick_not_trained", "EV-01", {BLOCK}, {"training_picks": 0}),
     left: ("replaced_but_left", "EV-01", {APPLE, BLOCK}, {"apart_cm": math.hypot(1, 1)}),
@@ -208,7 +219,7 @@ def test_a_planted_fault_is_found(tmp_path, imported, plant):
     if objects:
         assert objects in [set(f.objects) for f in found]
     for name, value in numbers.items():
-        assert any(f.numbers[name] == pytest.approx(value, abs=0.01) for f in found), found
+        assert any(f.numbers.get(name) == pytest.approx(value, abs=0.01) for f in found), found
     for finding in findings:
         assert finding.text.endswith(".")
         assert finding.code in CODES

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 import pytest
-from tests.generation.better_release.writing import APPLE, BOX, LAYOUT, LEMON, ORANGE, clone, lunch, write_task
+from tests.generation.better_release.writing import APPLE, BOX, LAYOUT, LEMON, ORANGE, clone, lunch, thing, write_task
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.better_release import find_tasks, resolve
@@ -96,6 +96,11 @@ WRONG = {
         "object_universe.yaml",
         lambda f: f["goal_objects"][1].update(instance_id=APPLE),
         "goal_objects[1].instance_id: 'apple_1' is given twice",
+    ),
+    "many objects": (
+        "object_universe.yaml",
+        lambda f: f["goal_objects"].extend(thing(f"apple_{i}", "apple", "apple") for i in range(2, 200)),
+        "lists 204 objects. A task has at most 100",
     ),
     "no container": ("object_universe.yaml", lambda f: f.update(container=[]), "container: is empty"),
     "path": (

@@ -72,6 +72,18 @@ def test_objects_that_are_too_close_get_room(tmp_path, imported):
     assert max(abs(a.x - b.x), abs(a.y - b.y)) > half + 0.02
 
 
+def test_a_task_with_many_positions_is_laid_out(tmp_path, imported):
+    files = lunch()
+    names = [f"EV-{i:02}" for i in range(1, 99)]
+    files["task.yaml"]["variation_registry"]["eval"] = names
+    for i, name in enumerate(names):
+        places = {n: pose(0.36 + 0.003 * i, y + 0.001 * i) for n, y in ((APPLE, -0.2), (ORANGE, 0.1), (CAN, 0.15))}
+        files[f"variations/{name}.yaml"] = {"variation_id": name, "extends": "BASE", "pose_overrides": places}
+    found = imported(write_task(tmp_path, files))
+    assert len(found.built.slots.slots) > 20
+    assert all(beyond_workspace_m(s.x, s.y) < 1e-4 for s in found.built.slots.slots.values())
+
+
 @pytest.mark.physics
 def test_the_workspace_is_what_the_front_camera_shows():
     from betterbench.interface.actions import EE_DELTA

@@ -333,8 +333,9 @@ class _Auditor:
         yield from self._placements(variation)
 
     def _turned_deg(self, variation: Resolved, name: str) -> float:
-        """Return the smallest turn of an object from a training variation [degrees], 0 for round assets."""
-        if name not in self.matches or self.matches[name].asset.shape in ("round", "cylinder"):
+        """Return the smallest turn of an object from a training variation [degrees], 0 for round objects."""
+        match = self.matches.get(name)
+        if match is not None and not match.is_stand_in and match.asset.shape in ("round", "cylinder"):
             return 0.0
         yaw = yaw_of(normalize(variation.poses[name].rotation))
         yaws = [yaw_of(normalize(o.poses[name].rotation)) for o in self.training if name in o.poses]

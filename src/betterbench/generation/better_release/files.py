@@ -31,6 +31,9 @@ MOST_VARIATIONS = 200
 _CURE = "Correct the file, or restore it from the release"
 _QUOTE = "Quote the words on, off, yes and no, which YAML reads as booleans"
 
+MOST_OBJECTS = 100
+"""Largest number of objects of a task."""
+
 FormT = TypeVar("FormT")
 
 
@@ -351,6 +354,9 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
                 problem = f"{instance.instance_id!r} is given twice"
                 _refuse(folder / "object_universe.yaml", where, problem, "Give each object its own id")
             instances[instance.instance_id] = instance
+    if len(instances) > MOST_OBJECTS:
+        problem = f"lists {len(instances)} objects"
+        _refuse(folder / "object_universe.yaml", "objects", problem, f"A task has at most {MOST_OBJECTS}")
     if not universe.container:
         _refuse(folder / "object_universe.yaml", "container", "is empty", "List the container of the task")
     return ReleaseTask(

@@ -43,7 +43,8 @@ FRONT_CAMERA_M = (1.45, 0.0, 0.95)
 """Position of the front camera, world frame [m]; a test compares it with the scene."""
 _QUARTERS = (0.0, math.pi / 2, -math.pi / 2, math.pi)
 _ORDERED_M, _KEPT_M = 0.02, 0.004
-_ROUNDS, _SPRING_ROUNDS = 900, 600
+_ROUNDS, _MOST_STEPS = 900, 2_000_000
+"""Number of rounds in which slots are pushed apart, and largest number of pairs that are visited in all rounds."""
 _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
@@ -120,12 +121,16 @@ def place_slots(
                 clusters.append(cluster)
             cluster.take_in(variation.name, name, matches[name])
     found, crowded = _separated(clusters)
+    near: list[list[int]] = [[] for _ in clusters]
+    for i, j in _together(clusters):
+        near[i] += [j] if clusters[j].is_target else []
+        near[j] += [i] if clusters[i].is_target else []
     slots = {
         c.name: Slot(
             c.name,
             round(float(x), 4),
             round(float(y), 4),
-            round(c.yaw if c.is_target else _free_yaw(i, clusters, found, matches), 4),
+            round(c.yaw if c.is_target else _free_yaw(i, near[i], clusters, found, matches), 4),
             jitter_m=TARGET_JITTER_M if c.is_target else JITTER_M,
             yaw_jitter=0.03 if c.is_target else 0.15,
         )
@@ -236,8 +241,9 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
     wished = np.array([(c.x, c.y) for c in clusters]).reshape(-1, 2)
     places = wished.copy()
     pairs = _together(clusters)
-    for number in range(_ROUNDS):
-        if number < _SPRING_ROUNDS:
+    rounds = min(_ROUNDS, 30 + _MOST_STEPS // max(1, len(pairs)))
+    for number in range(rounds):
+        if number < 2 * rounds // 3:  # afterward, slots are only pushed apart
             places += 0.05 * (wished - places)
         for i, j in pairs:
             _push_apart(places, wished, clusters, i, j)
@@ -252,11 +258,11 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
     return places, tuple(crowded)
 
 
-def _free_yaw(i: int, clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]) -> float:
+def _free_yaw(
+    i: int, targets: list[int], clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]
+) -> float:
     """Return a heading of a slot at which the gripper opens along the nearest wall of a target [rad]."""
     grasps = next((matches[name].asset.grasps for _, name in clusters[i].users if matches[name].asset.grasps), ())
-    targets = [j for a, j in _together(clusters) if a == i and clusters[j].is_target]
-    targets += [a for a, j in _together(clusters) if j == i and clusters[a].is_target]
     if not grasps or not targets:
         return 0.0
     opens = rotate(min(grasps, key=lambda g: g.preference).pose.quaternion, (0.0, 1.0, 0.0))
