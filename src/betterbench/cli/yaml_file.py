@@ -20,8 +20,8 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
     """Return the fields of a YAML file.
 
     Raises:
-        InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, gives a field
-            twice, or is nested too deep.
+        InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, gives a
+            field twice, or is nested too deep.
     """
     import yaml
 
