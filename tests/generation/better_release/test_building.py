@@ -144,6 +144,28 @@ def test_a_task_without_any_counterpart_is_audited_all_the_same(tmp_path, import
     assert {f.code for f in found.audit.of("TV-01")} >= {"not_represented"}
 
 
+def test_a_variation_without_an_instruction_is_not_represented(tmp_path, imported):
+    files = lunch()
+    ev(files)["instruction"] = "  "
+    found = imported(write_task(tmp_path, files))
+    assert found.built.variations["EV-01"].reasons == ("it has no instruction",)
+    assert {f.code for f in found.audit.of("EV-01")} == {"undecided", "not_represented"}
+
+
+def test_objects_go_onto_a_plate_where_the_target_is_one(tmp_path, imported):
+    files = lunch()
+    files["object_universe.yaml"]["container"] = [thing(BOX, "serving_plate", "serving plate", "A white plate.")]
+    files["base_variation.yaml"] |= {"goal_relation": "on", "set_goal_objects": [APPLE], "set_fail_objects": [CAN]}
+    files["task.yaml"]["instruction"] = "Put the apple onto the plate."
+    files["variations/TV-02.yaml"] = {"variation_id": "TV-02"}
+    found = imported(write_task(tmp_path, files))
+    task = found.built.task
+    assert task.template.name == "recursive_stacking"
+    (goal,) = task.training[0].instruction.subgoals
+    assert (goal.relation, goal.target) == ("on_plate", BOX)
+    assert found.built.variations["TV-02"].name == "train1"  # it does not differ from the first
+
+
 def test_objects_without_a_similar_asset_need_a_choice(tmp_path, imported):
     files = lunch()
     files["object_universe.yaml"]["goal_objects"][0] = thing(APPLE, "quux", "quux", "A quux.")

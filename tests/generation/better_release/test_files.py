@@ -85,6 +85,11 @@ WRONG = {
         "finite",
     ),
     "far away": ("base_variation.yaml", lambda f: f["pose_overrides"][BOX].update(position=[1e6, 0, 0]), "less than"),
+    "rotation": (
+        "base_variation.yaml",
+        lambda f: f["pose_overrides"][BOX].update(rotation=[0.0, 0.0, 0.0, 0.0]),
+        "pose_overrides.box_1.rotation: is not a rotation",
+    ),
     "escape": ("task.yaml", lambda f: f.update(instruction="Pack \x1b[31m it."), "unprintable"),
     "bidirectional": ("task.yaml", lambda f: f.update(instruction="Pack \u202e it."), "unprintable"),
     "id": (

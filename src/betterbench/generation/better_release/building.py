@@ -163,7 +163,7 @@ class _Maker:
             id=task_id_of(self.task),
             version=1,
             title=self.task.task.task_id.replace("_", " "),
-            description=one_line(self.task.task.description, most=300) or self.task.task.instruction,
+            description=one_line(self.task.task.description, most=300) or self.task.task.task_id,
             template=self.template,
             slots=tuple(slot for name, slot in self.slots.slots.items() if name in used),
             training=tuple(c.with_(task=task_id_of(self.task)) for c in training),
@@ -215,6 +215,8 @@ class _Maker:
         ]
         if not variation.success:
             reasons.append("it has no goal")
+        if not variation.instruction.strip():
+            reasons.append("it has no instruction")
         for predicate in variation.success:
             if not reasons and self._relation(predicate) is None:
                 reasons.append(f"{predicate} has no counterpart")

@@ -8,6 +8,7 @@ read in one package only.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -50,11 +51,20 @@ def _inside(text: str) -> str:
     return _readable(text)
 
 
+def _unit(rotation: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if abs(math.hypot(*rotation) - 1.0) > _UNIT_TOLERANCE:
+        raise ValueError("is not a rotation: the numbers (w, x, y, z) must have the length 1")
+    return rotation
+
+
+_UNIT_TOLERANCE = 0.01
+
 _Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
 _Text = Annotated[str, Field(max_length=2000), AfterValidator(_readable)]
 _Path = Annotated[str, Field(max_length=500), AfterValidator(_inside)]
 _Relation = Annotated[str, Field(pattern=r"^[a-z][a-z_]{0,39}$")]
 _Number = Annotated[float, Field(ge=-100.0, le=100.0)]
+_Rotation = Annotated[tuple[_Number, _Number, _Number, _Number], AfterValidator(_unit)]
 _Count = Annotated[int, Field(ge=0, le=100)]
 
 
@@ -71,7 +81,7 @@ class ReleasePose:
     """
 
     position: tuple[_Number, _Number, _Number]
-    rotation: tuple[_Number, _Number, _Number, _Number] = (1.0, 0.0, 0.0, 0.0)
+    rotation: _Rotation = (1.0, 0.0, 0.0, 0.0)
     scale: tuple[_Number, _Number, _Number] = (1.0, 1.0, 1.0)
     selected_asset_id: _Id | None = None
 

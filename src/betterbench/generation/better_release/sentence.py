@@ -191,7 +191,9 @@ def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
     found.append(tuple(terms(name)))
     # "block" before "red block": the color is read from the words before the noun
     plain = [tuple(word for word in noun if word not in COLORS) or noun for noun in found if noun]
-    return tuple(dict.fromkeys((*plain, *filter(None, found)))) or (tuple(terms(instance.instance_id)),)
+    return tuple(dict.fromkeys((*plain, *filter(None, found)))) or (
+        tuple(terms(instance.instance_id)) or (instance.instance_id.lower(),),
+    )
 
 
 def _head(text: str) -> Noun:
