@@ -176,10 +176,19 @@ def test_objects_without_a_similar_asset_need_a_choice(tmp_path, imported):
     match = given.matches[APPLE]
     assert (match.category, match.score, match.how) == ("sponge", 1.0, "given")
     assert given.built.task is not None
+    assert [f.objects for f in given.audit.of("") if f.code == "stand_in"] == [(APPLE,)]
+    assert not imported(write_task(tmp_path, lunch()), **{APPLE: "apple"}).matches[APPLE].is_stand_in
     with pytest.raises(UnknownNameError, match="Did you mean 'sponge'"):
         imported(tmp_path, **{APPLE: "spongge"})
     with pytest.raises(UnknownNameError, match="object of the task"):
         imported(tmp_path, nothing="sponge")
+
+
+def test_a_color_that_no_asset_has_is_named(tmp_path, imported):
+    files = lunch()
+    files["object_universe.yaml"]["goal_objects"][0] = thing(APPLE, "apple", "blue apple", "A blue apple.")
+    (finding,) = imported(write_task(tmp_path, files)).audit.of("")
+    assert (finding.code, finding.objects, finding.level) == ("other_color", (APPLE,), "remark")
 
 
 def test_a_stand_in_is_named_with_its_score(tmp_path, imported):

@@ -17,8 +17,9 @@ from betterbench.generation.better_release.layout import SAME_SLOT_M, beyond_wor
 from betterbench.generation.better_release.matching import Match
 from betterbench.generation.better_release.predicates import holds_at_start
 from betterbench.generation.better_release.resolved import GROUPS, Resolved, left_behind
-from betterbench.generation.better_release.sentence import Lexicon, Named, Sentence
+from betterbench.generation.better_release.sentence import Lexicon, Named, Sentence, color_of
 from betterbench.geometry import normalize, yaw_of
+from betterbench.sim.assets import colors
 
 Level = Literal["fault", "remark"]
 
@@ -57,18 +58,29 @@ CODES: Mapping[str, str] = {
     "no_counterpart": "A predicate has no counterpart in our relations.",
     "hidden": "In our scene, the target hides a goal object from the front camera.",
     "stand_in": "An object is represented by an asset with another name.",
+    "other_color": "An object is represented by an asset that does not have its color.",
 }
 """Codes of findings, each with its meaning."""
 
 REMARKS = frozenset(
     (
         *("in_no_group", "undecided", "fail_predicates_removed", "outside_our_table", "group_size", "no_effect"),
-        *("template_boolean", "disabled", "not_represented", "left_out", "no_counterpart", "hidden", "stand_in"),
+        *(
+            "template_boolean",
+            "disabled",
+            "not_represented",
+            "left_out",
+            "no_counterpart",
+            "hidden",
+            "stand_in",
+            "other_color",
+        ),
     )
 )
 """Codes that concern the import or the form of the files, or that are open; all others are faults of the task."""
 
 _SAME_POSE_M = 0.005
+_FOUND_BY = {"search": "found by its words", "class": "found by its class", "given": "given"}
 
 
 @dataclass(frozen=True)
@@ -167,8 +179,12 @@ class _Auditor:
         for name, match in self.matches.items():
             if match.is_stand_in:
                 text = f"The {self.noun(name)} is represented by the category {match.category}"
-                text += f" (found by its {'class' if match.how == 'class' else 'words'}, score {match.score:.2f})."
+                text += f" ({_FOUND_BY[match.how]}, score {match.score:.2f})."
                 yield Finding("", "stand_in", text, {"score": match.score}, (name,))
+            color = color_of(self.task.instances[name])
+            if color is not None and color not in colors(match.category):
+                text = f"The {self.noun(name)} is {color} in the release; our {match.category} has no such color."
+                yield Finding("", "other_color", text, {"colors": len(colors(match.category))}, (name,))
 
     # --------------------------------------------------------------------------------------------- what is in the files
 

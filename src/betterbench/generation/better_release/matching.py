@@ -42,6 +42,7 @@ class Match:
         how: "name", "search", "class" or "given": the noun of the object is the category, the search found it by words
             or meaning, it only belongs to the same class, or the user has named it.
         asset: The first look of the category, for sizes and regions.
+        is_stand_in: Whether the noun of the object is not the category, so that the asset may look like another object.
     """
 
     category: str
@@ -49,11 +50,7 @@ class Match:
     score: float
     how: str
     asset: Asset
-
-    @property
-    def is_stand_in(self) -> bool:
-        """Whether the asset may look like an object with another noun."""
-        return self.how in ("search", "class")
+    is_stand_in: bool
 
 
 @contextmanager
@@ -115,7 +112,7 @@ def match_instances(
             if name in matches:
                 continue
             match = (
-                _given(wanted[name], instance)
+                _given(wanted[name], instance, task.names.get(name, ""))
                 if name in wanted
                 else _found(catalogue, task, instance, matches.values(), is_target=name in targets)
             )
@@ -130,14 +127,19 @@ def _targets(task: ReleaseTask) -> frozenset[str]:
     return frozenset((*task.groups["container"], *filter(None, named)))
 
 
-def _given(category: str, instance: ReleaseInstance) -> Match:
+def _given(category: str, instance: ReleaseInstance, name: str) -> Match:
     color = color_of(instance)
-    return _match(category, color if color in colors(category) else None, 1.0, "given")
+    is_named = _noun_of(category) in nouns_of(instance, name)
+    return _match(category, color if color in colors(category) else None, 1.0, "given", is_stand_in=not is_named)
 
 
-def _match(category: str, color: str | None, score: float, how: str) -> Match:
+def _noun_of(category: str) -> tuple[str, ...]:
+    return tuple(terms(category.replace("_", " ")))
+
+
+def _match(category: str, color: str | None, score: float, how: str, *, is_stand_in: bool) -> Match:
     asset = build(category, look=looks(category)[0], color=color or colors(category)[0])
-    return Match(category, color, round(score, 4), how, asset)
+    return Match(category, color, round(score, 4), how, asset, is_stand_in)
 
 
 def _found(
@@ -158,11 +160,11 @@ def _found(
                 best, value = (hit, found) if found > value else (best, value)
         if best is not None:
             category = best.entry.category
-            exact = tuple(terms(category.replace("_", " "))) in nouns
+            exact = _noun_of(category) in nouns
             again = any(category == other for other, _ in used)
             shown = best.entry.color if again or best.entry.color == color else None
             how = "name" if exact else "search" if factor == 1.0 else "class"
-            return _match(category, shown, factor * best.score, how)
+            return _match(category, shown, factor * best.score, how, is_stand_in=not exact)
     return None
 
 
@@ -170,7 +172,7 @@ def _suitability(
     hit: Hit, used: set[tuple[str, str | None]], nouns: Sequence[tuple[str, ...]], color: str | None
 ) -> float:
     """Return a factor for an asset: less for another noun or color, and for a category that another object has."""
-    exact = tuple(terms(hit.entry.category.replace("_", " "))) in nouns
+    exact = _noun_of(hit.entry.category) in nouns
     category, own = hit.entry.category, hit.entry.color
     taken = (category, own) in used or ((category, None) in used and own == colors(category)[0])
     factor = 1.0 if exact else _OTHER_NOUN
