@@ -98,24 +98,25 @@ VERBS: dict[str, Verb] = {
     "review": Verb("review:review_command", "Review imported meshes in the browser."),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
+    "import-better": Verb("import_better:import_better_command", "Import and audit tasks of the BeTTER release."),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene.", takes_suite=True),
     "generate": Verb("generate:generate_command", "Write scenarios of a template or about a sentence."),
     "build": Verb("build:build_command", "Build certified tasks from scenarios."),
-    "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
+    "certify": Verb("certify:certify_command", "Certify that trials can be solved with trained motions."),
     "calibrate": Verb(
         "calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault.", takes_suite=True
     ),
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
     "collect": Verb("collect:collect_command", "Collect varied demonstrations of the expert."),
     "teleop": Verb(
-        "teleop:teleop_command", "Demonstrate in the browser, by gizmo, keys or a leader arm.", takes_suite=True
+        "teleop:teleop_command", "Demonstrate in the browser by gizmo, keys or leader arm.", takes_suite=True
     ),
     "amplify": Verb(
         "amplify:amplify_command", "Carry demonstrations over to new starts, many from few.", takes_suite=True
     ),
-    "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and its audit."),
+    "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and audit."),
     "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe.", takes_suite=True),
-    "study": Verb("study:study_command", "Train learners on every arm and compare what they learned."),
+    "study": Verb("study:study_command", "Train learners on every arm and compare what they learn."),
     "shortcuts": Verb(
         "shortcuts:shortcuts_command", "Find shortcuts that a dataset offers a learner.", takes_suite=True
     ),
@@ -123,9 +124,7 @@ VERBS: dict[str, Verb] = {
     "compare": Verb(
         "compare:compare_command", "Compare policies on the trials that their runs share.", takes_suite=True
     ),
-    "report": Verb(
-        "report:report_command", "Write a page with tables, figures and film strips of runs.", takes_suite=True
-    ),
+    "report": Verb("report:report_command", "Write a page with tables, figures and films of runs.", takes_suite=True),
     "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on.", takes_suite=True),
     "recipe": Verb("recipe:recipe_command", "Write how openpi, GR00T, Being-H or LeRobot train.", takes_tasks=False),
     "mixture": Verb(

@@ -16,12 +16,12 @@ _MAX_BYTES = 64 * 1024
 _EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$")
 
 
-def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
+def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_BYTES) -> dict[str, Any]:
     """Return the fields of a YAML file.
 
     Raises:
-        InvalidInputError: If the file is missing, larger than 64 KiB or not a mapping, has aliases, gives a field
-            twice, or is nested too deep.
+        InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, gives a
+            field twice, or is nested too deep.
     """
     import yaml
 
@@ -30,7 +30,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123456789"))
 
-    text = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
+    text = read_bounded(path, max_bytes=max_bytes, cure=cure)
     try:
         _require_plain(path, text, deepest, cure)
         _require_once(path, yaml.compose(text, Loader=Loader))
