@@ -363,9 +363,22 @@ def _setting_balanced(
                 edges = (edge_1, edge_2) if which == 0 else (corner_1, corner_2)
                 fronts = (front, front_right)
                 one, two = edges if (number + order) % 2 else edges[::-1]
+                near, taken = ("right", edges[1]) if which == 0 else ("left", edges[0])
+                if _is_blocked(steps, near, left if one is taken else right):
+                    one, two = two, one
+                if _is_blocked(steps, near, left if one is taken else right):
+                    continue
                 here, there = fronts if (number // 2 + which) % 2 else fronts[::-1]
                 layout = {left: one, right: two, compact: here, **dict.fromkeys(spare, there)}
                 if (number + order + which) % 3 == 0:
                     asked = [step[0] for step in steps]
                     del layout[next(o for o in (left, right, compact) if o not in asked)]
                 yield a.condition({**layout, **others, plan.anchor: stand}, plan.put(*steps))
+
+
+def _is_blocked(steps: Sequence[Step], side: str, piece: ObjectSpec) -> bool:
+    """Return whether the second step picks a piece next to the place where the first step has put something.
+
+    The piece starts at the edge beside which the anchor leaves little room.
+    """
+    return steps[0][1] == side and steps[1][0] is piece
