@@ -209,7 +209,7 @@ class PolicyProcessError(PolicyError):
 
 
 class PolicyKilledError(PolicyError):
-    """The process of a policy was killed from outside. Its trial is repeated."""
+    """A policy's process was killed from outside. Its trial is repeated."""
 
 
 class ModelError(BetterError):
@@ -221,7 +221,7 @@ class HandshakeError(BetterError):
 
 
 class PremiseError(BetterError):
-    """The scene at reset contradicts the premise of the instruction; the run must stop."""
+    """The scene at reset contradicts the instruction's premise; the run must stop."""
 
 
 class RunConflictError(BetterError):

@@ -319,13 +319,13 @@ def open_ordinary(path: Path) -> io.BufferedReader:
 
 
 def read_ordinary(path: Path) -> bytes:
-    """Return the content of a file; raises the errors of :func:`open_ordinary`."""
+    """Return a file's content; raises the errors of :func:`open_ordinary`."""
     with open_ordinary(path) as file:
         return file.read()
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
-    """Return the content of a file with a size limit. It does not wait for a pipe or a device.
+    """Return a file's content with a size limit. It does not wait for a pipe or a device.
 
     Raises:
         BetterError: Of the class ``raises``, if it is missing, not an ordinary file, too large or unreadable.

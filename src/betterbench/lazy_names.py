@@ -11,7 +11,7 @@ def lazy_names(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[st
     ``TYPE_CHECKING``.
 
     Args:
-        package: Name of the package.
+        package: Package name.
         names: Names by module; modules are relative to the package.
     """
     homes = {name: module for module, of_module in names.items() for name in of_module}

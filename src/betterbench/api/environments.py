@@ -23,7 +23,7 @@ def make_env(
     """Return one task as a Gymnasium environment without a wrapper; ``gymnasium.make`` adds its wrappers.
 
     Args:
-        task: Id of the task ("fast_food").
+        task: Task id ("fast_food").
         variation: Variation ("T1") or training condition ("train2"); the first training condition if not given.
         observation: Observation preset; "state_only" renders no images.
         action_space: Action space.

@@ -136,8 +136,8 @@ def write_report(
 
     Args:
         *runs: The runs, or their folders.
-        out: Folder of the report; ``report`` in the folder of the first run if not given.
-        names: Name of each run on the page, in the order of the runs; the name of its policy if not given.
+        out: Report folder; ``report`` in the folder of the first run if not given.
+        names: Each run's name on the page, in the order of the runs; its policy's name if not given.
         twins: For runs in LIBERO-PRO: folders of the base suite's runs by the same policies, one for each run.
         latex: Whether to write LaTeX tables too.
         films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.
@@ -197,7 +197,7 @@ def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
     """Render films of at most ``films`` trials, over all runs, and one image of each other failure.
 
-    In LIBERO no path is drawn, because the pose of its camera is not recorded.
+    In LIBERO no path is drawn, because its camera's pose is not recorded.
     """
     say = listener.say
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))

@@ -52,13 +52,13 @@ def evaluate(
     trials, including the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better eval``.
 
     Args:
-        policy: Address of a policy ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
+        policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
             see ``better list policies``), or your own instance, which answers in this process.
         tasks: Tasks to run; all of better60 if none is named.
         variations: Variations to run ("L1", "fast_food/T1"); all if none is named.
         trials: Trials per variation.
         seed: First seed.
-        out: Folder of the run; ``runs/POLICY`` if not given.
+        out: Run folder; ``runs/POLICY`` if not given.
         action_space: Action space of the policy; if not given, from its ``info``, or ee_delta for an address.
         observation: Observation preset.
         quality: Render preset.

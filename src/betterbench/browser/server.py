@@ -87,7 +87,7 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The address of the page, with its token."""
+        """The page address, with its token."""
         name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
         return f"http://{name}:{self.port}/{self._gate.token}"
 

@@ -1,4 +1,4 @@
-"""Chance: the success rate of guessing the instruction of a variation."""
+"""Chance: the success rate of guessing a variation's instruction."""
 
 from __future__ import annotations
 

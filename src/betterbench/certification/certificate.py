@@ -89,7 +89,7 @@ class TrialCertificate:
 
     @property
     def key(self) -> TrialId:
-        """Name of the trial."""
+        """Trial name."""
         return TrialId(self.task, self.condition, self.seed)
 
 
@@ -155,7 +155,7 @@ class Certificate:
         return form
 
     def sealed_json(self) -> dict[str, Any]:
-        """Return the content of its file: the JSON form with the file version and a checksum."""
+        """Return its file's content: the JSON form with the file version and a checksum."""
         return sealed_form({"version": 2, **self.to_json()})
 
     @classmethod

@@ -72,8 +72,8 @@ class Coverage:
     def of(cls, certificate: Certificate) -> Coverage:
         """Return the coverage of a certificate.
 
-        A trial is covered if clauses (b) to (e) are fulfilled and the expert solves it, or at least 95 % of the trials
-        of its condition.
+        A trial is covered if clauses (b) to (e) are fulfilled and the expert solves it, or at least 95 % of its
+        condition's trials.
         """
         groups: dict[str, list[Any]] = {}
         for t in certificate.trials:

@@ -53,12 +53,12 @@ class Demonstration:
 
     @property
     def key(self) -> TrialId:
-        """Name of the trial."""
+        """Trial name."""
         return TrialId(self.task, self.condition, self.seed)
 
 
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
-    """Return the demonstrations of a task to measure, cycling through its training conditions.
+    """Return a task's demonstrations to measure, cycling through its training conditions.
 
     Returns:
         The demonstrations without pre-placed objects, and the demonstrations that begin in final states of the former.
@@ -109,7 +109,7 @@ def _noted(put: Put) -> DemonstratedPut:
 
 
 def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrated:
-    """Return the measurements from the demonstrations of a task; unsolved demonstrations are ignored."""
+    """Return the measurements from a task's demonstrations; unsolved demonstrations are ignored."""
     solved = [d for d in demonstrations if not d.problem]
     puts = [put for d in solved for put in d.puts]
     places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}

@@ -37,7 +37,7 @@ class Pick:
 class Release(NamedTuple):
     """Release point of an object: height of its base above the table, and position of the base at the target [m].
 
-    The position is in the frame of the target, relative to the center of the target region.
+    The position is in the target's frame, relative to the center of the target region.
     """
 
     height_m: float
@@ -52,7 +52,7 @@ class Put:
     Attributes:
         kind: Kind of the object.
         asset: Identity of its asset.
-        relation: Name of the relation to its target, or None if it was lost on the way.
+        relation: Relation name to its target, or None if it was lost on the way.
         region: Region of the target, if it has several.
         slot: Slot of the target or of its support; None if there is none.
         level: Number of objects below it down to the slot; the mount of a drawer does not count.

@@ -65,7 +65,7 @@ def measure(
     workers: int = 1,
     on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
-    """Measure the demonstrations of some tasks that are not yet in the journal of a folder.
+    """Measure the demonstrations of some tasks that are not yet in a folder's journal.
 
     Args:
         tasks: Names of the tasks.

@@ -40,13 +40,13 @@ def certify(
     looks: Looks = "seen",
     on_progress: Callable[[JobProgress[TrialCertificate]], None] | None = None,
 ) -> Certificate:
-    """Examine every trial that is not yet in the journal of a folder, and write ``certificate.json``.
+    """Examine every trial that is not yet in a folder's journal, and write ``certificate.json``.
 
     Returns:
         The certificate of exactly these trials, in order.
 
     Raises:
-        InvalidInputError: If no trial is given, the number of workers is out of range, or the demonstrations of a task
+        InvalidInputError: If no trial is given, the number of workers is out of range, or a task's demonstrations
             were not measured under the current versions.
         WorkerError: If worker processes keep dying.
         RunConflictError: If another process writes to the folder, or the journal was started under other versions.

@@ -74,7 +74,7 @@ def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
 
 
 def word_options(function: Callable[..., None]) -> None:
-    """Set the placeholders and defaults that the help shows for the options of a verb."""
+    """Set the placeholders and defaults that the help shows for a verb's options."""
     parameters = inspect.signature(function).parameters
     hints = function.__annotations__
     function.__annotations__ = hints | {

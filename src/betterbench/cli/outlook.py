@@ -1,4 +1,4 @@
-"""Estimates of the duration of a run, printed before and during the run."""
+"""Estimates of a run's duration, printed before and during the run."""
 
 from __future__ import annotations
 

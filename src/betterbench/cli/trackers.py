@@ -1,4 +1,4 @@
-"""Experiment trackers: the metrics of a run for TensorBoard or Weights & Biases."""
+"""Experiment trackers: a run's metrics for TensorBoard or Weights & Biases."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ def write_metrics(
     """Write the numbers of a run for a tracker, and return the folder that was written.
 
     Args:
-        diagnosis: Diagnosis of the run.
+        diagnosis: Run diagnosis.
         to: The tracker.
         out: Folder for its files; created if missing.
-        name: Name of the run in the tracker; the name of the policy if None.
+        name: Run name in the tracker; the policy name if None.
         project: Project of Weights & Biases.
         overwrite: Whether to replace a file of the same name that this function did not write.
 

@@ -39,7 +39,7 @@ class Contrast:
 
     Attributes:
         measure: "success", a kind of failure or a label.
-        scope: "overall" (variations), "training", "axis:temporal_extrapolation" or the id of a task (its variations).
+        scope: "overall" (variations), "training", "axis:temporal_extrapolation" or a task's id (its variations).
         first: Name of the side with positive sign.
         second: Name of the side with negative sign.
         table: Counts of the four kinds of pairs, or None if the trials are not paired.

@@ -42,8 +42,8 @@ def load_sides(
 ) -> tuple[Side, ...]:
     """Read and diagnose the runs of a comparison; ``names`` overrides the names of their policies.
 
-    A path is the folder of a run, or the file of a submission, whose outcomes are used as stored. ``on_progress`` is
-    called with the name of a run, the number of its processed trials, and the number of its trials.
+    A path is a run's folder, or a submission's file, whose outcomes are used as stored. ``on_progress`` is
+    called with a run's name, the number of its processed trials, and the number of its trials.
 
     Raises:
         InvalidInputError: If fewer than two runs are given, a run is given twice, the names do not match the runs, or a

@@ -1,4 +1,4 @@
-"""Submissions: the outcomes of a run in one file, with its conventions and the hashes of its records."""
+"""Submissions: a run's outcomes in one file, with its conventions and the hashes of its records."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class SubmittedTrial:
         progress: Number of subgoals completed in a valid order, divided by the number requested.
         steps: Control steps.
         duration_s: Simulated time [s].
-        record_sha256: Hash of the file of its record, or None without one.
+        record_sha256: Hash of its record's file, or None without one.
     """
 
     task: Line
@@ -89,13 +89,13 @@ class Submission:
     """The outcomes of one run.
 
     Attributes:
-        name: Name of the policy.
+        name: Policy name.
         policy: Its address.
         declared: Declaration of the policy about itself.
         betterbench: Version that judged the trials.
         conventions: Versions and conventions by name, of the plan and of the records.
         thresholds: Thresholds of the diagnosis by name.
-        plan_sha256: Hash of the plan as canonical JSON.
+        plan_sha256: Plan hash as canonical JSON.
         left_out: Number of trials of a run until decided that were selected by outcomes and are therefore not a fair
             sample.
         trials: Every other planned trial, in plan order.
@@ -157,11 +157,11 @@ _BEGINNING = b'{\n"format": "betterbench-submission"'
 
 
 def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCount | None = None) -> Submission:
-    """Return the outcomes of a run, diagnosed now.
+    """Return a run's outcomes, diagnosed now.
 
     Args:
         run: The run; for a run until decided, only the trials of its first round are used.
-        name: Name of the policy in the submission; default: its declared name.
+        name: Policy name in the submission; default: its declared name.
         on_progress: Called with the number of processed trials and the number of all trials.
 
     Raises:
@@ -218,7 +218,7 @@ def read_submission(path: Path) -> Submission:
 
 
 def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount | None = None) -> None:
-    """Check a submission against the records of a run; ``on_progress`` is as for :func:`submission_of`.
+    """Check a submission against a run's records; ``on_progress`` is as for :func:`submission_of`.
 
     Raises:
         RunConflictError: If they disagree; the message names the first difference.
@@ -275,7 +275,7 @@ def _file_hash(path: Path) -> str:
 
 
 def submission_lines(submission: Submission) -> Iterator[str]:
-    """Yield the content of a submission as sentences."""
+    """Yield a submission's content as sentences."""
     counts = Counter(t.status for t in submission.trials)
     solved = sum(t.success for t in submission.trials)
     yield f"{submission.name}: {len(submission.trials)} trials, {solved} succeeded"

@@ -20,7 +20,7 @@ SHOWN_PARTS = 6
 
 
 def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) -> tuple[str, ...]:
-    """Return the result of a comparison, the most important sentence first."""
+    """Return a comparison's result, the most important sentence first."""
     main = next((g for g in groups if g.measure == "success" and g.scope in ("overall", "training")), None)
     if main is None:
         return ("Nothing can be concluded: there are no trials to compare.",)

@@ -23,7 +23,7 @@ class Decider:
 
     @property
     def may_be_place(self) -> bool:
-        """Whether the slot of an object may decide."""
+        """Whether an object's slot may decide."""
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:

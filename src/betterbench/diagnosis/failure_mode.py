@@ -22,7 +22,7 @@ class TrialView:
     """Input of a failure mode's detector: a record with its analysis.
 
     Attributes:
-        record: The record of the trial, with its outcome.
+        record: The trial record, with its outcome.
         episode: The analyzed record: every grasp attempt and placement, compared with the instruction.
         unexplained: True in the second round of detectors, if no detector found evidence in the first round.
     """
@@ -54,8 +54,8 @@ class FailureMode:
         short: Name of one or two words, for a segment of a bar chart.
         definition: Condition on the record, one sentence (suite, section 5).
         conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
-        sharper: Function that returns a more specific conclusion from the trials of this mode, or an empty text.
-        finding: Beginning of the sentence that counts the trials of this mode; empty if the mode yields no finding.
+        sharper: Function that returns a more specific conclusion from this mode's trials, or an empty text.
+        finding: Beginning of the sentence that counts this mode's trials; empty if the mode yields no finding.
         detail: Function that returns the end of that sentence: the common feature of these trials.
         rule: Kind of rule that explains the mode in the second pass (see ``ruling``), or None.
         needs_rule: Whether only an upheld rule proves the mode; without one, a trial is labeled ``wrong_object``.

@@ -37,7 +37,7 @@ _PLACE_DIGITS = 4
 
 
 def scene_of(record: Record) -> str:
-    """Return a digest of the initial state: the objects, their poses and the pose of the arm."""
+    """Return a digest of the initial state: the objects, their poses and the arm's pose."""
     things = sorted(
         (thing.asset, thing.kind, np.round([*position, *quaternion], _PLACE_DIGITS).tolist())
         for thing, position, quaternion in zip(

@@ -1,4 +1,4 @@
-"""Label of a trial, chosen from all pieces of evidence (suite, section 5)."""
+"""Trial label, chosen from all pieces of evidence (suite, section 5)."""
 
 from __future__ import annotations
 

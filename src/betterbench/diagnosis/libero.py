@@ -135,7 +135,7 @@ def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def suite_of(task: str) -> str:
-    """Return the base suite of a LIBERO task ("libero_object-03"); the tasks of a suite are judged together."""
+    """Return the base suite of a LIBERO task ("libero_object-03"); a suite's tasks are judged together."""
     return task.rpartition("-")[0]
 
 
@@ -177,7 +177,7 @@ def _with_regions(thing: ObjectInfo) -> ObjectInfo:
 
 
 def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
-    """Return the subgoals of a goal, or None if part of it requires moving a joint."""
+    """Return a goal's subgoals, or None if part of it requires moving a joint."""
     found = []
     known = {o.name: o for o in m.scene.objects}
     for name in m.subgoal_names:
@@ -212,7 +212,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
 
 
 def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
-    """Return the arrays of a record, with LIBERO's own verdict on the requested relations."""
+    """Return a record's arrays, with LIBERO's own verdict on the requested relations."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
@@ -284,7 +284,7 @@ def by_outcome(
     axis: str | None,
     condition: str = BASE,
 ) -> TrialDiagnosis:
-    """Return a diagnosis from the end of a trial alone; ``unmet`` is the label of a trial without success."""
+    """Return a diagnosis from the end of a trial alone; ``unmet`` is a trial's label without success."""
     m, outcome, end = record.metadata, record.outcome, float(record.time[-1])
     if outcome.success:
         label, evidence = Label.SUCCESS, Evidence("goal", "The goal is met.", end, end)

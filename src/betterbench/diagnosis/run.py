@@ -1,4 +1,4 @@
-"""Diagnosis of a run: each planned trial on its own, then all trials together (second pass), then findings."""
+"""Run diagnosis: each planned trial on its own, then all trials together (second pass), then findings."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def diagnose_run(
     twins_in: RunFolder | None = None,
     on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Return the diagnosis of a run. Every planned trial appears, finished or not.
+    """Return a run's diagnosis. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are pending and not counted. When no
     process writes any more, they are unfinished: they count in the denominator of every rate over planned trials, but
@@ -224,9 +224,9 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
 
 
 def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
-    """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes.
+    """Return a run's diagnosis from the readings of its records: second pass, metrics, findings, notes.
 
-    The rules of a policy are judged per task. In LIBERO they are judged per suite, because each task has only one
+    A policy's rules are judged per task. In LIBERO they are judged per suite, because each task has only one
     instruction.
     """
     group = {t.task: reader.group(t.task) for t in trials.plan}
@@ -278,7 +278,7 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
-    """Return the diagnosis of a trial under the ruling of the second pass."""
+    """Return a trial's diagnosis under the ruling of the second pass."""
     found = rules.get(trial.task)
     ruling = None if found is None else found.rulings.get(str(trial))
     if ruling is None:

@@ -13,7 +13,7 @@ all its tasks together at least as well as the other rules (:func:`mistakes_orde
 
 Evidence is pooled over a policy's tasks, so findings in one task have some weight in the others. The prior cost of each
 kind of rule depends on the share of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A kind
-that explains all these tasks clearly better than any other kind is the rule of the policy (:func:`rule_of_all_tasks`).
+that explains all these tasks clearly better than any other kind is the policy's rule (:func:`rule_of_all_tasks`).
 If two rules both predict a wrong attempt, the other tasks thus decide between them. The attempts of one task can
 outweigh the prior costs, which are at most 3.0 nats over ten tasks: as much as one attempt that only one of two rules
 predicts.
@@ -67,7 +67,7 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs that assign ambiguous attempts to the rule of the policy."""
+    """Return prior costs that assign ambiguous attempts to the policy's rule."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 

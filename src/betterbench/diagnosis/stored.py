@@ -145,7 +145,7 @@ def stored_path(run: RunFolder) -> Path:
 
 
 def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
-    """Write the diagnosis of a run into its folder, replacing an earlier one, and return the path.
+    """Write a run's diagnosis into its folder, replacing an earlier one, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.

@@ -1,4 +1,4 @@
-"""Rules of a policy in one task: fitting, comparison with confusion, and a ruling for each trial.
+"""Policy rules in one task: fitting, comparison with confusion, and a ruling for each trial.
 
 A rule is upheld if it costs less than confusion, the null hypothesis of undirected errors. This is a likelihood-ratio
 test with a penalty for choosing the rule. A favorite place also needs a pair of trials with different instructions that
@@ -56,7 +56,7 @@ def judge_rules(
         prior_costs: Prior cost of each kind of rule [nats]; zero if not given.
         known: Kinds of rule that other tasks have proven for the policy. A known "place" needs no pair of trials in
             this task. "later" is judged only by other tasks, because within one task a favorite place may look the
-            same. None if other tasks have not been judged yet; all rules are then judged by the trials of this task.
+            same. None if other tasks have not been judged yet; all rules are then judged by this task's trials.
         ordered: Whether the policy is known to mistake the order. A premature attempt then proves neither word nor
             place.
     """
@@ -185,7 +185,7 @@ def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_c
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """Rules of a task, applied to its trials.
+    """Task rules, applied to its trials.
 
     Attributes:
         attempts: All first attempts.

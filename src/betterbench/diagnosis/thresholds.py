@@ -1,8 +1,8 @@
 """Thresholds of the diagnosis alone, each with its unit, its reason and the effect of changing it.
 
 Thresholds that live judging uses too (goal tracker, grasp attempts, harm) are in :mod:`betterbench.tasks.thresholds`,
-with the thresholds of halts, falls, collisions and slips that every run lists in its conventions. The tolerance of a
-relation is in the file of the relation.
+with the thresholds of halts, falls, collisions and slips that every run lists in its conventions. A relation's
+tolerance is in the relation file.
 
 Entries that are not listed were added to this table after they were in use: see
 :func:`betterbench.tasks.thresholds.threshold`.

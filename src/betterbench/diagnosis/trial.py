@@ -48,7 +48,7 @@ class Choice:
         step_slots: Slots of the objects of each later step separately, in order.
         places: Number of slots at which something could be grasped.
         thing: Kind of the object in the slot of the first attempt; empty if the slot was empty.
-        color: Color of that object.
+        color: That object's color.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
         favorite_slots: Slot that the policy may favor in trials with the same occupied slots; set by the second pass.
         replaced: Whether the slot of the first attempt, to which the habit leads, contained another object. A single

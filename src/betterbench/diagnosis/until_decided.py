@@ -27,7 +27,7 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return the state of a variation by its full name ("fast_food/T1"), or None if it is not in the run."""
+        """Return a variation's state by its full name ("fast_food/T1"), or None if it is not in the run."""
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
     @property

@@ -56,9 +56,9 @@ class TrialDiagnosis:
     """Diagnosis of one trial.
 
     Attributes:
-        variation: Name of the variation, or None for a training condition.
+        variation: Variation name, or None for a training condition.
         condition: Name of the training condition; for a variation, the training condition of its twin.
-        axis: Axis of the variation, or None.
+        axis: Variation axis, or None.
         expected: "succeed", "refuse" or "stay_still".
         first_attempt: Object of the first grasp attempt, or None without an attempt or after an air grasp. A drawer
             that had to be moved first is not counted.
@@ -184,17 +184,17 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class RunDiagnosis:
-    """Diagnosis of a run: its trials, metrics and findings.
+    """Run diagnosis: its trials, metrics and findings.
 
     Attributes:
         trials: One entry per counted trial, finished or not, in plan order.
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
-        notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
+        notes: Run limits, one sentence each (missing pairs, smallest detectable difference).
         waiting: Planned trials that a run in progress has not reached; they are not counted. Empty if no process writes
             to the run any more: its missing trials are then unfinished ``trials``.
         until_decided: Verdict on each variation of a run until decided, or None. Trials that its verdicts made
             unnecessary are left out.
-        address: Address of the policy for commands; default: ``policy``.
+        address: Policy address for commands; default: ``policy``.
     """
 
     policy: str
@@ -209,7 +209,7 @@ class RunDiagnosis:
     address: str = ""
 
     def __post_init__(self) -> None:
-        """Use the name of the policy as its default address."""
+        """Use the policy name as its default address."""
         if not self.address:
             object.__setattr__(self, "address", self.policy)
 

@@ -14,7 +14,7 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """Input of an episode to its policy.
+    """Episode input to its policy.
 
     A named tuple for speed, like :class:`Reply`, because every control step makes one.
 
@@ -28,7 +28,7 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Answer of a policy, with the answer time.
+    """Policy answer, with the answer time.
 
     Attributes:
         actions: Answer as an array of any shape and type; empty for the start of an episode.

@@ -152,7 +152,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return the input of the policy: an observation, or the state for a privileged policy."""
+        """Return the policy's input: an observation, or the state for a privileged policy."""
         if self._observer is None:
             return state
         began = time.perf_counter()

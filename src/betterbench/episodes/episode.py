@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EpisodeResult:
-    """Result of an episode: record, wall-clock times and states.
+    """Episode result: record, wall-clock times and states.
 
     Attributes:
         record: The privileged record, a pure function of trial and policy.
@@ -75,7 +75,7 @@ def run_episode(
     the record then contains the demonstrator's action as ``action`` and the executed action as ``applied``.
 
     Raises:
-        PremiseError: If the scene contradicts the premise of the instruction.
+        PremiseError: If the scene contradicts the instruction's premise.
         PolicyUnavailableError: If the policy's server cannot be reached.
         HandshakeError: If the policy's server now serves another policy.
     """
@@ -127,13 +127,13 @@ def episode_steps(
 ) -> Steps:
     """Run one episode from reset to its end, and yield whenever the policy must answer.
 
-    One thread can thus interleave many episodes. The result does not depend on the duration of an answer. Without an
+    One thread can thus interleave many episodes. The result does not depend on an answer's duration. Without an
     observer, the policy gets the privileged state; ``privileged`` is then called here, and nothing is yielded. Yields a
     question, or None if the reply to the last question is needed now.
 
     Raises:
-        PremiseError: If the scene contradicts the premise of the instruction.
-        PolicyKilledError: If the process of the policy was ended from outside.
+        PremiseError: If the scene contradicts the instruction's premise.
+        PolicyKilledError: If the policy's process was ended from outside.
     """
     began = time.perf_counter()
     state = scene.reset()
@@ -250,7 +250,7 @@ def append_row(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    """Append a row to the record of an episode: scene state, goal state and preceding action."""
+    """Append a row to an episode's record: scene state, goal state and preceding action."""
     builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
     _append_truth(builder, truth)
 

@@ -85,7 +85,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def instruction(self) -> str:
-        """Instruction of the robot; in a vector environment, use ``envs.get_attr("instruction")``."""
+        """Robot instruction; in a vector environment, use ``envs.get_attr("instruction")``."""
         return self._condition.instruction.text
 
     @property
@@ -99,7 +99,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Start a trial.
 
         Args:
-            seed: Seed of the trial; seed 3 is trial 3 of ``better eval``. Without a seed, the environment's own
+            seed: Trial seed; seed 3 is trial 3 of ``better eval``. Without a seed, the environment's own
                 generator draws one.
             options: Not used.
         """

@@ -79,7 +79,7 @@ class ActionSpace:
 
     @property
     def neutral(self) -> np.ndarray | None:
-        """The action for no motion, shape (dim,), or None if it depends on the state of the robot."""
+        """The action for no motion, shape (dim,), or None if it depends on the robot's state."""
         return np.zeros(self.dim) if self.is_delta and self.name not in WORLD_ACTION_SPACES else None
 
     @property

@@ -85,10 +85,10 @@ def observation_spec(name: str) -> ObservationSpec:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Input of a policy at one control step: instruction, images and proprioception.
+    """Policy input at one control step: instruction, images and proprioception.
 
     Attributes:
-        instruction: Instruction of the task.
+        instruction: Task instruction.
         step: Control steps taken since reset.
         images: Upright RGB image per camera, (height, width, 3) uint8.
         joint_positions: (7,) arm joint angles [rad].

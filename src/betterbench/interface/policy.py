@@ -87,7 +87,7 @@ def episode_number(seed: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class PolicyInfo:
-    """Description of a policy, given by the policy itself and stored with the run.
+    """Policy description, given by the policy itself and stored with the run.
 
     Attributes:
         name: Address under which the policy was requested.
@@ -140,10 +140,10 @@ class Policy(Protocol):
 
     @property
     def info(self) -> PolicyInfo:
-        """Description of the policy, stored with the run."""
+        """Policy description, stored with the run."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Reset the state of the policy for a new episode."""
+        """Reset the policy's state for a new episode."""
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next actions, (horizon, dim), to execute in order, or a single action, (dim,)."""

@@ -1,4 +1,4 @@
-"""Frames between a run and the process of a policy or a simulator: a JSON document and arrays, without pickles.
+"""Frames between a run and a policy's process or a simulator: a JSON document and arrays, without pickles.
 
 The process of a simulator also imports this file, in an environment without betterbench, so the file imports only the
 standard library and NumPy.

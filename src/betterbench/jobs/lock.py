@@ -24,7 +24,7 @@ _PAUSE_S = 0.02  # longer than a check of the lock by another process
 
 
 def is_locked(path: Path) -> bool:
-    """Return whether a living process holds the lock of a run, without disturbing this process.
+    """Return whether a living process holds a run's lock, without disturbing this process.
 
     A lock held on another machine is detected if the file system shares locks.
     """

@@ -258,7 +258,7 @@ class OutputFolder:
 
 
 def _is_name(name: str) -> bool:
-    """Return whether a listed name can be the name of a file in the folder."""
+    """Return whether a listed name can be a file's name in the folder."""
     return name.isprintable() and not {"..", "/"} & set(Path(name).parts)
 
 

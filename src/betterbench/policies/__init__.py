@@ -7,7 +7,7 @@
 - ``protocols``, ``clients``, ``serving``: codecs, clients of policy servers, and the server side.
 - ``process``: user policies in a separate process.
 - ``experts``, ``faulty``, ``decisions``: privileged policies that plan; ``faulty`` has one file per fault.
-- ``learned``: networks, checkpoints, and the policy of a checkpoint (`learned:CHECKPOINT`).
+- ``learned``: networks, checkpoints, and a checkpoint's policy (`learned:CHECKPOINT`).
 
 Each public name is imported from its module at first use, so that the process of a policy imports only what it needs.
 """

@@ -97,7 +97,7 @@ class AddressForm:
     """Form of the addresses of a kind of policies.
 
     Attributes:
-        scheme: Name of the kind, the prefix of its addresses.
+        scheme: Kind name, the prefix of its addresses.
         example: Example of an address in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
         target: Whether a target follows the scheme and a colon: a name, a file or a server.
         options: Allowed options.
@@ -171,7 +171,7 @@ class AddressForm:
 
 @dataclass(frozen=True, slots=True)
 class PolicyAddress:
-    """A parsed address: the target of a policy ("localhost:8000") and its options.
+    """A parsed address: a policy's target ("localhost:8000") and its options.
 
     :meth:`AddressForm.read` has checked the options. ``world`` is the world whose conventions the policy uses
     ("libero", empty for our own scenes); a preset then matches the clients of that world.
@@ -208,7 +208,7 @@ class PolicyAddress:
 
     @property
     def server_name(self) -> str:
-        """Name of the server in messages."""
+        """Server name in messages."""
         return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:

@@ -38,7 +38,7 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the deadline of one answer [s], from the address of a server or else from the run.
+    """Return the deadline of one answer [s], from a server's address or else from the run.
 
     The address may also be the name of a policy object passed by the caller of the run.
     """
@@ -91,7 +91,7 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Declarations of the policy, built for this purpose on first use.
+        """Policy declarations, built for this purpose on first use.
 
         Raises the errors of :func:`check_policy`.
         """

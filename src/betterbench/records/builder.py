@@ -149,7 +149,7 @@ class RecordBuilder:
         clipped_actions: int = 0,
         invalid_actions: int = 0,
     ) -> Record:
-        """Return the record of the episode; the arguments are those of :class:`Outcome`.
+        """Return the episode record; the arguments are those of :class:`Outcome`.
 
         Raises:
             InvalidInputError: If there are no rows, a row lacks its relations, a state does not list the scene's

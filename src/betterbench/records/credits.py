@@ -13,7 +13,7 @@ LIBRARY_CREDIT = "betterbench procedural library, Apache-2.0"
 
 
 class CreditedObject(Protocol):
-    """Object of a scene with the origin of its asset; empty texts for the procedural library."""
+    """Object of a scene with its asset's origin; empty texts for the procedural library."""
 
     @property
     def asset(self) -> str:
@@ -21,11 +21,11 @@ class CreditedObject(Protocol):
 
     @property
     def source(self) -> str:
-        """Origin of the asset."""
+        """Asset origin."""
 
     @property
     def license(self) -> str:
-        """Name of its license."""
+        """Its license's name."""
 
 
 @dataclass(frozen=True, slots=True, order=True)

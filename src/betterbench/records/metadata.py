@@ -1,4 +1,4 @@
-"""Metadata of a record: its trial, the versions used, and the outcome of the episode."""
+"""Record metadata: its trial, the versions used, and the episode's outcome."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TERMINATIONS: tuple[str, ...] = get_args(Termination)
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of an episode.
+    """Episode outcome.
 
     Attributes:
         success: Whether the trial is a success, given its expected behavior.
@@ -64,13 +64,13 @@ class Outcome:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
-    """Metadata of an episode, fixed before it starts.
+    """Episode metadata, fixed before it starts.
 
     Attributes:
-        suite_version: Version of the suite, which also seeds its random streams.
-        condition: Name of the condition within the task ("train1", "L3").
-        variation: Name of the variation ("L3"), or None for a training condition.
-        axis: Axis of the variation, or None for a training condition.
+        suite_version: Suite version, which also seeds its random streams.
+        condition: Condition name within the task ("train1", "L3").
+        variation: Variation name ("L3"), or None for a training condition.
+        axis: Variation axis, or None for a training condition.
         base_condition: Training condition from which a variation is derived; its trial with the same seed is the twin.
         interventions: The interventions as text, in order.
         expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").

@@ -194,7 +194,7 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
 
 
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
-    """Read the trial and the outcome of a record; raise the errors of :func:`read_outcome`."""
+    """Read the trial and a record's outcome; raise the errors of :func:`read_outcome`."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 

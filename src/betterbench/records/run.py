@@ -103,7 +103,7 @@ class RunFolder:
 
     @property
     def planned(self) -> tuple[TrialId, ...]:
-        """The trials of the plan in order; empty if the plan does not list them."""
+        """The plan's trials in order; empty if the plan does not list them."""
         return tuple(self._planned or ())
 
     @classmethod
@@ -172,7 +172,7 @@ class RunFolder:
 
     @property
     def report_path(self) -> Path:
-        """The folder of the report; raises the errors of :meth:`inside`."""
+        """The report folder; raises the errors of :meth:`inside`."""
         return self.inside("report")
 
     @property
@@ -331,7 +331,7 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read only the trial and the outcome of a record, which is fast; raise the errors of :meth:`read_record`.
+        """Read only the trial and a record's outcome, which is fast; raise the errors of :meth:`read_record`.
 
         If ``entry`` is given, the journal is not read.
         """
@@ -477,7 +477,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the lock of the folder. Raises RunConflictError if another process is writing to it."""
+        """Hold the folder lock. Raises RunConflictError if another process is writing to it."""
         with RunLock(self.path / LOCK_NAME):
             yield
 
@@ -510,7 +510,7 @@ def _known_entries(path: Path) -> dict[TrialId, JournalEntry]:
 
 
 def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None:
-    """Return the trials of a plan by their id; None for a plan without a list of trials."""
+    """Return a plan's trials by their id; None for a plan without a list of trials."""
     listed = plan.get("trials")
     if not isinstance(listed, list):
         return None

@@ -53,7 +53,7 @@ def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
 
 
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
-    """Store the files of a scene under its hash, ``HASH.zip``; the same files give the same bytes.
+    """Store a scene's files under its hash, ``HASH.zip``; the same files give the same bytes.
 
     Raises:
         InvalidInputError: If a name could lead out of the archive's folder or the scene is too large.

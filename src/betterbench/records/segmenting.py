@@ -1,4 +1,4 @@
-"""Segments of a record: rows of each subgoal, derived only from the states.
+"""Record segments: rows of each subgoal, derived only from the states.
 
 A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
 skill is a pick and place; if a drawer moved, a slide; otherwise, a miss. A skill's window begins when the tool comes
@@ -41,11 +41,11 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return the segments of an episode, which cover all its rows; empty if the gripper never closed.
+    """Return an episode's segments, which cover all its rows; empty if the gripper never closed.
 
     Args:
-        record: The record of the episode.
-        condition: Condition of the episode.
+        record: The episode record.
+        condition: Episode condition.
     """
     found = list(_closures(record))
     if not found:

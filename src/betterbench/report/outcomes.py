@@ -31,7 +31,7 @@ class ConditionRow:
 
     Attributes:
         id: "fast_food/T1", or "fast_food/training".
-        variation: Name of the variation, or None for the training conditions.
+        variation: Variation name, or None for the training conditions.
         hypothesis: Hypothesis that the variation tests, or an empty string if the task is unknown.
         expected: Correct behavior, in words.
         instruction: The instruction, or the first of several.
@@ -81,7 +81,7 @@ def is_abroad(diagnosis: RunDiagnosis) -> bool:
 
 
 def task_title(name: str) -> str:
-    """Return the title of a task, or its id."""
+    """Return a task's title, or its id."""
     task = task_of(name)
     return name if task is None else task.title
 
@@ -169,7 +169,7 @@ def _variation(task: str, name: str) -> Variation | None:
 
 
 def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> Figure:
-    """Return the success rate from the metrics of the run, or counted from the trials if it is missing there."""
+    """Return the success rate from the run metrics, or counted from the trials if it is missing there."""
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:
         return Figure.of(metric)

@@ -257,7 +257,7 @@ class ReviewPage:
         self._list.content = queue_list(desk.queue, verdicts, desk.index)
 
     def _show_object(self) -> None:
-        """Show the meshes of the object with its kept changes, and its size and mass in the panel."""
+        """Show the object's meshes with its kept changes, and its size and mass in the panel."""
         for node in self._nodes:
             node.remove()
         self._nodes, self._visual = [], None

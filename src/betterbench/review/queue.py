@@ -23,7 +23,7 @@ class QueuedObject:
 
     Attributes:
         path: Mesh file of the object.
-        content: Hash of the content of the file.
+        content: Hash of the file's content.
         states: The object as imported, then after each active change; empty before the import.
         problem: Reason why the import failed, "" if it did not.
         wishes: Options of the import.

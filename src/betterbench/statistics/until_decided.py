@@ -86,7 +86,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """State of a question: its verdict, counts and evidence.
+    """Question state: its verdict, counts and evidence.
 
     Attributes:
         pairs: Pairs in the complete rounds during which the question was open.
@@ -141,7 +141,7 @@ def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcome
     """Replay the rounds of the questions up to the last known outcome.
 
     Args:
-        questions: The questions, each about a different condition. Several questions may share the trials of a twin.
+        questions: The questions, each about a different condition. Several questions may share a twin's trials.
         seeds: Seeds in the order in which they are run; their number is the maximum number of pairs of a question.
         outcome: Known outcomes of the trials.
         rule: Rule by which a question is decided.

@@ -5,7 +5,7 @@
 - ``authoring``: templates, variations and the registry, for writing tasks.
 - ``suite``: the tasks of better60, one file each.
 - ``judging``: goals, grasp attempts, restraint, harm and premises, judged from states.
-- ``interventions``: look-up of conditions by the name of a condition or a regime.
+- ``interventions``: look-up of conditions by a condition's name or a regime.
 - ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN as data.
 """
 

@@ -50,9 +50,9 @@ class ObjectSpec:
 
     Attributes:
         name: Name in the scene. Names carry no meaning: renaming all objects leaves every verdict unchanged.
-        kind: Noun of the object in instructions ("red mug").
-        category: Category of its asset ("mug").
-        color: Color of its asset, or None to let the generator choose.
+        kind: Object noun in instructions ("red mug").
+        category: Its asset's category ("mug").
+        color: Its asset's color, or None to let the generator choose.
         mount: For a drawer, its mount in the cabinet.
     """
 

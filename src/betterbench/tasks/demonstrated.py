@@ -1,7 +1,7 @@
 """File of release points and final poses measured in the expert's demonstrations, and look-up in this file.
 
 ``better certify --demonstrations`` writes the file. Scenes draw the poses of pre-placed objects from the final poses,
-and clause (b) of the certificate compares releases with the release points. The file of the suite is part of the
+and clause (b) of the certificate compares releases with the release points. The suite file is part of the
 package; the file of user tasks is stored next to the task file.
 """
 
@@ -37,7 +37,7 @@ FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
 class FlatPose(NamedTuple):
     """Planar pose of an object at its target: position from the center of the target region [mm], heading [degrees].
 
-    Both are in the frame of the target.
+    Both are in the target's frame.
     """
 
     x_mm: float
@@ -56,7 +56,7 @@ class Releases:
         region: Region of the target, "" if it has only one.
         level: Number of objects below, down to the slot.
         heights_mm: Heights of the released object's foot above the table [mm], sorted.
-        points_mm: Positions of that foot in the frame of the target, from the center of the region, x and y [mm].
+        points_mm: Positions of that foot in the target's frame, from the center of the region, x and y [mm].
     """
 
     slot: str
@@ -92,7 +92,7 @@ class FinalPoses:
         target_asset: Identity of its asset.
         relation: Relation between the two.
         region: Region of the target, "" if it has only one.
-        poses: Poses of the object at rest.
+        poses: Object poses at rest.
     """
 
     kind: str
@@ -110,9 +110,9 @@ class Demonstrated:
     """Release points and final poses of one task's demonstrations, with the versions of the measurement.
 
     Attributes:
-        suite: Version of the suite.
+        suite: Suite version.
         engine: Version of the physics engine.
-        version: Version of the task.
+        version: Task version.
         solved: Number of measured demonstrations.
     """
 

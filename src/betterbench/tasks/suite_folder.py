@@ -67,7 +67,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
     """Return the name of a suite's folder, and its files by their path in the folder.
 
     Args:
-        name: Name of the suite, without the digest.
+        name: Suite name, without the digest.
         forms: JSON forms of its tasks by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
@@ -85,11 +85,11 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
 
 
 def read_suite_folder(path: Path | str) -> SuiteFolder:
-    """Return the suite in a folder, after checking the digest of every file.
+    """Return the suite in a folder, after checking every file's digest.
 
     Raises:
         InvalidInputError: If the folder has no suite, if a listed file is missing, differs from its digest or is not
-            listed, or if the name of the folder has another digest.
+            listed, or if the folder name has another digest.
     """
     folder = Path(path).absolute()
     where = str(folder / HEAD)

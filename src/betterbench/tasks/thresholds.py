@@ -162,7 +162,7 @@ class Thresholds:
         "motion.",
         "Larger: a trembling arm stands still; more early_halt and phase_conflict, fewer timeout.")
 
-    # Collisions, and the rules of a policy.
+    # Collisions, and a policy's rules.
     collision_force = threshold("collision_force", 3.0, "N",
         "Normal force above which contact with a fixture is a collision; a jar that slides along the wall of its hole "
         "presses with less force.",

@@ -2,7 +2,7 @@
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
 inherit. A folder of imported assets (``--asset-dir``) is such a file too: its manifest is read, nothing is executed.
-Packages name a module under the entry point group ``betterbench.plugins``. A file in the folder of a run is never
+Packages name a module under the entry point group ``betterbench.plugins``. A file in a run's folder is never
 executed automatically, because it may be untrusted.
 """
 
@@ -59,7 +59,7 @@ class TaskFile:
     Workers get the same text even if the file changes meanwhile.
 
     The path is absolute, on the machine that first loaded it. ``demonstrations`` is the text of its companion file, if
-    there is one, and ``suite`` the folder of the suite with which it was loaded.
+    there is one, and ``suite`` the suite folder with which it was loaded.
     """
 
     path: str
@@ -118,7 +118,7 @@ class TaskFile:
 
     @property
     def copy_name(self) -> str:
-        """Name of the copy in the folder of a run."""
+        """Name of the copy in a run's folder."""
         return _copy_name(Path(self.path).name, self.sha256)
 
 
@@ -292,7 +292,7 @@ def loaded_files() -> tuple[TaskFile, ...]:
 
 
 def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str, list[dict[str, str]]]:
-    """Return the files and plugins that tasks and worlds need, for the plan of a run.
+    """Return the files and plugins that tasks and worlds need, for a run's plan.
 
     The keys are "task_files" (name, sha256) and "plugins" (name, version); a key without entries is left out.
     """
@@ -369,9 +369,9 @@ def loading_options() -> str:
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
-    """Check that the files and plugins of a run's tasks are loaded, as listed in the plan of the run.
+    """Check that the files and plugins of a run's tasks are loaded, as listed in the run plan.
 
-    Copies in the folder of the run are named in the error, but never loaded from there.
+    Copies in the run folder are named in the error, but never loaded from there.
 
     Raises:
         RecordError: If a file or plugin is not loaded, or has another text.

@@ -1,4 +1,4 @@
-"""Asking a model the questions of a set, and scoring its answers by type."""
+"""Asking a model a set's questions, and scoring its answers by type."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _LINES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelAnswer:
-    """Answer of a model to a question.
+    """Model answer to a question.
 
     Attributes:
         id: Identifier of the question.
@@ -88,7 +88,7 @@ _CURE = "Correct the file if it is your own, or write the answers to another fil
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Answers of a model to a set. A question without an answer is scored as wrong.
+    """Model answers to a set. A question without an answer is scored as wrong.
 
     Attributes:
         changed: Number of the first line of the answer file with a wrong checksum; 0 if there is none.

@@ -64,7 +64,7 @@ def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -
     Args:
         candidates: All possible questions.
         count: Number of questions; 0 for as many as can be balanced.
-        seed: Seed of the set.
+        seed: Set seed.
     """
     sorted_out: dict[tuple[QuestionType, tuple[str, ...]], dict[str, list[Candidate]]] = {}
     for c in candidates:
@@ -111,7 +111,7 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Return the questions of a group in rounds with one question per answer; empty if there are too few answers."""
+    """Return a group's questions in rounds with one question per answer; empty if there are too few answers."""
     lists = {answer: sorted(cs, key=lambda c: c.id(seed)) for answer, cs in by_answer.items()}
     ranked = sorted(lists, key=lambda answer: (-len(lists[answer]), answer))
     spatial = lists[ranked[0]][0].form in (Form.BOX, Form.POINT)

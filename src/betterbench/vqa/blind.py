@@ -1,4 +1,4 @@
-"""Baselines without the image: the majority answer, and naive Bayes on the words of the question.
+"""Baselines without the image: the majority answer, and naive Bayes on the question's words.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing (McCallum and
 Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. For a box
@@ -39,7 +39,7 @@ class Baseline:
         n: Number of questions.
         blind: Correct answers of the classifier.
         majority: Number of questions for which the most frequent answer is correct.
-        chance: Expected rate of correct answers when guessing among the answers of each group; for boxes and points,
+        chance: Expected rate of correct answers when guessing among each group's answers; for boxes and points,
             the rate of the best constant answer.
     """
 
@@ -194,7 +194,7 @@ def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
 
 
 def _words(question: Question) -> list[str]:
-    """Return the words of a question and all pairs of neighboring words; coordinates become coarse cells."""
+    """Return a question's words and all pairs of neighboring words; coordinates become coarse cells."""
     words = re.findall(r"[a-z0-9'-]+", in_cells(question.text.lower(), question.width))
     return words + [f"{a} {b}" for a, b in itertools.pairwise(words)]
 

@@ -1,4 +1,4 @@
-"""Question set on disk, made from the records of a run; resumable, with the same bytes after any interruption.
+"""Question set on disk, made from a run's records; resumable, with the same bytes after any interruption.
 
 While the set is made, ``candidates/`` contains the possible questions about each trial. When all trials are done,
 questions are selected over all of them and written, and temporary files are removed. ``summary.json`` is written last.
@@ -109,7 +109,7 @@ class PhotoSource(Protocol):
     """Source of images of records, rendered on demand or materialized before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
-        """Return the image of a camera at a row of a record, with its visible objects."""
+        """Return a camera's image at a row of a record, with its visible objects."""
 
     def stop(self) -> None:
         """Let all rendering threads fail soon with an error."""
@@ -223,12 +223,12 @@ def make_set(
     workers: int = 1,
     on_progress: OnCount | None = None,
 ) -> QuestionSet:
-    """Make a question set from the records of a run, or resume an interrupted one.
+    """Make a question set from a run's records, or resume an interrupted one.
 
     Args:
         run: The run.
-        out: Folder of the set.
-        options: Options of the set.
+        out: Set folder.
+        options: Set options.
         open_photos: Opens a source of images for a worker.
         workers: Number of trials processed in parallel; the set does not depend on it.
         on_progress: Called with the number of trials done and planned.
@@ -304,7 +304,7 @@ def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
 
 @contextmanager
 def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
-    """Lock the folder of a set and write its plan; yield whether the set is already complete.
+    """Lock a set's folder and write its plan; yield whether the set is already complete.
 
     Raises the errors of :func:`make_set`.
     """
@@ -357,7 +357,7 @@ def _survey(
 
 
 def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource, trial: TrialId) -> None:
-    """Write the images of a trial, and then the possible questions about them."""
+    """Write a trial's images, and then the possible questions about them."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)
     draw = stream(trial.task, trial.seed, f"vqa:{options.seed}:{trial.condition}")
@@ -439,7 +439,7 @@ def finished(
 
 
 def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline], purpose: str) -> QuestionSet:
-    """Write the files of a set, remove temporary files, and return the set.
+    """Write a set's files, remove temporary files, and return the set.
 
     Raises:
         InvalidInputError: If there are no questions.

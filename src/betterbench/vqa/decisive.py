@@ -83,7 +83,7 @@ identity; for a shortcut, the requested object and its position; for a wrong ste
 
 @dataclass(frozen=True, slots=True)
 class DecisiveOptions:
-    """Options of a set; cameras are tried in order until one shows the objects of a question."""
+    """Set options; cameras are tried in order until one shows the objects of a question."""
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256

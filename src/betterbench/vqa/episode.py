@@ -34,7 +34,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """Activity of the robot, and the index of its object."""
+    """Activity of the robot, and its object's index."""
 
     act: Act
     object: int

@@ -184,7 +184,7 @@ def describe_images(
 ) -> Described:
     """Let a model describe images of a set and write questions; keep the texts that the state proves.
 
-    The results of each image are stored in ``descriptions/``, so that an interrupted command can be resumed. Kept texts
+    Each image's results are stored in ``descriptions/``, so that an interrupted command can be resumed. Kept texts
     are written to ``descriptions.jsonl`` of the set, in the conversation format of LLaVA.
 
     Raises:

@@ -44,7 +44,7 @@ class KnowledgeStanding(StrEnum):
 @open_form
 @dataclass(frozen=True, slots=True)
 class TrialKnowledge:
-    """Knowledge of a model in one trial, together with the outcome of the policy.
+    """Knowledge of a model in one trial, together with the policy's outcome.
 
     Attributes:
         roles: For each answered role, whether all of its questions were answered correctly.
@@ -101,8 +101,8 @@ class Knowledge:
     """Knowledge of a model about the decisive moments of a policy's trials.
 
     Attributes:
-        model: Name of the model.
-        policy: Name of the policy.
+        model: Model name.
+        policy: Policy name.
         labels: One entry per occurring label, in the order of labels.
         roles: Rate of correct answers per role, out of the answered questions.
         asked: Number of questions of the set about moments of the run.
@@ -160,7 +160,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     """Return a model's knowledge about the decisive moments of a policy's trials.
 
     Args:
-        diagnosis: The diagnosis of the run.
+        diagnosis: The run diagnosis.
         asked: The question set about its decisive moments.
         answers: The model's answers to that set.
 
@@ -212,7 +212,7 @@ def knowledge_path(run: RunFolder) -> Path:
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write a model's knowledge into the folder of the run, where the report reads it, and return the path.
+    """Write a model's knowledge into the run folder, where the report reads it, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.

@@ -36,12 +36,12 @@ class Moment:
 
     @property
     def condition(self) -> Condition:
-        """The condition of the trial."""
+        """The trial's condition."""
         return self.episode.resolved.condition
 
     @property
     def source(self) -> FrameSource:
-        """Frame of the record."""
+        """Record frame."""
         m = self.episode.record.metadata
         time_s = round(float(self.episode.record.time[self.row]), 6)
         return FrameSource(m.task, m.condition, m.seed, self.row, time_s, self.view.camera)

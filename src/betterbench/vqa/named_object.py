@@ -1,7 +1,7 @@
-"""Questions about one trial for the position of the object in the instruction.
+"""Questions about one trial for the object's position in the instruction.
 
 The frame is the beginning of the diagnosed decision, as in :mod:`betterbench.vqa.decisive`. The questions ask for a box
-and a point, each in two wordings. Unlike the questions of a set, they are not balanced, because all are about one
+and a point, each in two wordings. Unlike a set's questions, they are not balanced, because all are about one
 object.
 """
 
@@ -48,7 +48,7 @@ def named_object(
     """Return the object named in a trial's instruction with the questions about its position.
 
     Args:
-        record: The record of the trial.
+        record: The trial record.
         trial: Its diagnosis.
         photos: Source of the camera images.
         camera: Camera of the frame.

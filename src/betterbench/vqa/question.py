@@ -55,7 +55,7 @@ class Difficulty(StrEnum):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Frame of a question: camera and row of the record of a trial, and the time of the row [s]."""
+    """Question frame: camera and row of a trial's record, and the time of the row [s]."""
 
     task: str
     condition: str
@@ -145,10 +145,10 @@ class Question:
         text: The question without its options.
         options: The options of a choice, in the order of their letters.
         answer: The correct answer: the option of a choice, or the coordinates of a box or point in brackets.
-        image: Path of the image, relative to the folder of the set.
+        image: Path of the image, relative to the set folder.
         width: Columns of the image [pixel].
         height: Rows of the image [pixel].
-        group: Information in the text; answers are balanced among the questions of a group.
+        group: Information in the text; answers are balanced among a group's questions.
         chance: Rate of correct answers when guessing from the text; None for boxes and points, whose reference is the
             constant answer of the set.
         role: Role of a question about a decisive moment ("asked", "where", "under", "exists", "done").

@@ -44,5 +44,5 @@ def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> N
 
 
 def _short(scope: str) -> str:
-    """Return the heading of a column: for an axis its letter, so that the table fits a terminal."""
+    """Return a column's heading: for an axis its letter, so that the table fits a terminal."""
     return "overall" if scope == "overall" else Axis(scope.removeprefix("axis:")).letter

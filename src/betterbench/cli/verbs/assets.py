@@ -54,7 +54,7 @@ def assets_command(
 
     index reads sources into the catalogue: procedural (built-in generators, the default), a folder of meshes,
         objaverse.
-    search takes a description; show takes the id of an asset. Assets whose license forbids commercial use or changes,
+    search takes a description; show takes an asset's id. Assets whose license forbids commercial use or changes,
     or is not known, are left out unless --license any is given. import makes assets of GLB, glTF, OBJ, STL, PLY, URDF
     and MJCF files, or of ids of the catalogue, in the folder --out, which --asset-dir of other verbs loads. check
     certifies files, folders of files and registered assets, and exits with status 1 if one fails.
@@ -65,7 +65,7 @@ def assets_command(
         what: index, search, show, licenses, import or check.
         given: Sources to index, the description to search, the id to show, the files and ids to import, or the files,
             folders and assets to check.
-        catalogue: Folder of the catalogue; by default in the user's cache.
+        catalogue: Catalogue folder; by default in the user's cache.
         name: With index: name of the source in the catalogue. With import: name of the asset in tasks, for a single
             file.
         kind: With import and check: name or description that determines the kind, such as "coffee mug"; by default, the

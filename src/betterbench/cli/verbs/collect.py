@@ -29,7 +29,7 @@ def collect_command(
     Example: better collect --tasks fast_food --demos 10 --out runs/demonstrations
 
     Args:
-        out: Folder of the run.
+        out: Run folder.
         tasks: Tasks to demonstrate; all of the suite if none is named.
         suite: Suite to take the tasks from.
         demos: Demonstrations per training condition.

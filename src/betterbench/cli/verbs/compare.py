@@ -37,7 +37,7 @@ def compare_command(
 
     Args:
         runs: Folders of the runs, or files of better export; two or more.
-        name: Name of a run in the tables, once per run and in their order; that of its policy if not given. Across
+        name: Run name in the tables, once per run and in their order; that of its policy if not given. Across
             suites, runs of one policy share one name.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
         sequential: Also print tests that stay valid however often you look at unfinished runs.

@@ -47,7 +47,7 @@ def dataset_command(
     Example: better dataset --demos 50 --out sets/training
 
     Args:
-        out: Folder of the set.
+        out: Set folder.
         tasks: Tasks to demonstrate; all of the suite if none is named.
         suite: Suite to take the tasks from.
         regime: training (with the confounds), balanced (as many demonstrations without them, and no test),
@@ -59,7 +59,7 @@ def dataset_command(
         validation: Share of the seeds whose demonstrations are for validation.
         pairs: Twins: in all conditions of the same scene, the expert starts alike until the instruction makes a
             difference.
-        expect: Hash of the set, as printed on another machine; any other hash is an error.
+        expect: Set hash, as printed on another machine; any other hash is an error.
         sign: Private SSH key with which prediction.json is signed.
         workers: Worker processes; one per processor if not given.
         pictures: Draw the starts of each task.

@@ -40,7 +40,7 @@ def diagnose_command(
     Example: better diagnose runs/expert
 
     Args:
-        run: Folder of the run.
+        run: Run folder.
         twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials from the same initial
             states are the counterfactual twins. Nothing is stored then.
         keep: Do not change the stored diagnosis and the stored answers.
@@ -90,7 +90,7 @@ def _document(
 
 
 def _store(folder: RunFolder, result: RunDiagnosis) -> None:
-    """Store the diagnosis in the folder of the run, or report why that failed."""
+    """Store the diagnosis in the run folder, or report why that failed."""
     from betterbench.diagnosis import stored
 
     with _said_if_not_kept("not stored", stored.stored_path(folder)):
@@ -139,7 +139,7 @@ def _print(
 def _knowledge(
     folder: RunFolder, result: RunDiagnosis, answers: Path, questions: Path | None, *, keep: bool
 ) -> Knowledge:
-    """Compare the answers of a model with the run, and store the comparison for the report."""
+    """Compare a model's answers with the run, and store the comparison for the report."""
     from betterbench.vqa.asking import read_answers
     from betterbench.vqa.dataset import SET_NAME, read_set
     from betterbench.vqa.knowing import knowledge_of, knowledge_path, store_knowledge

@@ -77,15 +77,15 @@ class WorldOptions:
 
     Attributes:
         protocol: Name of the evaluation protocol in LIBERO.
-        broken_premises: What happens if a scene contradicts the premise of its instruction: refuse stops the run, run
+        broken_premises: What happens if a scene contradicts its instruction's premise: refuse stops the run, run
             continues and notes it in the record.
         axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); all if none
             is named.
         variants: In LIBERO-Plus, maximum variants of each task on each axis, evenly spread; all if not given.
         libero_plus_assets: In LIBERO-Plus, the unzipped assets folder of its authors, for new objects, lights and
             textures; BETTERBENCH_LIBERO_PLUS_ASSETS if not given.
-        libero_plus_sentences: In LIBERO-Plus, clean for the instruction of the task, published for the instruction with
-            the name of the variant at its end, as used for the published numbers.
+        libero_plus_sentences: In LIBERO-Plus, clean for the task's instruction, published for the instruction with
+            the variant name at its end, as used for the published numbers.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
         calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it, the configuration of
             scene D in the checkout is composed.
@@ -153,13 +153,13 @@ def evaluate_command(
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
-        policy: Address of the policy (see better list policies); with --from, a policy other than that of the run.
-        out: Folder of the run; runs/POLICY if not given.
+        policy: Policy address (see better list policies); with --from, a policy other than that of the run.
+        out: Run folder; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
         workers: Worker processes; one per processor if not given.
-        envs: Environments of each worker, to hide the policy's latency; chosen by a warm-up if not given.
+        envs: Each worker's environments, to hide the policy's latency; chosen by a warm-up if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
         policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
@@ -340,7 +340,7 @@ def default_folder(policy: str) -> str:
 
 
 def prepare_robot(name: str) -> None:
-    """Decimate the meshes of a robot into the cache, with a progress bar; later runs reuse them."""
+    """Decimate a robot's meshes into the cache, with a progress bar; later runs reuse them."""
     from betterbench.sim.worlds import OWN_WORLD
 
     _prepare(OWN_WORLD, name)
@@ -430,7 +430,7 @@ class _RunLine:
 
 
 def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
-    """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
+    """Run a plan with a progress bar on standard error, after its robot's meshes are ready.
 
     The bar is named after the policy, or has the ``label``.
 
@@ -462,7 +462,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
-    """Print the numbers of successful and broken trials, and the verdicts of a run with ``until_decided``."""
+    """Print the numbers of successful and broken trials, and a run's verdicts with ``until_decided``."""
     from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
@@ -518,7 +518,7 @@ def _print_expert(run: RunFolder) -> None:
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
-    """Return the verdicts of a run with ``until_decided`` from its records; None for a run of all trials."""
+    """Return a run's verdicts with ``until_decided`` from its records; None for a run of all trials."""
     from betterbench.diagnosis.until_decided import decided_of
 
     if plan.until_decided is None:

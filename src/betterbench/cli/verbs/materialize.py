@@ -43,7 +43,7 @@ def materialize_command(
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
     Args:
-        run: Folder of a run.
+        run: Run folder.
         camera: Camera to render: NAME, NAME:SIZE, NAME:WIDTHxHEIGHT, or a new camera as
             NAME=X,Y,Z/X,Y,Z/FOVY:WIDTHxHEIGHT (position and target in meters, degrees); may be given several times. The
             views of the run's policy if none is given.
@@ -109,7 +109,7 @@ def _trial(text: str) -> TrialId:
 
 
 def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId], *, json: bool) -> None:
-    """Check a folder of modalities against the records of a run; raise RecordError about missing or wrong files."""
+    """Check a folder of modalities against a run's records; raise RecordError about missing or wrong files."""
     from betterbench.errors import RecordError
     from betterbench.sim.modalities.checking import check_folder
     from betterbench.statistics.wording import plural

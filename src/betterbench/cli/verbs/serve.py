@@ -45,7 +45,7 @@ def serve_command(
     Example: better serve expert --port 8000
 
     Args:
-        policy: Address of the policy (see better list policies).
+        policy: Policy address (see better list policies).
         host: Interface to listen on; 0.0.0.0 accepts other machines.
         port: Port to listen on; 0 for any free one.
         chunk: Number of actions in one answer of an expert; 8 if not given.
@@ -54,8 +54,8 @@ def serve_command(
         batch: Maximum number of observations in one call of act_batch, for policies that implement it; 16 if not given.
         clients: Maximum number of simultaneous clients; 128 if not given. Further clients are refused until one leaves.
         task: Task of clients that do not name one.
-        condition: Condition of that task; its first training condition if not given.
-        seed: Seed of that trial; 0 if not given.
+        condition: That task's condition; its first training condition if not given.
+        seed: That trial's seed; 0 if not given.
         api_key_env: Environment variable with the key that clients must send.
     """
     from betterbench.evaluation import open_server

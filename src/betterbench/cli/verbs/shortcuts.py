@@ -52,7 +52,7 @@ def shortcuts_command(
         data: Folder of a run, or of a LeRobot dataset.
         instruction: Column with the instructions of a LeRobot dataset: a column of frames (texts, or task numbers), or
             of meta/tasks.
-        gripper: Component with the opening of the gripper, such as action:gripper; one per arm.
+        gripper: Component with the gripper opening, such as action:gripper; one per arm.
         place: Components of the gripper's position, x first, such as observation.state[0,1,2]; one set for each
             --gripper, in the same order. A leading + sums up steps.
         closed: End of the gripper's range that means closed; auto infers it from names and values, or requests it.
@@ -113,7 +113,7 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return the facts of the demonstrations, the hash of the set if it is a run, and how they were read."""
+    """Return the facts of the demonstrations, the set hash if it is a run, and how they were read."""
     from betterbench.demonstrations.making.production import set_hash
     from betterbench.demonstrations.shortcuts.lerobot import Choices, is_lerobot_dataset, read_lerobot
     from betterbench.demonstrations.shortcuts.shown import facts_of_run, reading_of_run
@@ -142,12 +142,12 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
 
 
 def _run_in(data: Path) -> Path:
-    """Return the folder of the run in a folder of better dataset, or the folder itself."""
+    """Return the run folder in a folder of better dataset, or the folder itself."""
     return data / "demonstrations" if (data / "recipe.json").exists() else data
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return the variety of the demonstrations of a run; None for a LeRobot dataset, whose objects are not known."""
+    """Return the variety of a run's demonstrations; None for a LeRobot dataset, whose objects are not known."""
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 

@@ -40,7 +40,7 @@ def study_command(
 
     Args:
         plan: YAML file with tasks, arms, seeds and recipe.
-        out: Folder of the study.
+        out: Study folder.
         preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
         workers: Worker processes for demonstrations and trials; one per processor if not given.
         device: Device of torch on which learners are trained: cpu, cuda or cuda:N.

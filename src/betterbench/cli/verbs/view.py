@@ -36,7 +36,7 @@ def view_command(
     Example: better view runs/expert/records/fast_food/T1/0.parquet --out t1.html
 
     Args:
-        record: File of the record, in the folder of its run.
+        record: Record file, in its run's folder.
         out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
         camera: View to draw, as better materialize takes it; may be given several times. The views of the run's policy
             if none is given.

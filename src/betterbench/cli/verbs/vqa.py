@@ -22,7 +22,7 @@ QuestionTypes = Literal["grounding", "counting", "relation", "containment", "sta
 
 @dataclass(frozen=True, slots=True)
 class FrameOptions:
-    """Frames, cameras and types of the questions of a set.
+    """Frames, cameras and types of a set's questions.
 
     Attributes:
         questions: Approximate number of questions; 0 for as many as can be balanced.
@@ -72,7 +72,7 @@ class ModelOptions:
         describe: Base address of an endpoint that writes descriptions and questions about images of the set. Statements
             that the state does not prove are dropped.
         images: Number of images to describe.
-        model: Name of the model at that address.
+        model: Model name at that address.
         coordinates: Meaning of the numbers in the model's boxes and points.
         at_once: Number of simultaneous requests.
         answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), otherwise read and scored.
@@ -119,7 +119,7 @@ def vqa_command(
     Args:
         source: Folder of a run to make questions about, or of a set for a model to answer.
         run: Folder of a run whose decisive moments the questions are about.
-        out: Folder of the set.
+        out: Set folder.
         asked: Frames, cameras and types of the questions.
         chat: Model that answers the set.
         workers: Number of trials processed in parallel.
@@ -148,7 +148,7 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the chosen set, made if it does not exist, and the folder of its run if known."""
+    """Return the chosen set, made if it does not exist, and its run's folder if known."""
     from betterbench.sim.scenes.stage import require_cameras
     from betterbench.vqa.dataset import read_set
 

@@ -31,7 +31,7 @@ class WorldGap:
         changed: The same rate with the change.
         pairs: Number of trials that were run with and without the change.
         difference: ``base - changed`` as a fraction, with its interval.
-        p_value: p-value of the paired test, Holm-corrected over the gaps of the policy; None if there is only an
+        p_value: p-value of the paired test, Holm-corrected over the policy's gaps; None if there is only an
             interval (CALVIN's average length).
     """
 

@@ -31,7 +31,7 @@ class SuiteRun:
     """One policy in one suite.
 
     Attributes:
-        policy: Name of the policy; runs of the same name are one policy.
+        policy: Policy name; runs of the same name are one policy.
         base: The suite from which this suite is derived by a change, or its own name.
         change: The change ("swap", "resampled"), or None.
         protocol: The community's protocol under which it was run; empty for betterbench's own suite.
@@ -149,7 +149,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return the result of a chain from its record; without a record, the chain counts as not run.
+    """Return a chain's result from its record; without a record, the chain counts as not run.
 
     Raises:
         RecordError: If the record has other subtasks.

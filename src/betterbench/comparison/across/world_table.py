@@ -64,7 +64,7 @@ class WorldContrast:
     """Two policies in one suite of LIBERO, on the same initial states.
 
     Attributes:
-        suite: Name of the suite; "average" for all four together.
+        suite: Suite name; "average" for all four together.
         pairs: Number of initial states that both policies ran.
         p_value: Exact McNemar test, after Holm's correction over the suites of the pair of policies.
     """

@@ -24,7 +24,7 @@ JOINTS = 7
 
 
 def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
-    """Return the actions of a record in an action space, (n_steps, dim) float64.
+    """Return a record's actions in an action space, (n_steps, dim) float64.
 
     In the action space of the record, these are exactly the intended actions: the applied ones, without the noise that
     a demonstrator added. In another action space they are computed from the commands to the controller, which every

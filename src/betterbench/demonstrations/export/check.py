@@ -51,7 +51,7 @@ def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount 
 
     Raises:
         InvalidInputError: If a file of the data set is missing, cannot be read or differs from the record.
-        RecordError: If no run has the record of an episode, or the record is damaged.
+        RecordError: If no run has an episode's record, or the record is damaged.
     """
     source = _source(path)
     layout = layout_of(source["layout"]["adapter"]["name"], source["layout"]["observation"]["name"])
@@ -124,7 +124,7 @@ def _source_name(path: Path) -> str:
 
 
 def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
-    """Return the description of the origin of an episode."""
+    """Return the description of an episode's origin."""
     episode = expected.dataset.episodes[number]
     return {**episode.about, "record": episode.record}
 
@@ -132,7 +132,7 @@ def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
     """Compare the description of the origin with records and layout.
 
-    The trials left out, the version of the package, the evaluation command, the digest of the options and the lengths
+    The trials left out, the package version, the evaluation command, the digest of the options and the lengths
     of files cannot be derived from them. The digests of files are compared afterward.
     """
     wanted = origin_of(
@@ -194,7 +194,7 @@ def _source(path: Path) -> dict[str, Any]:
 
 
 def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, TrialId]:
-    """Return the index of the run with an episode's record, and its trial."""
+    """Return the run index with an episode's record, and its trial."""
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for number, run in enumerate(runs):
         entry = run.entry(trial)

@@ -24,7 +24,7 @@ class FrameQuestion:
 
 @dataclass(frozen=True, slots=True)
 class DatasetEpisode:
-    """One episode of a data set: the folder of its part, its description, and the digest of its record."""
+    """One episode of a data set: its part's folder, its description, and its record's digest."""
 
     folder: Path
     about: Mapping[str, Any]
@@ -69,7 +69,7 @@ class Dataset:
         return tuple(dict.fromkeys(name for episode in self.episodes for name in episode.about["subgoals"]))
 
     def parts(self) -> Iterator[Part]:
-        """Yield the content of each episode; raise RecordError if one was damaged after it was made."""
+        """Yield each episode's content; raise RecordError if one was damaged after it was made."""
         for episode in self.episodes:
             part = read_part(episode.folder, self.layout)
             if part is None:

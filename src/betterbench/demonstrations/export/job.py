@@ -185,7 +185,7 @@ def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
 def pairs_of(
     runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
 ) -> dict[tuple[int, TrialId], list[str]]:
-    """Return the ids of the twin pairs of each demonstration, by the index of its run and its trial.
+    """Return the ids of the twin pairs of each demonstration, by its run's index and its trial.
 
     Runs without twins have none.
     """

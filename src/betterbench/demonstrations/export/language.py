@@ -1,4 +1,4 @@
-"""LeRobot's language columns: the subgoals of an episode, and questions about its frames.
+"""LeRobot's language columns: an episode's subgoals, and questions about its frames.
 
 Source: huggingface/lerobot 0.6, ``src/lerobot/datasets/language.py`` and ``docs/source/language_and_recipes.mdx``.
 """

@@ -104,7 +104,7 @@ class DatasetLayout:
         return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form: the adapter, and the content of each column."""
+        """Return the JSON form: the adapter, and each column's content."""
         return {
             "adapter": self.adapter.to_json(),
             "observation": self.observation.to_json(),
@@ -117,7 +117,7 @@ class DatasetLayout:
 
 
 def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
-    """Return the layout of a preset.
+    """Return a preset's layout.
 
     ``observation`` is the observation preset for the evaluation of the policy; by default the first preset with all
     required cameras.

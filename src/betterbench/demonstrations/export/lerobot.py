@@ -212,7 +212,7 @@ def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
 
 
 def file_fields(kind: str, number: int) -> dict[str, int]:
-    """Return the fields of ``meta/episodes`` that locate the file of an episode, by its number.
+    """Return the fields of ``meta/episodes`` that locate an episode's file, by its number.
 
     ``kind`` is "data" or "videos/COLUMN".
     """

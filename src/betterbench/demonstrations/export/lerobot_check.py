@@ -99,7 +99,7 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def frames_name(self, number: int) -> str:
-        """Return the name of the file with the frames of an episode."""
+        """Return the file name with the frames of an episode."""
 
     @abstractmethod
     def video_place(self, column: str, number: int) -> tuple[str, int]:

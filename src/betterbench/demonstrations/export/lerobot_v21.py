@@ -65,7 +65,7 @@ def write_v21(folder: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def frames_file(number: int) -> str:
-    """Return the name of the file with the frames of an episode."""
+    """Return the file name with the frames of an episode."""
     return f"data/chunk-{number // CHUNK_FILES:03d}/episode_{number:06d}.parquet"
 
 

@@ -58,7 +58,7 @@ class Part:
         pngs: N files by image column, for the form "png".
         levels: (3, 256) counts of the levels of the sampled images, by image column.
         sampled: Number of images that were sampled.
-        about: Description of the episode from the record.
+        about: Episode description from the record.
     """
 
     vectors: Mapping[str, np.ndarray]
@@ -141,13 +141,13 @@ class _About:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PartIndex:
-    """Index of a part: its files, color counts and description; the file carries a seal.
+    """Part index: its files, color counts and description; the file carries a seal.
 
     Attributes:
         files: SHA-256 of its other files by name.
         images: Counts of levels by column of images.
         sampled: Number of images that were counted.
-        about: Description of the episode from the record, as :func:`about` returns it.
+        about: Episode description from the record, as :func:`about` returns it.
     """
 
     files: dict[str, str]
@@ -166,7 +166,7 @@ _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
 
 
 def read_index(folder: Path) -> PartIndex | None:
-    """Return the index of a part, or None if the part is incomplete or damaged."""
+    """Return a part's index, or None if the part is incomplete or damaged."""
     file, cure = folder / _INDEX, "Make the part again"
     try:
         raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
@@ -205,7 +205,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
 
 
 def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
-    """Return the description of an episode in a data set."""
+    """Return an episode's description in a data set."""
     m = record.metadata
     return {
         "task": m.task,

@@ -166,13 +166,13 @@ def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: AN
 
 
 def _address(item: Any) -> tuple[int, int]:  # noqa: ANN401 - an object of h5py
-    """Return the address of an object in its file."""
+    """Return an object's address in its file."""
     about = _h5py().h5o.get_info(item.id)
     return about.fileno, about.addr
 
 
 def demo_name(number: int) -> str:
-    """Return the name of a demonstration in ``data``."""
+    """Return a demonstration's name in ``data``."""
     return f"demo_{number}"
 
 
@@ -210,7 +210,7 @@ def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
 
 
 def observation_name(column: str) -> str:
-    """Return the name of a column in ``obs``: without the prefixes of LeRobot and betterbench."""
+    """Return a column's name in ``obs``: without the prefixes of LeRobot and betterbench."""
     return column.removeprefix(IMAGES).removeprefix("observation.").removeprefix("better.")
 
 

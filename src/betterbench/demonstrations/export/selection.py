@@ -16,7 +16,7 @@ class ChosenTrial:
     """One record to export.
 
     Attributes:
-        run: Index of its run in the given runs.
+        run: Its run's index in the given runs.
         digest: SHA-256 of the record's file.
         scene_hash: Name of the stored scene for its images.
     """

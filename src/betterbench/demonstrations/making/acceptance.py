@@ -82,11 +82,11 @@ class TaskAcceptance:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """Outcomes of the attempts of a run, computed from its records only and without durations.
+    """Outcomes of a run's attempts, computed from its records only and without durations.
 
     Attributes:
         policy: Demonstrator, as the records name it.
-        sha256: Hash of the set.
+        sha256: Set hash.
         demonstrations: Number of demonstrations.
         tasks: Outcome counts by task.
         variety: Differences between the demonstrations, by task; None if no condition has two.

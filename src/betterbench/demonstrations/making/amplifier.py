@@ -97,7 +97,7 @@ class _Candidate:
         source: The skill of the source.
         moved: The skill in this scene.
         change: Difference of its transit from that of the source.
-        hand: State of the gripper in the transit.
+        hand: Gripper state in the transit.
         touched: Objects that the robot may touch in the skill.
     """
 
@@ -160,7 +160,7 @@ class Amplifier:
 
     @property
     def name(self) -> str:
-        """Name of the policy in records."""
+        """Policy name in records."""
         return "demonstrator:amplified"
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
@@ -201,7 +201,7 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode. If the leading source does nothing, neither does this episode."""
+        """Yield an episode's actions. If the leading source does nothing, neither does this episode."""
         self._quiet = not self._lead.skills
         while not self._lead.skills:
             state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)

@@ -22,7 +22,7 @@ def film_failures(
     """Render the first failed attempt of each kind and task, unless its film exists.
 
     Returns:
-        The file of each film, relative to the folder of the report, by task and kind of failure; or why it is missing.
+        The file of each film, relative to the report folder, by task and kind of failure; or why it is missing.
     """
     wanted = [(t.task, kind, trial, number) for t in found.tasks for kind, (trial, number, _) in t.examples.items()]
     films: dict[tuple[str, str], str] = {}

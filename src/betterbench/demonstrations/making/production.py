@@ -83,8 +83,8 @@ class Method:
         policy: Demonstrator, as the policy name in records: the expert, or the amplifier.
         first_seed: Seed from which starts are chosen.
         attempts: Maximum attempts at one start.
-        sources: Folder of the run with the source demonstrations; "" for the expert.
-        sources_hash: Hash of that set; "" for the expert.
+        sources: Run folder with the source demonstrations; "" for the expert.
+        sources_hash: That set's hash; "" for the expert.
         source_tasks: Tasks of the demonstrations in that hash; empty for the expert.
         settings: Settings of the transfer.
         quality: Render preset of the stored scenes.
@@ -186,7 +186,7 @@ class StartOutcome:
 
     @property
     def trial(self) -> TrialId:
-        """The name of the trial."""
+        """The trial name."""
         return TrialId(self.task, self.condition, self.seed)
 
     @property
@@ -223,7 +223,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 
 
 class AttemptJournal(VersionedJournal):
-    """Journal of the attempts of a run. The last line about a start is valid.
+    """Journal of a run's attempts. The last line about a start is valid.
 
     Raises the errors of :class:`VersionedJournal`.
     """
@@ -275,7 +275,7 @@ def collect(
 
     Args:
         tasks: Names of the tasks.
-        out: Folder of the run.
+        out: Run folder.
         demos: Demonstrations per training condition; another regime divides the same total over its conditions.
         first_seed: Seed from which starts are chosen.
         attempts: Maximum attempts at one start, each in another motion style.
@@ -309,11 +309,11 @@ def amplify(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Amplify the demonstrations of a run to new starts in another run folder. The same call resumes the run.
+    """Amplify a run's demonstrations to new starts in another run folder. The same call resumes the run.
 
     Args:
-        sources: Folder of the run with the source demonstrations.
-        out: Folder of the run.
+        sources: Run folder with the source demonstrations.
+        out: Run folder.
         tasks: Names of the tasks; all that the sources demonstrate if none is named.
         demos: Demonstrations per training condition.
         first_seed: Seed from which starts are chosen.
@@ -523,7 +523,7 @@ def _work(out: str, method: Method, trial: TrialId) -> _Produced:
 
 
 def scene_of(trial: TrialId, quality: str) -> Scene:
-    """Return the scene of a demonstration."""
+    """Return a demonstration's scene."""
     found = resolve_condition(trial.task, trial.condition)
     return Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset(quality))
 

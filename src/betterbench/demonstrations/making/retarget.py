@@ -1,4 +1,4 @@
-"""Transfer of a skill to another scene: the same motion in the frame of its object or target region.
+"""Transfer of a skill to another scene: the same motion in its object's frame or target region.
 
 A pick or a slide keeps its motion relative to the object, ``T_new(t) = T_object_new  T_object_source^-1
 T_target_source(t)``, with a shift in between for another instance of the category. A placement keeps the path of the
@@ -34,7 +34,7 @@ CHECKED_EVERY_RAD = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarriedOver:
-    """A skill in the frame of another scene.
+    """A skill in another scene's frame.
 
     Attributes:
         source: Name of the demonstration it comes from.
@@ -109,7 +109,7 @@ def carry_place(
         skill: The placement.
         state: Current state, with the object in the gripper.
         window: Names of object and target in this scene.
-        keep_tool: Whether to keep the rotation of the tool, so that the object keeps its rotation in the gripper; for
+        keep_tool: Whether to keep the tool rotation, so that the object keeps its rotation in the gripper; for
             objects that may have any heading.
         foot: Release position of the object's foot [m], world frame; by default the expert's goal nearest to the
             source's release.

@@ -1,4 +1,4 @@
-"""Source demonstrations: their skills, each in the frame of its object or target region."""
+"""Source demonstrations: their skills, each in its object's frame or target region."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SourceSkill:
 
     Attributes:
         key: Kinds of skill, object and target, see :data:`SkillKey`.
-        source: Name of the demonstration, "TASK/CONDITION/SEED".
+        source: Demonstration name, "TASK/CONDITION/SEED".
         window: Its rows there.
         object: Object that is picked, released or moved.
         asset: Asset of that object.

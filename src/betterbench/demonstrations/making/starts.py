@@ -58,7 +58,7 @@ class Start:
 
     @property
     def trial(self) -> TrialId:
-        """The name of the trial."""
+        """The trial name."""
         return TrialId(self.task, self.condition, self.seed)
 
 

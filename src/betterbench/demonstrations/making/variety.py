@@ -1,9 +1,9 @@
-"""Variety: differences between the demonstrations of a set in corresponding motions.
+"""Variety: differences between a set's demonstrations in corresponding motions.
 
 Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
 objects is removed first, so that ten copies of one path to ten starts have no variety: paths are compared by their
-offset from the straight line between their end points, grasps and approaches in the frame of the object. Every figure
-is the mean over pairs, so it does not depend on the size of the set.
+offset from the straight line between their end points, grasps and approaches in the object's frame. Every figure
+is the mean over pairs, so it does not depend on the set's size.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Spread:
         path_cm: Distance of two paths of the tool at equal shares of their length, without slot jitter [cm].
         height_cm: Difference of the greatest heights of the tool [cm].
         side_cm: Difference of the sideways offsets of the middle half of the path from the straight line [cm].
-        approach_deg: Angle between the directions of the last 5 cm, in the frame of the object or region [deg].
+        approach_deg: Angle between the directions of the last 5 cm, in the object's frame or region [deg].
         duration_s: Difference of the durations of the motions [s].
         grasp_cm: Distance of the tool centers when the gripper closes, in the frame of the object [cm]; None without a
             grasp.
@@ -78,11 +78,11 @@ SPREADS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Differences between the demonstrations of a condition in one motion: to a grasp, or from a grasp to its end.
+    """Differences between a condition's demonstrations in one motion: to a grasp, or from a grasp to its end.
 
     Attributes:
-        condition: Name of the condition.
-        subgoal: Name of the subgoal.
+        condition: Condition name.
+        subgoal: Subgoal name.
         skill: Kind of skill with which the motion ends.
         demonstrations: Number of demonstrations compared, at least two.
     """
@@ -96,10 +96,10 @@ class MotionVariety:
 
 @dataclass(frozen=True, slots=True)
 class TaskVariety:
-    """Differences between the demonstrations of a task.
+    """Differences between a task's demonstrations.
 
     Attributes:
-        task: Name of the task.
+        task: Task name.
         spread: Mean over the motions.
         motions: Each motion of each condition with at least two demonstrations.
     """
@@ -117,9 +117,9 @@ class _Motion:
         off: (SAMPLES, 3) offset of the path from the straight line between its anchors [m].
         height_m: Greatest height of the tool [m].
         side_m: Mean offset of the middle half of the path to the left of that line, seen from above [m].
-        approach: Unit vector of the last stretch, in the frame of its object or region.
+        approach: Unit vector of the last stretch, in its object's frame or region.
         duration_s: Duration of the motion [s].
-        grasp: Tool in the frame of the object when the gripper closes; None if it opens.
+        grasp: Tool in the object's frame when the gripper closes; None if it opens.
     """
 
     off: npt.NDArray[np.float64]
@@ -131,7 +131,7 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Measures the differences between the demonstrations of a set, record by record."""
+    """Measures the differences between a set's demonstrations, record by record."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}

@@ -113,11 +113,11 @@ def given_or(name: str, given: object, value: object, origin: Origin, where: str
 
 
 def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
-    """Return a recipe: one of the paper's by name, or one from the fields of a file.
+    """Return a recipe: one of the paper's by name, or one from a file's fields.
 
     Args:
         form: ``better``, ``libero`` or ``calvin``, or a map of fields.
-        where: Name of the file, for errors.
+        where: File name, for errors.
 
     Raises:
         UnknownNameError: If the paper has no recipe of that name.

@@ -83,8 +83,8 @@ def make_dataset(
     """Make the training set of a recipe in a folder; the same call resumes it and gives the same bytes.
 
     Args:
-        recipe: Recipe of the set.
-        out: Folder of the set.
+        recipe: Set recipe.
+        out: Set folder.
         workers: Worker processes.
         pictures: Draw a sheet of starts per task.
         overwrite: Replace files of the set that were changed by hand.

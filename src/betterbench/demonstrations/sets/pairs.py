@@ -1,4 +1,4 @@
-"""Twins (the same start with different instructions) among the demonstrations of a run, found by bitwise comparison."""
+"""Twins (the same start with different instructions) among a run's demonstrations, found by bitwise comparison."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class RegimeBounds:
 
 
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
-    """Return the facts of a record after checking that it demonstrates its regime and nothing outside it.
+    """Return a record's facts after checking that it demonstrates its regime and nothing outside it.
 
     The start, the instruction, the order of the subgoals and every grasp and release are derived from the states.
 

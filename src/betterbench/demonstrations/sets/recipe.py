@@ -88,7 +88,7 @@ _FORM = TypeAdapter(SetRecipe)
 
 
 def holds_recipe(out: Path) -> bool:
-    """Tell whether a folder contains the recipe of a dataset."""
+    """Tell whether a folder contains a dataset's recipe."""
     try:
         read_recipe(out)
     except RecordError:
@@ -97,7 +97,7 @@ def holds_recipe(out: Path) -> bool:
 
 
 def keep_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Write a recipe into the folder of its dataset, after the check of :func:`require_recipe`.
+    """Write a recipe into its dataset's folder, after the check of :func:`require_recipe`.
 
     Raises the errors of that function.
     """

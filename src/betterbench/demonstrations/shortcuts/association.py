@@ -90,7 +90,7 @@ def association(
         blocks: Index of the demonstration of each observation. Without ``within``, the first values are permuted
             between whole demonstrations, so that repetition within one demonstration is not evidence; all its first
             values must be equal.
-        within: Permute the first values within each block instead, for the steps of a demonstration.
+        within: Permute the first values within each block instead, for a demonstration's steps.
     """
     return permutation_test(first, second, draw, blocks=blocks, within=within).found
 
@@ -204,7 +204,7 @@ def features_test(
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
-        outcome: The outcome of each episode.
+        outcome: Each episode's outcome.
         draw: Random generator of the permutations.
 
     Returns:

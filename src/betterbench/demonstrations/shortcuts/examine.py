@@ -106,7 +106,7 @@ class Finding:
     """Result of one question: test statistics, verdict and the rules found.
 
     Attributes:
-        question: Name of the question.
+        question: Question name.
         title: The question in words.
         subject: The word of the question, "" for questions about all objects.
         bits: Mutual information [bit].
@@ -733,7 +733,7 @@ def _verdict(
 
 
 def _names_its_place(finding: Finding, raw: _Raw) -> bool:
-    """Return whether one of two words associated with a place occurs in the name of the place, such as "upper"."""
+    """Return whether one of two words associated with a place occurs in the place name, such as "upper"."""
     if not finding.question.endswith(PAIRS):
         return False
     place = next(iter(raw.rules.values())).most_common(1)[0][0]

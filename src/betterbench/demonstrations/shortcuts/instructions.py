@@ -48,8 +48,8 @@ def whole_test(
     """Return the test of whole instructions against an outcome, or None if there is nothing to compare.
 
     Args:
-        instructions: Instruction of each demonstration.
-        outcomes: Outcome of each demonstration.
+        instructions: Each demonstration's instruction.
+        outcomes: Each demonstration's outcome.
         known: For each demonstration, the words already found that it contains, as a text.
         draw: Random generator of the permutations.
     """

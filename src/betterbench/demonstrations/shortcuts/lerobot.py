@@ -425,7 +425,7 @@ def _episode(
     cut: Mapping[str, _Floats],
     used: Mapping[str, Sequence[int]],
 ) -> _Episode:
-    """Return the values of an episode: ``cut`` has the values (T, n) of each column in ``used``."""
+    """Return an episode's values: ``cut`` has the values (T, n) of each column in ``used``."""
 
     def of(number: NamedNumber) -> _Floats:
         return cut[number.column][:, used[number.column].index(number.index)]

@@ -161,7 +161,7 @@ def _parquet_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _listed(column: pa.ChunkedArray) -> list[Any]:
-    """Return the values of a column; equal texts share one object."""
+    """Return a column's values; equal texts share one object."""
     flat = column.combine_chunks()
     if not pa.types.is_dictionary(flat.type):
         return list(flat.to_pylist())

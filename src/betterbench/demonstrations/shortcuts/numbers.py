@@ -1,7 +1,7 @@
 """Recognition of the components of an external data set by name: gripper, end-effector position, or joint.
 
-A component is identified by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by the name of
-its column, in this order. The position in a vector is not used: the last component may be a waist or a thumb.
+A component is identified by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by its column's
+name, in this order. The position in a vector is not used: the last component may be a waist or a thumb.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class NamedNumber:
     """One component of a column.
 
     Attributes:
-        column: Name of the column.
+        column: Column name.
         index: Index of the component in the column.
         name: Its name in ``meta/info.json``, "" if it has none.
         labels: Its names, the most specific one first.

@@ -46,7 +46,7 @@ def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[Word
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
-        outcome: (episodes,) index of the outcome of each episode, from 0.
+        outcome: (episodes,) index of each episode's outcome, from 0.
         fewest: Minimum number of episodes with both features.
     """
     kept = _elements(presence)

@@ -20,7 +20,7 @@ class Question:
         name: Its name in files.
         title: The question in words.
         rule: Text of a finding, with the first value as ``{x}`` and the second, inferred one as ``{y}``.
-        pairs: The observations of a demonstration; its second argument is the kinds ever handled, None for all kinds.
+        pairs: A demonstration's observations; its second argument is the kinds ever handled, None for all kinds.
         within: Whether observations are permuted within a demonstration instead of between demonstrations.
         either_way: Whether the first value can also be inferred from the second.
     """
@@ -110,7 +110,7 @@ class WordOutcome:
         name: Name of the question about single words.
         what: The outcome in words.
         rule: Text of a finding, with the outcome as ``{y}``.
-        of: The outcome of a demonstration, "" if it has none.
+        of: A demonstration's outcome, "" if it has none.
         missing: Reason for a message if no demonstration has the outcome.
         is_place: Whether it is a place, a direction or a side, which a word such as "left" can mean.
     """

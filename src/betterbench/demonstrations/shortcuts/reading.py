@@ -40,7 +40,7 @@ class PlaceReading:
     Attributes:
         arm: Their arm, "" if there is only one.
         source: Columns and components that were read, with the reason.
-        space: Kind of the values of a place: ``position``, ``joints`` (two principal components of the joints),
+        space: Kind of a place's values: ``position``, ``joints`` (two principal components of the joints),
             ``numbers`` (two principal components of unnamed values) or ``steps`` (sums of the actions).
     """
 

@@ -1,4 +1,4 @@
-"""Facts of a record, derived from its first state and its instruction instead of the condition's name."""
+"""Record facts, derived from its first state and its instruction instead of the condition's name."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _is_near_one(state: WorldState, targets: Sequence[str], name: str) -> bool:
 def facts_of_run(
     run: RunFolder, trials: Sequence[TrialId], *, conditions: Callable[[Task], tuple[Condition, ...]] = every_condition
 ) -> Iterator[tuple[TrialId, EpisodeFacts]]:
-    """Yield the facts of each record, with its possible conditions.
+    """Yield each record's facts, with its possible conditions.
 
     Raises RecordError if a record cannot be read, or matches no condition.
     """

@@ -64,7 +64,7 @@ class SmallestRule:
     """The smallest rule of one question that the audit would have found.
 
     Attributes:
-        question: Name of the question.
+        question: Question name.
         title: The question in words.
         n: Number of demonstrations, or observations in them, that the test compares.
         noun: Noun for these observations.
@@ -209,7 +209,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
     Args:
         presence: (episodes, words) whether an episode contains a word.
-        outcome: The outcome of each episode.
+        outcome: Each episode's outcome.
         found: Finding on each word.
         null: (PERMUTATIONS,) the largest mutual information of any word [bit].
     """

@@ -1,4 +1,4 @@
-"""The words of an instruction, in any script.
+"""An instruction's words, in any script.
 
 In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
 and Burmese have no such spaces, and finding words there needs a dictionary. Instead, every run of up to :data:`LONGEST`

@@ -40,11 +40,11 @@ class PanelState:
         title: Headline: the demonstration, and the number of saved ones.
         subgoals: Text of each subgoal, and whether it is done.
         share: Used share of the episode's steps.
-        status: State of the episode, in a few words.
+        status: Episode state, in a few words.
         tone: "go", "wait", "good" or "bad": the color of the status.
         notice: Reason why the tool cannot follow or a request failed; "" if there is none.
         said: The last messages, newest last.
-        undo_to: Name of the moment to which an undo returns.
+        undo_to: Moment name to which an undo returns.
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Height of the tool above the table, in words; "" if there is none.
@@ -94,7 +94,7 @@ class Page:
 
     @property
     def url(self) -> str:
-        """The address of the page, with its token."""
+        """The page address, with its token."""
         return self._page.url
 
     @property
@@ -123,7 +123,7 @@ class Page:
         return self._page.is_busy
 
     def show_scene(self, files: Mapping[int, bytes]) -> None:
-        """Show the bodies of another scene, given as GLB by index."""
+        """Show another scene's bodies, given as GLB by index."""
         with self._server.atomic():
             for node in self._bodies.values():
                 node.remove()
@@ -160,7 +160,7 @@ class Page:
             self._save.disabled = not shown.can_save
 
     def show_image(self, camera: str, image: np.ndarray) -> None:
-        """Show the image of a camera, (height, width, 3) uint8; called by the thread that renders."""
+        """Show a camera's image, (height, width, 3) uint8; called by the thread that renders."""
         self._images[camera].image = image
 
     def _connected(self, client: Any) -> None:  # noqa: ANN401 - viser's

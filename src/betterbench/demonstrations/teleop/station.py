@@ -77,7 +77,7 @@ class Station:
             store: Store of the demonstrations.
             controls: Input of the operator.
             display: Output.
-            name: Name of the demonstrator.
+            name: Demonstrator name.
             cameras: Renderer of the live images.
             loads_apart: Make scenes in a thread, which lets the loop continue and end at any time.
         """

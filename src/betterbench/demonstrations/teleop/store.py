@@ -129,7 +129,7 @@ class DemonstrationStore:
         return Scene(task, task.train(start.condition), seed=start.seed, action_space=EE_DELTA, quality=quality)
 
     def save(self, start: Start, scene: Scene, attempt: DemonstrationAttempt, wall: dict[str, float]) -> Path:
-        """Write a demonstration durably, and return the file of its record.
+        """Write a demonstration durably, and return its record's file.
 
         Raises:
             InvalidInputError: If it did not succeed.

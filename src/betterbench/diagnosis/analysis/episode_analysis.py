@@ -145,7 +145,7 @@ class EpisodeAnalysis:
 
     @property
     def instruction(self) -> Instruction:
-        """Instruction of the condition: its text and its subgoals."""
+        """Condition instruction: its text and its subgoals."""
         return self.condition.instruction
 
     @property
@@ -190,7 +190,7 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].kind
 
     def name(self, i: int) -> str:
-        """Return the name of an object."""
+        """Return an object's name."""
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
@@ -535,7 +535,7 @@ def analyze_episode(
 
     Args:
         trace: The episode.
-        condition: Condition of the trial.
+        condition: Trial condition.
         trained: Training distribution of the task.
         harm: Harm to objects that were not requested.
         state: Function that returns the state at a row. Without it, only the recorded predicates decide placements.

@@ -45,7 +45,7 @@ class Trace(Motion):
         serves: (T, g, n) whether the object satisfies the relation of the subgoal.
         done: (T, g) whether the subgoal is done: its relation is true, the object is released and at rest.
         meant: Per subgoal the indices of the objects that satisfy it.
-        targets: Per subgoal the index of its target.
+        targets: Per subgoal its target's index.
         drawers: For each drawer its index, the index of its cabinet, and the position of the closed drawer in the
             cabinet's frame.
     """
@@ -85,7 +85,7 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
 
     Args:
         record: The record.
-        condition: Condition of the trial. Objects are identified by kind and slot, so their names do not matter.
+        condition: Trial condition. Objects are identified by kind and slot, so their names do not matter.
         step_limit: Step limit of the condition. Later rows are ignored, so idle time at the end of a record changes
             nothing.
 

@@ -1,4 +1,4 @@
-"""Metrics of a run (suite, section 4), each with its count and its uncertainty."""
+"""Run metrics (suite, section 4), each with its count and its uncertainty."""
 
 from __future__ import annotations
 

@@ -311,7 +311,7 @@ def _expected(key: Key) -> Expected:
 
 
 def task_versions(task: Task) -> dict[str, str]:
-    """Return the version of a task and a digest of its conditions and slots, on which its cells depend."""
+    """Return a task's version and a digest of its conditions and slots, on which its cells depend."""
     conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
     form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
     digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]

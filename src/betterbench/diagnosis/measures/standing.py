@@ -18,7 +18,7 @@ from betterbench.tasks.labels import Kind
 
 @dataclass(frozen=True, slots=True)
 class ReferenceLine:
-    """Expected success rates of one pretender on the trials of a run.
+    """Expected success rates of one pretender on a run's trials.
 
     Attributes:
         scores: Success rate by scope ("overall", "axis:temporal_extrapolation"); variations are weighted by their
@@ -31,7 +31,7 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement between the outcomes of a pretender and the outcomes of a policy.
+    """Agreement between the outcomes of a pretender and a policy's outcomes.
 
     Attributes:
         agreement: Share of the run's trials with the same outcome (success or failure).

@@ -58,8 +58,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     """The suite, or some conditions of the suite, as a benchmark of the harness.
 
     Args:
-        run: Folder of the run. An interrupted run is resumed, with the results of finished trials from their records.
-        policy: Name of the policy in the report ("pi0-libero"), which benchmarks do not get from the harness.
+        run: Run folder. An interrupted run is resumed, with the results of finished trials from their records.
+        policy: Policy name in the report ("pi0-libero"), which benchmarks do not get from the harness.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
             list or one comma-separated string; by default all of better60.
         trials: Trials per condition; must equal ``episodes_per_task``.
@@ -202,7 +202,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return self.adapter.request(raw_obs)
 
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
-        """Return the result of the episode.
+        """Return the episode's result.
 
         An episode that the harness ends early (``max_steps``) is a failure for the harness. In the report, the trial is
         not run, because the policy might still have succeeded.
@@ -229,7 +229,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return observation_specs(self.adapter)
 
     def get_metadata(self) -> dict[str, Any]:
-        """Return the limits of the suite.
+        """Return the suite's limits.
 
         Without the harness's ``max_steps``, episodes end at the suite's step limit.
         """

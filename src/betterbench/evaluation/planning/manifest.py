@@ -1,7 +1,7 @@
-"""Manifest of a run: the context at its start.
+"""Run manifest: the context at its start.
 
-The context is stored in ``run.json``. Another machine may resume a run, so only one part is then compared: the
-declaration of the policy, because another checkpoint behind the same address would mix two policies in one run.
+The context is stored in ``run.json``. Another machine may resume a run, so only one part is then compared: the policy's
+declaration, because another checkpoint behind the same address would mix two policies in one run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from betterbench.tasks.user_files import loaded_files
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
     """Return the context of a new run.
 
-    ``policy`` is the declaration of the policy, from :func:`describe_policy`; ``engine`` has "name",
+    ``policy`` is the policy's declaration, from :func:`describe_policy`; ``engine`` has "name",
     "workers", "envs" and, where a warm-up chooses their number, "most_envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))

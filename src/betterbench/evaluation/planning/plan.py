@@ -1,4 +1,4 @@
-"""The plan of a run: trials and conventions, written before the first trial starts."""
+"""A run's plan: trials and conventions, written before the first trial starts."""
 
 from __future__ import annotations
 

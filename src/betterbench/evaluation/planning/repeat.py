@@ -61,7 +61,7 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return the plan of a run, to repeat its trials, seeds and conventions with the same or another policy.
+    """Return a run's plan, to repeat its trials, seeds and conventions with the same or another policy.
 
     ``path`` is the run's folder or ``run.json``. With ``trust``, the run's own policy may run code or send a key.
 

@@ -1,4 +1,4 @@
-"""Replay proof: a policy gets the observations of a demonstration, and its answers must follow the same path.
+"""Replay proof: a policy gets a demonstration's observations, and its answers must follow the same path.
 
 At every request, the policy gets the demonstration's observation. The path of its consecutive answers is compared with
 the demonstration's path, axis by axis. If actions are read in wrong units, in a wrong frame or with a wrong sign, the
@@ -168,7 +168,7 @@ def prove_by_replay(
 
     Args:
         client: The policy at the beginning of an episode.
-        info: Declarations of the policy.
+        info: Policy declarations.
         trial: The trial of the demonstration.
         space: The policy's action space.
         spec: Images for the policy.
@@ -217,7 +217,7 @@ def prove_by_replay(
 
 
 def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
-    """Return the answer of a policy, (horizon, dim); raise InvalidActionError or PolicyError if it is invalid."""
+    """Return a policy's answer, (horizon, dim); raise InvalidActionError or PolicyError if it is invalid."""
     with POLICY_BOUNDARY:
         answer = np.asarray(client.act(seen))
     chunk = checked_chunk(answer, space)

@@ -76,7 +76,7 @@ def ray_entries(
 
 @dataclass(slots=True, eq=False)
 class _WorkerActor:
-    """State of a worker in the pool."""
+    """Worker state in the pool."""
 
     actor: Any
     calls: deque[Any]  # running calls, the oldest first
@@ -90,7 +90,7 @@ class _WorkerActor:
 
 
 class RayPool:
-    """The workers of a run on Ray."""
+    """A run's workers on Ray."""
 
     def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
         """Prepare; for the arguments see :func:`ray_entries`."""
@@ -103,7 +103,7 @@ class RayPool:
         self._asked_at = 0.0
 
     def start_replicas(self) -> None:
-        """Start the replicas of the policy."""
+        """Start the policy's replicas."""
         self._replicas.start()
 
     def entries(self, trials: Sequence[Trial]) -> Iterator[JournalEntry]:

@@ -47,7 +47,7 @@ def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an
 
 
 class RaySession:
-    """Connection to a cluster, or a local cluster, for the duration of a run. A context manager."""
+    """Connection to a cluster, or a local cluster, for a run's duration. A context manager."""
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
         """Prepare; by default there are as many workers as processors in the cluster."""

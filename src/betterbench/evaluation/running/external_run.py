@@ -58,7 +58,7 @@ class ExternalRun:
     ) -> None:
         """Create the run, or resume the run in the folder if it has the same plan.
 
-        The policy of the plan is the name of your policy in the report. Without ``needs_images``, no images are
+        The plan's policy is the name of your policy in the report. Without ``needs_images``, no images are
         rendered. ``metadata`` contains further facts about the policy (checkpoint, revision), parsed if it is a JSON
         document. ``engine`` is the name of your loop in the manifest.
 
@@ -131,7 +131,7 @@ class ExternalRun:
 
         Raises:
             PolicyError: If the trial failed with an error; the journal has the reason.
-            PremiseError: If the scene contradicts the premise of the instruction; the run must stop.
+            PremiseError: If the scene contradicts the instruction's premise; the run must stop.
             StorageError: If the disk is full; the run must stop.
         """
         self.abandon("the external loop began another episode")

@@ -29,7 +29,7 @@ _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
 
 @dataclass(frozen=True, slots=True)
 class ReplayCheck:
-    """The result of a replay.
+    """A replay's result.
 
     Attributes:
         rows: Rows compared.
@@ -58,7 +58,7 @@ class ReplayCheck:
 def check_record(path: Path) -> ReplayCheck:
     """Simulate a record's actions again and compare all results.
 
-    The comparison covers all columns, the outcome, and the metadata except versions. A record in the folder of its run
+    The comparison covers all columns, the outcome, and the metadata except versions. A record in its run's folder
     is also compared with the run's plan and journal.
 
     Raises:
@@ -86,7 +86,7 @@ def check_record(path: Path) -> ReplayCheck:
 
 
 def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
-    """Return the scene of a record, with the render preset of the record or the plan, otherwise a matching one."""
+    """Return a record's scene, with the render preset of the record or the plan, otherwise a matching one."""
     meta = record.metadata
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
     *others, last = [named] if isinstance(named, str) and named in QUALITIES else QUALITIES

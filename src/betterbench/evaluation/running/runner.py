@@ -87,16 +87,16 @@ def evaluate(
 ) -> RunFolder:
     """Run every trial of a plan that is not in the journal yet; with ``until_decided``, only the required trials.
 
-    Trials whose record is missing or damaged are run again. The conventions of the policy are compared before anything
+    Trials whose record is missing or damaged are run again. The policy's conventions are compared before anything
     is written. Results do not depend on the engine or the number of workers and environments.
 
     Args:
         plan: The same plan resumes an unfinished run.
-        out: Folder of the run.
+        out: Run folder.
         workers: Worker processes; with 1 the trials run in this process, except for a user's policy, which
             always runs in a separate process. None for one per processor of this machine or of the cluster, or for a
             single worker if each would load the weights of a policy again.
-        envs: Environments of each worker; None for 1 if the policy answers immediately. Otherwise a warm-up
+        envs: Each worker's environments; None for 1 if the policy answers immediately. Otherwise a warm-up
             chooses the number from the times of the policy and the simulation, within the free memory.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
         cluster: Cluster on which the actors are placed.
@@ -109,7 +109,7 @@ def evaluate(
 
     Raises:
         RunConflictError: If the folder contains another run, another process writes to it, or the policy has changed.
-        PremiseError: If a scene contradicts the premise of its instruction.
+        PremiseError: If a scene contradicts its instruction's premise.
         InvalidInputError: If a number is out of range, or the policy answers in another action space.
         UnknownNameError: If there is no such policy.
         PolicyUnavailableError: If the policy's server cannot be reached.

@@ -101,7 +101,7 @@ class RunTimes:
         wire_s: CPU time of betterbench for messages: resizing, packing and sending images, reading answers;
             network latency counts as policy time [s].
         idle_s: Time during which workers only waited for the policy [s].
-        envs: Environments of each worker in the last trial, or None if the policy runs in the worker itself.
+        envs: Each worker's environments in the last trial, or None if the policy runs in the worker itself.
     """
 
     policy_s: float

@@ -89,7 +89,7 @@ class Host:
 
     @property
     def address(self) -> str:
-        """Address of the policy for workers. The server declares the execution of chunks."""
+        """Policy address for workers. The server declares the execution of chunks."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:

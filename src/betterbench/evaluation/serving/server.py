@@ -1,4 +1,4 @@
-"""Server of a policy with the openpi protocol, for the workers of a run and for other clients."""
+"""Policy server with the openpi protocol, for a run's workers and for other clients."""
 
 from __future__ import annotations
 
@@ -60,17 +60,17 @@ def open_server(
     """Return a server of a policy, bound to its port. The server answers after its start.
 
     Args:
-        policy: Address of the policy.
+        policy: Policy address.
         host: Interface to listen on.
         port: Port to listen on; 0 for any free one.
         chunk: Actions in one answer of an expert.
         batch: Maximum observations in one call of a policy that supports batches.
-        clients: Maximum simultaneous clients, not counting the workers of a run.
+        clients: Maximum simultaneous clients, not counting a run's workers.
         trial: Trial of clients that name none; if None, an expert finds the trial by the instruction.
         layout: Preset in which an expert reads requests and answers; None for native and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
         made: An existing policy, which the server will close, or None.
-        deadline: Deadline of an answer, for the workers of a run (whose records contain error messages); None for all
+        deadline: Answer deadline, for a run's workers (whose records contain error messages); None for all
             other clients.
 
     Raises:

@@ -211,7 +211,7 @@ class PolicySession:
     ) -> None:
         """Prepare a connection with its own policy, or with a policy that answers each observation independently.
 
-        ``trial`` gives the episode number if a client sends none. ``within`` is True for the workers of a run, where
+        ``trial`` gives the episode number if a client sends none. ``within`` is True for a run's workers, where
         errors have the message for the record.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close

@@ -54,7 +54,7 @@ class ShadowSimulation:
 
         Raises:
             UnknownNameError: If there is no such policy, task or condition.
-            PolicyError: If the scene contradicts the premise of the instruction.
+            PolicyError: If the scene contradicts the instruction's premise.
         """
         found = resolve_condition(trial.task, trial.condition)
         self.trial, self.condition = trial, found.condition

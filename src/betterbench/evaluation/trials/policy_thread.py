@@ -1,4 +1,4 @@
-"""Thread for the answers of a policy, which keeps the simulation from waiting."""
+"""Thread for a policy's answers, which keeps the simulation from waiting."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """Outcome of a request.
+    """Request outcome.
 
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` returned.
@@ -53,7 +53,7 @@ class PolicyThread:
         """Start the thread.
 
         A failed ``make`` is called again at the next request. ``client`` means that the policy is one of our own
-        clients of a server, which counts its requests and gets the trial (sent only to the server of an expert).
+        clients of a server, which counts its requests and gets the trial (sent only to an expert's server).
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None

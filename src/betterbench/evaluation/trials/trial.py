@@ -49,8 +49,8 @@ class RunSettings:
     """Settings shared by all trials of a run, small and picklable for sending to a worker.
 
     Attributes:
-        run: Folder of the run.
-        policy: Address of the policy, as in the records.
+        run: Run folder.
+        policy: Policy address, as in the records.
         envs: Number of environments that a worker keeps open, or the initial number.
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
         served_at: Address of the host process that runs the policy for all workers, or None.
@@ -60,9 +60,9 @@ class RunSettings:
         known: Declaration of an external policy server at the start of the run; None without such a server.
         world: The world in which the trials are run.
         most_envs: Maximum number of environments that a warm-up may choose; at most ``envs`` if the number is fixed.
-        workers: Workers of the run, which share the memory of their machine.
+        workers: Run workers, which share the memory of their machine.
         trials: Maximum number of trials left at the start of the run; 0 if unknown.
-        turn: Index of the worker, which determines the EGL device.
+        turn: Worker index, which determines the EGL device.
     """
 
     run: str
@@ -86,7 +86,7 @@ class RunSettings:
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
-        """Return the settings for a plan and the folder of its run."""
+        """Return the settings for a plan and its run's folder."""
         return cls(
             str(run.absolute()),
             plan.policy,
@@ -102,7 +102,7 @@ class RunSettings:
 
     @property
     def asked(self) -> str:
-        """Address of the policy for workers."""
+        """Policy address for workers."""
         return self.served_at or self.policy
 
     @property
@@ -121,7 +121,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine the needs of the policy; raise a BetterError if this fails."""
+        """Determine the policy's needs; raise a BetterError if this fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -146,7 +146,7 @@ class TrialRunner:
         journal entry, which the caller writes, so that only one process appends.
 
         Raises:
-            PremiseError: If the scene contradicts the premise of the instruction; the run must stop.
+            PremiseError: If the scene contradicts the instruction's premise; the run must stop.
             StorageError: If the disk is full; the run must stop.
         """
         began = time.perf_counter()
@@ -259,7 +259,7 @@ class TrialRunner:
         return scene, context
 
     def _write(self, scene: TrialScene, result: EpisodeResult) -> tuple[str, str]:
-        """Write the record of a trial and (once) its scene; return the record's SHA-256 and the scene's digest."""
+        """Write a trial's record and (once) its scene; return the record's SHA-256 and the scene's digest."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)
             return file_digest(path), self.run.keep_scene(scene)

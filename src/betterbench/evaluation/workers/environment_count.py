@@ -111,7 +111,7 @@ class EnvironmentCount:
         """Record an answer to an observation.
 
         Args:
-            environment: Index of the environment.
+            environment: Environment index.
             asked_at: Time of the request [s], on the clock of ``now``.
             now: Time of the answer [s].
             took_s: Time from request to answer [s].

@@ -126,7 +126,7 @@ class Worker:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Prepare, and determine the needs of the policy. The worker closes ``policies``, or creates its own.
+        """Prepare, and determine the policy's needs. The worker closes ``policies``, or creates its own.
 
         ``on_step`` is called after every control step of any trial.
         """
@@ -208,7 +208,7 @@ class Worker:
         """Run the trials until one has ended or ``timeout_s`` [s] has passed, and return the journal entries.
 
         Raises:
-            PremiseError: If a scene contradicts the premise of its instruction.
+            PremiseError: If a scene contradicts its instruction's premise.
             StorageError: If the disk is full.
             PolicyUnavailableError: If the policy's server cannot be reached. The previous call returned the entry of
                 the trial.
@@ -391,7 +391,7 @@ class Worker:
             return self._shared.seat()
 
     def _due(self, slot: _Slot) -> float:
-        """Return the deadline of a request, by ``time.perf_counter`` [s].
+        """Return a request's deadline, by ``time.perf_counter`` [s].
 
         The deadline starts after loading, which has its own deadline.
         """

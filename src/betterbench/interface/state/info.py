@@ -44,8 +44,8 @@ class ObjectInfo:
         role: "item", "distractor", "container" or "fixture".
         size_m: Extents of the bounding box in the object frame [m]; the origin is the center of its bottom face.
         slot: Name of the object's start slot, or None.
-        source: Origin of the asset, with its author; empty for the procedural library.
-        license: License of the asset, empty in the same case.
+        source: Asset origin, with its author; empty for the procedural library.
+        license: Asset license, empty in the same case.
     """
 
     name: str
@@ -110,7 +110,7 @@ class SceneInfo:
         self._index.update({o.name: i for i, o in enumerate(self.objects)})
 
     def index(self, name: str) -> int:
-        """Return the index of an object in the lists of a state. Raises UnknownNameError if it does not exist."""
+        """Return an object's index in the lists of a state. Raises UnknownNameError if it does not exist."""
         try:
             return self._index[name]
         except KeyError:

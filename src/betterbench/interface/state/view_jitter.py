@@ -13,11 +13,11 @@ from betterbench.json_form import strict_form
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CameraOffset:
-    """Pose of a camera in its nominal frame, which has x to the right of the image, y up and z toward the viewer.
+    """Camera pose in its nominal frame, which has x to the right of the image, y up and z toward the viewer.
 
     Attributes:
         shift_m: Position of the camera [m].
-        turn_rad: Rotation of the camera as an axis-angle vector [rad].
+        turn_rad: Camera rotation as an axis-angle vector [rad].
     """
 
     shift_m: Vector

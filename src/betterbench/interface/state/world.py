@@ -98,7 +98,7 @@ class PrivilegedPolicy(Protocol):
 
     @property
     def name(self) -> str:
-        """Address of the policy ("expert", "zoo:lexical")."""
+        """Policy address ("expert", "zoo:lexical")."""
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
         """Return one action in the ``ee_delta`` action space, shape (7,)."""

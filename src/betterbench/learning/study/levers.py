@@ -18,7 +18,7 @@ class LeverRow:
 
     Attributes:
         found: Results on all their tasks; its ``lever`` is "" for the unchanged recipe.
-        axes: Success rate on the variations of each axis, by axis name.
+        axes: Success rate on each axis's variations, by axis name.
         against: Difference from the learners they are compared with, over trials of the same tasks and training seeds;
             None for the unchanged recipe.
         start: Arm whose learners provide the initial weights, so that its demonstrations were also seen; None without

@@ -1,4 +1,4 @@
-"""Plan of a study: tasks, arms, training seeds and changes of the recipe."""
+"""Study plan: tasks, arms, training seeds and changes of the recipe."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Lever:
 
     Attributes:
         name: Name in files and tables.
-        changes: Fields of the recipe.
+        changes: Recipe fields.
         arms: Arms with this change; all if empty.
         tasks: Tasks with this change; all if empty.
         start: Arm whose learner of the same task and training seed, with the unchanged recipe, provides the initial
@@ -94,10 +94,10 @@ def _usual_arms() -> dict[str, dict[Regime, float]]:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StudyPlan:
-    """Plan of a study.
+    """Study plan.
 
     Attributes:
-        arms: Regime shares of the demonstrations of each arm. An arm with two regimes has a planted confound at that
+        arms: Regime shares of each arm's demonstrations. An arm with two regimes has a planted confound at that
             dose.
         seeds: Training seeds; each task and arm is trained with each seed.
         demos: Demonstrations per training condition; other regimes distribute the same total over their conditions.
@@ -235,7 +235,7 @@ class StudyPlan:
                 raise InvalidInputError(where, problem, "Use a start arm that shows it, or leave out the task")
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
-        """Return the demonstrations of an arm per training condition, by regime; their sum is ``demos``.
+        """Return an arm's demonstrations per training condition, by regime; their sum is ``demos``.
 
         Each regime has at least one. The others are distributed as close to the shares as possible.
         """
@@ -263,7 +263,7 @@ class StudyPlan:
         start: str = "start",
         questions: tuple[str, ...] = ("questions",),
     ) -> TrainingRecipe:
-        """Return the recipe of a learner for the folders of its demonstrations.
+        """Return a learner's recipe for the folders of its demonstrations.
 
         ``start`` is the folder of its initial weights, and ``questions`` are the folders of its question sets.
 

@@ -69,11 +69,11 @@ OnStudy = Callable[[StudyProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class StudyOutcome:
-    """Outcome of a study: all measurements.
+    """Study outcome: all measurements.
 
     Attributes:
-        plan: Plan of the study.
-        learners: The trials of each learner.
+        plan: Study plan.
+        learners: Each learner's trials.
         predictions: Folder of the confounded set of each task, whose prediction.json predicts the failures.
         seconds: Durations of the stages by kind [s]; interrupted sessions are not counted.
     """
@@ -137,8 +137,8 @@ def run_study(
     A larger plan continues in the same folder.
 
     Args:
-        plan: Plan of the study.
-        out: Folder of the study.
+        plan: Study plan.
+        out: Study folder.
         workshop: Functions that do the work.
         certificate: Certificate of the trials, or its folder; default: the packaged one.
         on_progress: Called during the stages.
@@ -387,7 +387,7 @@ def _asked_name(about: str, questions: int) -> str:
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:
-    """Return the conditions of a set with task versions; a changed task needs a new set."""
+    """Return a set's conditions with task versions; a changed task needs a new set."""
     tasks = [get_task(name) for name in recipe.tasks]
     shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
     return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]

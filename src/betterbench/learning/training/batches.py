@@ -38,7 +38,7 @@ class Batches:
         return found[rank::world]
 
     def drawn_questions(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return the questions of a step for one of several processes."""
+        """Return a step's questions for one of several processes."""
         chosen = _stream(self._recipe.seed, step, 1).integers(len(self._to_ask), size=self._recipe.questions)
         found: np.ndarray = self._to_ask[chosen]
         return found[rank::world]

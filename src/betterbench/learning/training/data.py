@@ -346,7 +346,7 @@ def _poses(record: Record, most: int) -> np.ndarray:
 
 
 def _phases(record: Record) -> np.ndarray:
-    """Return the phase of each frame, from the segments of the record or derived ones."""
+    """Return the phase of each frame, from the record's segments or derived ones."""
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
     closed = record.gripper_command[: record.n_steps] > 0.0
@@ -358,7 +358,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return the mask of frames with a gripper change among the actions of their chunk, (n,) bool."""
+    """Return the mask of frames with a gripper change among their chunk's actions, (n,) bool."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True

@@ -54,7 +54,7 @@ class WantedFrames:
 
     Attributes:
         run: Run of the demonstration.
-        record: Record of the demonstration.
+        record: Demonstration record.
         digest: SHA-256 of the record's file.
         rows: (n,) rows of the record to render.
         folder: Folder of the frame file.

@@ -70,7 +70,7 @@ class TrainingProgress:
 
     Attributes:
         step: Number of finished steps, including earlier sessions.
-        steps: Steps of the recipe.
+        steps: Recipe steps.
         loss: Mean loss of the last steps.
         samples_per_s: Training samples per second in this session, without validation.
     """
@@ -92,7 +92,7 @@ class TrainingResult:
         checkpoint: Checkpoint file of the learner.
         parameters: Number of trained parameters.
         log: Tables of the training.
-        seconds: Duration of this session without reading the data [s].
+        seconds: This session's duration without reading the data [s].
         samples_per_s: Training samples per second in this session, without validation; 0 if the training was already
             complete.
     """
@@ -392,7 +392,7 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Load the weights of a checkpoint, which must have the same vocabulary."""
+    """Load a checkpoint's weights, which must have the same vocabulary."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")

@@ -41,14 +41,14 @@ class OwnAnswer:
 
     Attributes:
         trial: Task, condition and seed.
-        where: Name of the variation or training condition.
+        where: Variation name or training condition.
         label: Label of the diagnosis.
         success: Whether the trial succeeded.
-        object: Name of the object in the instruction.
+        object: Object name in the instruction.
         row: Row of the record.
         question: The question as given to the learner.
         cell: The correct answer: "column,row" in a grid of 8 x 8 over the image.
-        answer: Answer of the learner.
+        answer: Learner answer.
         nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell. A
             cell is about as large as an object, so a neighboring cell often shows the object too.
     """
@@ -113,7 +113,7 @@ def ask_about_run(
     Args:
         learner: The learner.
         run: The run of the learner.
-        diagnosis: The diagnosis of that run.
+        diagnosis: That run's diagnosis.
         open_photos: Opens the source of frames, of which only the image positions of objects are used.
         camera: Camera of the training questions.
         tasks: Tasks to include; all if empty.
@@ -121,7 +121,7 @@ def ask_about_run(
         on_progress: Called with the number of trials done and planned.
 
     Raises:
-        InvalidInputError: If the learner answers no questions, uses images, is not the policy of the run, or no trial
+        InvalidInputError: If the learner answers no questions, uses images, is not the run's policy, or no trial
             is left.
         RecordError: If a record or its scene is damaged.
     """
@@ -216,7 +216,7 @@ def _nearest(answer: str, about: NamedObject) -> str:
 
 
 def _require_asked(learner: Learner, run: RunFolder) -> None:
-    """Raise InvalidInputError for a learner that answers no questions, uses images, or is not the policy of a run."""
+    """Raise InvalidInputError for a learner that answers no questions, uses images, or is not a run's policy."""
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
         problem = "the learner was trained without questions, so it has no answers"

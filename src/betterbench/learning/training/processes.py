@@ -12,7 +12,7 @@ _CURE = "Start it under torchrun, or unset them"
 
 @dataclass(frozen=True, slots=True)
 class TrainingProcesses:
-    """Position of this process in a distributed training.
+    """This process's position in a distributed training.
 
     Attributes:
         rank: Index of this process among all.

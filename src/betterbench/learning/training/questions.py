@@ -59,7 +59,7 @@ class AskedQuestions:
     """The questions of a recipe's sets about its demonstrations, in the order of the demonstrations.
 
     Attributes:
-        questions: The questions, each with the index of its demonstration.
+        questions: The questions, each with its demonstration's index.
         sha256: Hashes of the sets.
     """
 

@@ -48,7 +48,7 @@ class PhaseError:
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """Outcome of an episode in which a learner acted from the start of a held-out demonstration."""
+    """Episode outcome in which a learner acted from the start of a held-out demonstration."""
 
     step: int
     trial: str

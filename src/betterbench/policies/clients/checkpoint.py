@@ -271,7 +271,7 @@ def _weights_file(path: str) -> Path:
 
 
 def _fingerprint(path: str) -> str:
-    """Return the SHA-256 of the files of a checkpoint."""
+    """Return the SHA-256 of a checkpoint's files."""
     folder = Path(path)
     if not folder.is_dir():
         folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))

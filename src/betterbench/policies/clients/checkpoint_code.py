@@ -36,7 +36,7 @@ def require_no_code(config: object, files: Mapping[str, Path], where: str) -> No
     Args:
         config: Configuration, as read by LeRobot.
         files: Paths of the processor files, by name.
-        where: Name of the checkpoint in messages.
+        where: Checkpoint name in messages.
 
     Raises:
         InvalidInputError: If the checkpoint names other code, or a processor file cannot be read.

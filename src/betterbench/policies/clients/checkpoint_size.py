@@ -1,4 +1,4 @@
-"""Limits on the size of the network in the configuration of a LeRobot checkpoint.
+"""Limits on the network's size in the configuration of a LeRobot checkpoint.
 
 LeRobot builds the network from ``config.json`` before reading the weights. A configuration with a width of a million
 would therefore fill all memory before any comparison with the weights.
@@ -50,7 +50,7 @@ def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
 
     Args:
         file_bytes: Size of the weights file [bytes].
-        where: Name of the checkpoint in messages.
+        where: Checkpoint name in messages.
 
     Raises:
         InvalidInputError: If a network exceeds the limit.

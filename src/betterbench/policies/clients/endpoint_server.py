@@ -46,7 +46,7 @@ class EndpointServer:
             raise HandshakeError(f"{error}{hint}") from error
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
-        """Return the frame of a request."""
+        """Return a request's frame."""
         raise NotImplementedError
 
     def _check_frame(self, answer: bytes, endpoint: str) -> None:

@@ -153,14 +153,14 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return self._arrays(reply, len(observations))
 
     def _read(self, arrays: Mapping[str, np.ndarray], observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the actions of each environment from the arrays of an answer."""
+        """Return each environment's actions from an answer's arrays."""
         return [
             self.adapter.actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
             for i, observation in enumerate(observations)
         ]
 
     def _data(self, message: dict[str, Any], instructions: list[str]) -> dict[str, Any]:
-        """Return the data of ``get_action`` in the layout of the server."""
+        """Return the data of ``get_action`` in the server's layout."""
         language = self.modalities.language
         name = language[0] if language else name_of(self.adapter.instruction.key)
         if self._layout == "nested":

@@ -148,7 +148,7 @@ class LerobotStepPolicy(AdaptedPolicy):
 
 
 def load_lerobot(address: PolicyAddress) -> Policy:
-    """Return the policy of a checkpoint. It accepts batches if it answers chunks from one observation.
+    """Return a checkpoint's policy. It accepts batches if it answers chunks from one observation.
 
     Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter in the
     address does not match the checkpoint.

@@ -90,11 +90,11 @@ class AdaptedPolicy:
 
     @property
     def _compared(self) -> Declaration:
-        """Declaration with which the conventions of a run are compared."""
+        """Declaration with which a run's conventions are compared."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's; raise a HandshakeError with both sides if they differ."""
+        """Compare a run's conventions with the policy's; raise a HandshakeError with both sides if they differ."""
         adapter, theirs = self.adapter, self._compared
         ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
         compare_declarations(ours, theirs)

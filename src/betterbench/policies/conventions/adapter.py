@@ -320,7 +320,7 @@ class Adapter:
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
-        """Read an adapter from a JSON file; raise InvalidInputError with the name of the field if it cannot be read."""
+        """Read an adapter from a JSON file; raise InvalidInputError with the field name if it cannot be read."""
         where = f"adapter {path}"
         form = read_form(
             _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE

@@ -35,7 +35,7 @@ class Declaration:
         action_convention: Frame, reference and polarity in words.
         position: Format of translations or positions ("delta_xyz").
         rotation: Format of rotations ("axis_angle").
-        gripper: Polarity of the gripper ("close_positive").
+        gripper: Gripper polarity ("close_positive").
         state: Format of the robot's state.
         language: Whether the instruction is sent or required ("instruction").
         rate_hz: Control rate [Hz].

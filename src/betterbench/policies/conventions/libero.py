@@ -53,7 +53,7 @@ def trained_on_libero(adapter: Adapter, name: str, suite: str, *, gripper: Polar
         adapter: Layout of a policy that was fine-tuned on demonstrations of betterbench.
         name: Name of the adapter that is returned.
         suite: A key of :data:`BASES_M`.
-        gripper: Polarity of the gripper in the checkpoint's data.
+        gripper: Gripper polarity in the checkpoint's data.
     """
     return replace(
         adapter,

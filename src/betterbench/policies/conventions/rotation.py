@@ -2,7 +2,7 @@
 
 A quaternion and its negative describe the same rotation, but w < 0 gives a rotation vector longer than pi. Every
 conversion here normalizes to w >= 0 with :func:`betterbench.geometry.normalize`, which suits the small rotations of
-actions. The rotation of a tool in the state is instead converted continuously around half a turn (see
+actions. A tool's rotation in the state is instead converted continuously around half a turn (see
 ``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`).
 """
 

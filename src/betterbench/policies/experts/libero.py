@@ -89,7 +89,7 @@ class LiberoAgent:
 
     @property
     def name(self) -> str:
-        """Address of the policy."""
+        """Policy address."""
         return self._name
 
     @property
@@ -240,7 +240,7 @@ class CarriedStep:
 
 
 def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
-    """Return the steps of the task of a scene after reset.
+    """Return the steps of a scene's task after reset.
 
     Raises:
         InvalidInputError: If a step requires more than carrying.

@@ -54,7 +54,7 @@ class PickPlan:
     """Collision-free path to pick up an object.
 
     Attributes:
-        object: Name of the object.
+        object: Object name.
         way: Poses of the tool center point on the path, the last one above the grasp.
         grasp: Pose ``T_world_tcp`` at which the gripper closes.
         width_m: Opening width on the way down [m].
@@ -112,7 +112,7 @@ class Planner:
 
         Args:
             state: Current state.
-            name: Name of the object.
+            name: Object name.
             cost: Value added to the rotation of the gripper [rad] when ordering grasps of equal preference.
 
         Raises:
@@ -149,7 +149,7 @@ class Planner:
 
         Args:
             state: Current state.
-            name: Name of the drawer.
+            name: Drawer name.
             travel_m: Distance to move it [m]; positive opens it.
 
         Raises:
@@ -177,7 +177,7 @@ class Planner:
 
         Args:
             state: Current state, with the object in the gripper.
-            name: Name of the object.
+            name: Object name.
             goals: Final poses with their approaches, the best first.
 
         Raises:

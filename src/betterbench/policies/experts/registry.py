@@ -37,7 +37,7 @@ class ExpertEntry:
     """Entry of a privileged policy in the registry.
 
     Attributes:
-        address: Address of the policy.
+        address: Policy address.
         summary: Behavior in one sentence.
         rule: Constructor of the decision rule from the trial and the rule's strength.
     """

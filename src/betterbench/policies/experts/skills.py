@@ -242,7 +242,7 @@ class Skills:
 
         Args:
             state: Current state.
-            name: Name of the drawer.
+            name: Drawer name.
             distance_m: Distance to move it [m]; positive opens it.
 
         Returns:
@@ -272,7 +272,7 @@ class Skills:
 
         Args:
             state: Current state.
-            name: Name of the drawer.
+            name: Drawer name.
             mount: Pose ``T_world_drawer`` of the closed drawer.
             out: Whether to open it.
 
@@ -338,7 +338,7 @@ def pads_beside(state: WorldState, name: str, grasp: Pose, *, gap_m: float) -> P
 
     Args:
         state: Current state.
-        name: Name of the object.
+        name: Object name.
         grasp: Pose ``T_world_tcp`` of the right grasp.
         gap_m: Gap to leave between the pads and the object's bounding box [m].
     """

@@ -25,7 +25,7 @@ class NoLanguage(BrokenRule):
 
 
 def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
-    """Return the instructions of the task that are possible in the scene of a trial, in a stable order."""
+    """Return the instructions of the task that are possible in a trial's scene, in a stable order."""
     task = situation.task
     conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
     known = {c.instruction.text: c.instruction for c in conditions}

@@ -21,11 +21,11 @@ class PlannedTrial(Protocol):
 
     @property
     def task(self) -> str:
-        """Name of the task."""
+        """Task name."""
 
     @property
     def condition(self) -> str:
-        """Name of the condition."""
+        """Condition name."""
 
     @property
     def base_condition(self) -> str | None:
@@ -33,7 +33,7 @@ class PlannedTrial(Protocol):
 
     @property
     def seed(self) -> int:
-        """Seed of the trial."""
+        """Trial seed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +114,7 @@ class PolicyKind:
         make_for: Makes a policy for one episode in a scene; the trial is None outside a run.
         named: One sentence for each policy, by address, if the kind has a fixed list of policies; else None.
         read: Reads an address for a world ("libero"), or for our own world (""); by default ``form`` is used.
-        describe: Returns the declarations of a policy, or None if the policy must be made first.
+        describe: Returns a policy's declarations, or None if the policy must be made first.
         compares: Whether the policies have a ``check`` method that compares conventions with the run.
         source_of: Returns name and SHA-256 of the user's file behind a policy, for comparison when a run resumes.
         risk: Risk of evaluating such an address, with ``{target}``; the user must accept it with ``--trust``.
@@ -139,11 +139,11 @@ class PolicyKind:
 
     @property
     def name(self) -> str:
-        """Name of the kind, which is the prefix of its addresses."""
+        """Kind name, which is the prefix of its addresses."""
         return self.form.scheme
 
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
-        """Read an address of this kind, in the conventions of a world if ``world`` is given.
+        """Read an address of this kind, in a world's conventions if ``world`` is given.
 
         Raises:
             UnknownNameError: If the policy or an option does not exist.
@@ -224,7 +224,7 @@ def needs_of(address: str) -> PolicyNeeds:
 
 
 def read_address(address: str, *, world: str = "") -> PolicyAddress:
-    """Read an address, in the conventions of a world if ``world`` is given.
+    """Read an address, in a world's conventions if ``world`` is given.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -234,7 +234,7 @@ def read_address(address: str, *, world: str = "") -> PolicyAddress:
 
 
 def make_policy(address: str, *, world: str = "") -> Policy:
-    """Return a policy that uses observations, in the conventions of a world if ``world`` is given.
+    """Return a policy that uses observations, in a world's conventions if ``world`` is given.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.

@@ -65,9 +65,9 @@ def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tupl
     """Return the error for a policy that cannot act in other worlds.
 
     Args:
-        address: Address of the policy.
+        address: Policy address.
         needs: The dependence on betterbench's scenes, for the message ("uses the privileged state").
-        world: Name of the world in messages.
+        world: World name in messages.
         known: Policies that support this world's state.
     """
     return InvalidInputError(

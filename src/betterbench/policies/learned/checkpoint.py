@@ -39,7 +39,7 @@ class Trained:
 
     Attributes:
         recipe: Recipe of the training.
-        vocabulary: Vocabulary of the learner.
+        vocabulary: Learner vocabulary.
         step: Number of training steps.
         data: SHA-256 over the records of the training data.
         action_space: Action space of the answers.
@@ -99,7 +99,7 @@ def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], d
 
 
 def write_checkpoint(path: Path, weights: Mapping[str, Tensor], trained: Trained) -> None:
-    """Write the weights of a learner with :func:`write_tensors`."""
+    """Write a learner's weights with :func:`write_tensors`."""
     write_tensors(path, weights, trained.to_json())
 
 
@@ -139,7 +139,7 @@ def checkpoint_file(place: str) -> Path:
 
 
 def read_vocabulary(path: Path) -> Vocabulary:
-    """Return the vocabulary of a checkpoint; InvalidInputError if the file is damaged."""
+    """Return a checkpoint's vocabulary; InvalidInputError if the file is damaged."""
     _, about = read_tensors(path)
     return _trained(about, str(path)).vocabulary
 
@@ -199,7 +199,7 @@ def require_code(about: Mapping[str, Any], where: str) -> None:
 
 
 def _seal(about: Mapping[str, Any], weights: str) -> str:
-    """Return the digest of a file, from the metadata and the digest of the tensors."""
+    """Return a file's digest, from the metadata and the digest of the tensors."""
     return seal_of({"about": seal_of(about), "tensors": weights})
 
 

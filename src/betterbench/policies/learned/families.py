@@ -49,7 +49,7 @@ class Family:
 
     Attributes:
         name: Name in recipes.
-        sees: Input of the learner.
+        sees: Learner input.
         capacities: Sizes ``small``, ``base`` and ``large``.
         parts: Parts of the network that recipes may freeze.
         options: Own options for recipes, with defaults.

@@ -136,7 +136,7 @@ class LearnerNetwork(nn.Module):
 
     Attributes:
         recipe: Recipe of the training; ``recipe.size`` is the capacity.
-        options: Options of the family.
+        options: Family options.
         tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. There are such buffers for
             actions, (7,), and for the inputs named to :meth:`keep_scale`.
     """
@@ -298,7 +298,7 @@ class LearnerNetwork(nn.Module):
 
 
 class TokenNetwork(LearnerNetwork):
-    """Transformer over tokens of words, tool states and the inputs of a family.
+    """Transformer over tokens of words, tool states and a family's inputs.
 
     These families differ only in the encoder that maps their inputs to tokens. Modules made by :meth:`open_eyes` are
     named parts, which a recipe can freeze.

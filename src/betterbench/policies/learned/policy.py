@@ -33,7 +33,7 @@ class Learner:
     """Loaded network of a learner, shared between episodes.
 
     Attributes:
-        trained: Metadata of its checkpoint.
+        trained: Its checkpoint's metadata.
         fingerprint: SHA-256 of the checkpoint's file; empty during training.
     """
 
@@ -195,7 +195,7 @@ class _Past(Generic[SeenT]):
         self._seen: OrderedDict[int, SeenT] = OrderedDict()
 
     def keep(self, step: int, seen: SeenT) -> None:
-        """Store the input of a step, and drop inputs that are too old."""
+        """Store a step's input, and drop inputs that are too old."""
         self._seen[step] = seen
         while next(iter(self._seen)) < step - self._stride * (self._history - 1):
             self._seen.popitem(last=False)

@@ -73,7 +73,7 @@ class View:
     """Image input of a learner of the ``pixels`` family: a camera, or a part of its image.
 
     Attributes:
-        camera: Name of the camera.
+        camera: Camera name.
         window: Left, top, right and bottom edge of the crop, as fractions of the camera's image. A window of ``size``
             pixels is copied one to one; the whole image is scaled.
     """
@@ -146,14 +146,14 @@ class TrainingRecipe:
 
     Attributes:
         data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: Input of the learner: ``objects`` gets poses, sizes, categories and colors as from a perfect detector,
+        family: Learner input: ``objects`` gets poses, sizes, categories and colors as from a perfect detector,
             ``pixels`` gets images; or the name of a user's family.
         options: Options of a user's family.
         tasks: Tasks whose demonstrations are used; all in the data if empty.
         variations: Whether to include demonstrations of test variations, as in the covered regime.
         demonstrations: Maximum number of demonstrations of one condition, the lowest seeds first; None for all.
         longest_pause: Maximum number of control steps of a demonstrator's pause in training; None for all.
-        every: Stride between input frames in training; the actions of a chunk are consecutive.
+        every: Stride between input frames in training; a chunk's actions are consecutive.
         eyes: Image inputs of a learner of ``pixels``.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
         history: Number of tool states as input: the present state and earlier states.
@@ -274,7 +274,7 @@ class TrainingRecipe:
 
     @property
     def sees(self) -> Sees:
-        """Input of the learner: the state as objects, or images."""
+        """Learner input: the state as objects, or images."""
         return learner_family(self.family).sees
 
     @property
@@ -284,7 +284,7 @@ class TrainingRecipe:
 
     @property
     def all_options(self) -> dict[str, Option]:
-        """The options of the family, with defaults for those that the recipe does not set."""
+        """The family's options, with defaults for those that the recipe does not set."""
         return {**learner_family(self.family).options, **self.options}
 
     @property

@@ -1,6 +1,6 @@
 """Inputs of a learner of the ``objects`` family: the tool, and detectable properties of each object.
 
-An object's name, role and slot, the held object and the goal of the task are left out, because they would reveal the
+An object's name, role and slot, the held object and the task's goal are left out, because they would reveal the
 answer.
 """
 

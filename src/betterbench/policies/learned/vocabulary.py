@@ -22,14 +22,14 @@ _WORD = re.compile(r"[a-z0-9]+(?:'[a-z]+)?")
 
 
 def words_of(instruction: str) -> list[str]:
-    """Return the words of an instruction in lower case, without punctuation."""
+    """Return an instruction's words in lower case, without punctuation."""
     return _WORD.findall(instruction.lower())
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """Vocabulary of a learner. ``answers`` are the possible answers to co-training questions."""
+    """Learner vocabulary. ``answers`` are the possible answers to co-training questions."""
 
     words: tuple[str, ...]
     categories: tuple[str, ...]
@@ -53,7 +53,7 @@ class Vocabulary:
         return words, categories, colors
 
     def word_ids(self, instruction: str) -> np.ndarray:
-        """Return the indices of the words of an instruction, at most MOST_WORDS, int64."""
+        """Return the indices of an instruction's words, at most MOST_WORDS, int64."""
         return _ids(words_of(instruction)[:MOST_WORDS], self.words)
 
     def category_ids(self, names: Sequence[str]) -> np.ndarray:

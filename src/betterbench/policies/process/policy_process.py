@@ -68,7 +68,7 @@ class PolicyProcess:
     process leads its own session, which separates its signals from the run's.
 
     Attributes:
-        info: Declarations of the policy.
+        info: Policy declarations.
         source: Name and SHA-256 of the file with the policy, or empty.
         takes_batches: Whether the policy answers several observations at once.
         ready_at: Time from which the policy accepts requests, by ``time.perf_counter`` [s]; infinite during loading.

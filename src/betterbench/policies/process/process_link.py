@@ -1,4 +1,4 @@
-"""Messages between a run and the process of a policy (:mod:`betterbench.jobs.frames`).
+"""Messages between a run and a policy's process (:mod:`betterbench.jobs.frames`).
 
 A request of the run is a pickle in an array of bytes; a request without arrays is the last. An answer contains no
 Python objects, because a policy can write anything to its socket. The run reads answers in
@@ -62,7 +62,7 @@ class ProcessAnswer:
     Attributes:
         error: Class of the raised betterbench error; empty for another exception, None without an error.
         texts: Texts of the error.
-        declared: Declarations of the policy, in the first message only.
+        declared: Policy declarations, in the first message only.
     """
 
     error: str | None = None

@@ -45,7 +45,7 @@ class ViewHeader:
     """Header of a modality file: the trial, the view, the modalities, and the meaning of its instance ids.
 
     Attributes:
-        record_sha256: SHA-256 of the file of the record.
+        record_sha256: SHA-256 of the record file.
         quality: Render preset of the colors.
         modalities: Modalities of the file, in the order of its columns.
         focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the center of the image: K

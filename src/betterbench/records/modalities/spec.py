@@ -90,7 +90,7 @@ class ViewSpec:
     def parse(cls, text: str) -> ViewSpec:
         """Return the view for a command-line text.
 
-        The text is the name of a camera with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a
+        The text is a camera's name with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a
         user-defined camera: name, position, target and vertical field of view in degrees
         ("top=0.45,0,1.4/0.45,0,0/45:256x256").
 

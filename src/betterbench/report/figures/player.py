@@ -51,8 +51,8 @@ class PlayedTrial:
     """Content of the player for one trial.
 
     Attributes:
-        heading: Name of the trial ("fast_food/T1/3").
-        ended: Outcome of the trial, as a phrase.
+        heading: Trial name ("fast_food/T1/3").
+        ended: Trial outcome, as a phrase.
         times_s: Time of each frame [s].
         objects: Names of the objects, with their colors as (red, green, blue).
     """

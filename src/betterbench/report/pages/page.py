@@ -343,7 +343,7 @@ def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:
 
 
 def _title(policies: Sequence[str]) -> str:
-    """Return the title of the page."""
+    """Return the page title."""
     if len(policies) == 1:
         return f"Diagnosis of {policies[0]}"
     return f"Diagnosis of {len(policies)} policies"

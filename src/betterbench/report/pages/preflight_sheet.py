@@ -1,4 +1,4 @@
-"""Preflight sheet: one PNG with the inputs of a policy and the effect of its first answer."""
+"""Preflight sheet: one PNG with a policy's inputs and the effect of its first answer."""
 
 from __future__ import annotations
 

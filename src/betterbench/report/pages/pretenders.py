@@ -99,7 +99,7 @@ def scope_columns(standings: Sequence[Standing]) -> tuple[str, ...]:
 
 
 def scope_title(scope: str) -> str:
-    """Return the heading of a column."""
+    """Return a column's heading."""
     return "overall" if scope == "overall" else AXIS_NAMES.get(scope.removeprefix("axis:"), scope)
 
 

@@ -12,7 +12,7 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 
 class State(StrEnum):
-    """State of an object at the start of a trial."""
+    """Object state at the start of a trial."""
 
     TABLE = "on the table"
     TARGET = "at the target"

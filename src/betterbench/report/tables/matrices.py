@@ -93,7 +93,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """One of the paper's diagnostic matrices, filled with the results of a run.
+    """One of the paper's diagnostic matrices, filled with a run's results.
 
     Attributes:
         caption: Meaning of rows and columns.

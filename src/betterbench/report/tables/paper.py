@@ -28,7 +28,7 @@ class PaperGroup:
 
 @dataclass(frozen=True, slots=True)
 class PaperColumn:
-    """A column: the name of its condition in CSV files ("L1"), and its title."""
+    """A column: its condition's name in CSV files ("L1"), and its title."""
 
     name: str
     title: str
@@ -36,7 +36,7 @@ class PaperColumn:
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
-    """A row: the name of its policy, the source of its numbers ("chance", "run" or "paper"), and the numbers."""
+    """A row: its policy's name, the source of its numbers ("chance", "run" or "paper"), and the numbers."""
 
     name: str
     source: str

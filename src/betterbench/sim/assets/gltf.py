@@ -20,7 +20,7 @@ def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any
 
     Args:
         file: The file.
-        where: Name of the file, for messages.
+        where: File name, for messages.
         binary: Whether the file is GLB.
 
     Raises:

@@ -2,7 +2,7 @@
 
 ``back_ends`` chooses the back end, ``devices`` finds the EGL devices and distributes processes over them, ``probe`` is
 the program that examines each device, and ``checks`` reports problems of the environment. This package imports no
-simulator, so the process of another simulator and our own workers get the same answer.
+simulator, so another simulator's process and our own workers get the same answer.
 """
 
 from betterbench.sim.graphics.back_ends import INSTALL_HINT, gl_backend

@@ -39,7 +39,7 @@ class FolderCheck:
     """Result of the check of a modality folder.
 
     Attributes:
-        wanted: Settings of the folder.
+        wanted: Folder settings.
         files: Number of files that were checked.
         rows: Number of rows of the intact ones.
         of_run: Number of files from records of the run, whatever other faults they have.
@@ -66,7 +66,7 @@ def check_folder(
     trials: Sequence[TrialId] = (),
     on_progress: OnCount | None = None,
 ) -> FolderCheck:
-    """Read all files of a folder of modalities, and compare them with the records of its run; nothing is written.
+    """Read all files of a folder of modalities, and compare them with its run's records; nothing is written.
 
     One file is expected for each view in the settings of the folder and each recorded trial, of all or of ``trials``.
     Each header must match, and the checksums must be right. With ``trials``, files of other trials are ignored.

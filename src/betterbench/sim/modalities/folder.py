@@ -1,4 +1,4 @@
-"""Folder of materialized modalities: its settings, the files of each trial, and the list of semantic ids."""
+"""Folder of materialized modalities: its settings, each trial's files, and the list of semantic ids."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def _layout(blueprint: Any, views: tuple[ViewSpec, ...]) -> Any:  # noqa: ANN401
 
 
 def _log_names(rerun: Any, stream: Any, record: Record, colors: Sequence[tuple[int, int, int]]) -> None:  # noqa: ANN401
-    """Log the constant data: names and colors of instances, and the description of the trial."""
+    """Log the constant data: names and colors of instances, and the trial's description."""
     meta = record.metadata
     names: list[tuple[Any, ...]] = [(0, "nothing"), *((number, name) for name, number in stage_ids().items())]
     names += [(instance_of_object(i), o.name, colors[i]) for i, o in enumerate(meta.scene.objects)]

@@ -1,4 +1,4 @@
-"""Materialization of the records of a run as modality files, in a resumable folder."""
+"""Materialization of a run's records as modality files, in a resumable folder."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def add_floating_gripper(spec: mujoco.MjSpec, name: str = "panda") -> RobotSpec:
     """Add the gripper of a robot to a model: its own fingers, pads, coupling and servo, on a carrier with three slides.
 
     The tool center point is at the position of the carrier, in the orientation of the body ``tool``. Returns the
-    description of the robot.
+    robot's description.
 
     Raises:
         UnknownNameError: If there is no such robot.

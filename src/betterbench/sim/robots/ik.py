@@ -394,7 +394,7 @@ class ArmIK:
         return Pose(self._get_position(), self._site_quaternion())
 
     def _site_quaternion(self) -> Quaternion:
-        """Return the rotation of the tool at the current joint angles."""
+        """Return the tool rotation at the current joint angles."""
         mujoco.mju_mat2Quat(self._quaternion, self._site_matrix)
         w, x, y, z = self._get_quaternion()
         return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)

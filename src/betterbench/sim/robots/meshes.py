@@ -63,7 +63,7 @@ class MeshPart:
 
     @property
     def name(self) -> str:
-        """Name of the part in models and in the cache file."""
+        """Part name in models and in the cache file."""
         return f"{self.link}_{self.paint}"
 
 

@@ -21,7 +21,7 @@ class Physics:
             1 m/s. MuJoCo's default of 20 ms lets it sink by 7 mm, through the floor of a box; 5 ms limits it to 2 mm
             and is still 2.5 time steps.
         sleep_tolerance_m_s: Speed below which a group of touching objects falls asleep after ten time steps [m/s].
-            Rotation is weighted by the size of the object. The value is a twentieth of the speed below which a verdict
+            Rotation is weighted by the object's size. The value is a twentieth of the speed below which a verdict
             considers an object at rest, so no motion that affects a verdict is stopped.
     """
 
@@ -44,7 +44,7 @@ class Physics:
         spec.option.noslip_iterations = self.noslip_iterations
 
     def set_scene(self, spec: mujoco.MjSpec) -> None:
-        """Write the options, sleeping and the default contact of geoms to the description of a scene."""
+        """Write the options, sleeping and the default contact of geoms to a scene's description."""
         self.set_solver(spec)
         spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         spec.option.sleep_tolerance = self.sleep_tolerance_m_s

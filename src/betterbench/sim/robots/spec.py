@@ -1,4 +1,4 @@
-"""Description of a robot for other packages: one frozen value per robot, and a registry by name."""
+"""Robot description for other packages: one frozen value per robot, and a registry by name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
-    """Description of a robot, for controllers, scenes and experts.
+    """Robot description, for controllers, scenes and experts.
 
     Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix. Arm joints are
     listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits [rad/s].
@@ -31,7 +31,7 @@ class RobotSpec:
         finger_bodies: Bodies of the left (+y of the gripper) and the right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
-        arm_bodies: Bodies of the arm without the gripper.
+        arm_bodies: Arm bodies without the gripper.
         tcp_site: Tool center point between the pads; z along the approach, y along the opening of the fingers.
         joint_effort: Maximum torque of the servos [N m].
         gripper_opening_m: Largest opening width [m].
@@ -97,7 +97,7 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def contact_name(self, body: str) -> str | None:
-        """Return the name of this body in recorded contacts; None if it has none. ``body`` is without prefix."""
+        """Return this body's name in recorded contacts; None if it has none. ``body`` is without prefix."""
         if body == self.finger_bodies[0]:
             return "left_finger"
         if body == self.finger_bodies[1]:

@@ -124,7 +124,7 @@ def camera_matrices(
 
 
 def camera_number(model: mujoco.MjModel, camera: str) -> int:
-    """Return the index of a camera; raise UnknownNameError if the model has no such camera."""
+    """Return a camera's index; raise UnknownNameError if the model has no such camera."""
     number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
     if number < 0:
         raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))

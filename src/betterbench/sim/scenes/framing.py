@@ -157,7 +157,7 @@ class FramingView:
 
 
 def asked_objects(condition: Condition) -> tuple[str, ...]:
-    """Return the scene names of the objects in the steps of an instruction, in order."""
+    """Return the scene names of the objects in an instruction's steps, in order."""
     names: dict[str, None] = {}
     for step in condition.instruction.subgoals:
         found = [o.name for o in condition.objects if step.reference.kind in (None, o.kind)]

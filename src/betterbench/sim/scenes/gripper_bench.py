@@ -56,7 +56,7 @@ class GripperBench:
         Args:
             model: A table with the asset and the gripper of :func:`add_floating_gripper`.
             data: Its state, which is changed.
-            robot: Description of the robot.
+            robot: Robot description.
             step: Takes one physics step.
             rest: Pose ``T_world_object`` at rest.
             grasp: The grasp.

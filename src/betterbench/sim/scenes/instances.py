@@ -1,4 +1,4 @@
-"""Instance ids of the bodies of a model, and bounding boxes of its objects."""
+"""Instance ids of a model's bodies, and bounding boxes of its objects."""
 
 from __future__ import annotations
 

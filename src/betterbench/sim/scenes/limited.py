@@ -303,7 +303,7 @@ class LimitedView:
 
 
 class _Drawer:
-    """State of the process between two requests: a scene, its view, and the renderer of its sights."""
+    """Process state between two requests: a scene, its view, and the renderer of its sights."""
 
     def __init__(self, quality: str, size: int) -> None:
         self._quality, self._size = quality_preset(quality), size

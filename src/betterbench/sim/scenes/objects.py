@@ -39,7 +39,7 @@ class DrawerRail:
 
 
 def rail_of(asset: Asset) -> DrawerRail:
-    """Return the rail of a drawer, from the parameters of its asset."""
+    """Return the rail of a drawer, from its asset's parameters."""
     p = asset.parameters
     return DrawerRail(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
 

@@ -1,4 +1,4 @@
-"""Images of a scene: color, depth and instance masks from MuJoCo's classic off-screen renderer.
+"""Scene images: color, depth and instance masks from MuJoCo's classic off-screen renderer.
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
 visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and

@@ -229,7 +229,7 @@ class Scene:
         return GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=self.control_rate_hz)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the description of the scene for the record."""
+        """Return the scene's description for the record."""
         return SceneDescription(
             task_version=self.task.version,
             suite_version=SUITE_VERSION,
@@ -269,7 +269,7 @@ class Scene:
     def reset(self, *, check_premise: bool = True) -> WorldState:
         """Reset the scene to the start of the trial and return the state.
 
-        With ``check_premise``, raises a PremiseError if the scene contradicts the premise of its instruction.
+        With ``check_premise``, raises a PremiseError if the scene contradicts its instruction's premise.
         """
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos

@@ -172,7 +172,7 @@ def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
-    """Set everything that MuJoCo would otherwise derive from the content of the scene, and write the quality."""
+    """Set everything that MuJoCo would otherwise derive from the scene's content, and write the quality."""
     # With a fixed extent, clipping planes and shadow bounds do not depend on the objects on the table.
     spec.stat.extent = 1.0
     spec.stat.center = [0.5, 0.0, 0.0]

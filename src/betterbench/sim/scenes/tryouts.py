@@ -35,13 +35,13 @@ _SLIP_M, _SWING_DEGREES = 0.010, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tryout:
-    """Outcome of a trial.
+    """Trial outcome.
 
     Attributes:
         passed: Whether the asset did what it should.
         sentence: Result in one sentence.
         asset: (T, 7) positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`.
-        gripper: The same for the bodies of the gripper by name ("hand", "left_finger", "right_finger"); empty without.
+        gripper: The same for the gripper's bodies by name ("hand", "left_finger", "right_finger"); empty without.
     """
 
     passed: bool
@@ -178,7 +178,7 @@ def gripper_glbs() -> dict[str, bytes]:
 
 
 def gripper_poses(width_m: float) -> dict[str, Pose]:
-    """Return ``T_tcp_body`` of the bodies of the gripper, opened by a width [m]."""
+    """Return ``T_tcp_body`` of the gripper's bodies, opened by a width [m]."""
     spec = mujoco.MjSpec()
     PHYSICS.set_solver(spec)
     robot = add_floating_gripper(spec)

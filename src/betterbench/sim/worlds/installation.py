@@ -53,7 +53,7 @@ class Installation:
     """Environment of a world's simulator.
 
     Attributes:
-        name: Name of the world on the command line.
+        name: World name on the command line.
         lock: Name of the file of locked requirements.
         module: Module that the simulator's process runs.
         size: Size of the packages, as a text: download and unpacked.
@@ -77,7 +77,7 @@ class Installation:
 
     @property
     def folder(self) -> Path:
-        """Folder of the environment, which depends on the lock. `make bench` uses LIBERO's folder."""
+        """Environment folder, which depends on the lock. `make bench` uses LIBERO's folder."""
         digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
         return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
 
@@ -121,7 +121,7 @@ class Installation:
 
     @contextlib.contextmanager
     def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the lock of the folder and yield its descriptor.
+        """Hold the folder lock and yield its descriptor.
 
         The lock is free when all processes with the descriptor have ended.
         """

@@ -41,11 +41,11 @@ class PremiseEntry:
 
     Attributes:
         task: Index in the suite.
-        instruction: Instruction of the task.
+        instruction: Task instruction.
         states: Number of initial states.
         broken: Initial states in which a premise is false after settling, by relation.
         jumps: Initial states in which an object moves by more than :data:`JUMP_M` while settling, by object.
-        engine: Versions of the simulator and its packages.
+        engine: Simulator versions and its packages.
         bddl_sha256: SHA-256 of the task's file.
         variant: Name of the variant of LIBERO-Plus; empty for another task.
     """

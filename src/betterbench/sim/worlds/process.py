@@ -70,7 +70,7 @@ def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
 
 
 class WorldProcess(AskedProcess):
-    """Process of a simulator, which ends when its socket is closed. A context manager that ends the process."""
+    """Simulator process, which ends when its socket is closed. A context manager that ends the process."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process; raise WorldError if this fails.
@@ -93,7 +93,7 @@ class WorldProcess(AskedProcess):
         self.close()
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the tasks of a suite; WorldError if the simulator fails."""
+        """Return a suite's tasks; WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:

@@ -107,11 +107,11 @@ class WorldTask:
     """One task of a suite, as described by its world.
 
     Attributes:
-        suite: Name of the suite ("libero_spatial_swap").
+        suite: Suite name ("libero_spatial_swap").
         number: Its index in the suite.
         name: Its name in the world.
         instruction: Instruction to the policy.
-        bddl_sha256: Fingerprint of its file.
+        bddl_sha256: Its file's fingerprint.
     """
 
     suite: str
@@ -122,12 +122,12 @@ class WorldTask:
 
     @property
     def id(self) -> str:
-        """Name of the task in plans and records, from the base suite, because twins share it."""
+        """Task name in plans and records, from the base suite, because twins share it."""
         return task_id(self.suite, self.number)
 
     @property
     def condition(self) -> str:
-        """Name of the condition: the change of the suite, or "base"."""
+        """Condition name: the change of the suite, or "base"."""
         return suite_named(self.suite).change or "base"
 
     def asked(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class WorldTask:
 
 
 def task_id(suite: str, number: int) -> str:
-    """Return the name of a task in plans and records ("libero_spatial-05")."""
+    """Return a task's name in plans and records ("libero_spatial-05")."""
     return f"{suite_named(suite).base}-{number:02d}"
 
 
@@ -163,7 +163,7 @@ class ProcessWorld(World):
 
     @property
     def simulator(self) -> str:
-        """Name of the simulator; records of different simulators are not compared."""
+        """Simulator name; records of different simulators are not compared."""
         return self.name
 
     def step_limit(self, task: WorldTask) -> int:
@@ -182,7 +182,7 @@ class ProcessWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> ProcessScene:
-        """Return the scene of a trial, set up by its reset; with ``depth``, depth images are rendered too."""
+        """Return a trial's scene, set up by its reset; with ``depth``, depth images are rendered too."""
         del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
@@ -199,7 +199,7 @@ class ProcessWorld(World):
         return PROCESSES
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the conventions of the world in words."""
+        """Return the world's conventions in words."""
         del robot
         return {
             "controller": (
@@ -266,7 +266,7 @@ class ProcessScene:
 
     @property
     def world(self) -> str:
-        """Name of the world in whose terms privileged policies read the state."""
+        """World name in whose terms privileged policies read the state."""
         return self.settings.simulator
 
     @property
@@ -322,7 +322,7 @@ class ProcessScene:
         }
 
     def reset(self) -> WorldState:
-        """Go to the initial state, settle, and check that the scene fulfills the premise of the instruction.
+        """Go to the initial state, settle, and check that the scene fulfills the instruction's premise.
 
         Raises:
             PremiseError: If the scene contradicts the premise, and broken scenes are refused.
@@ -409,7 +409,7 @@ class ProcessScene:
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return the arrays of the simulator: ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
+        """Return the simulator's arrays: ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
         row, places = self._arrays["row"], self._row.places
         return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
@@ -446,7 +446,7 @@ class ProcessScene:
         )
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return the images of this step, rendered by the process, by camera."""
+        """Return this step's images, rendered by the process, by camera."""
         from betterbench.sim.scenes.rendering import Images  # noqa: PLC0415 - a simulator's tests need no renderer
 
         del spec, renderers
@@ -454,7 +454,7 @@ class ProcessScene:
         return {name: Images(image, depth.get(name), None) for name, image in self.images().items()}
 
     def images(self) -> dict[str, np.ndarray]:
-        """Return the images of this step as in LIBERO's clients, rotated by 180 degrees, by camera."""
+        """Return this step's images as in LIBERO's clients, rotated by 180 degrees, by camera."""
         return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
 
     def depth(self) -> dict[str, np.ndarray]:
@@ -572,7 +572,7 @@ class ProcessScene:
 
 
 class ProcessTracker:
-    """Tracker of the goal of an episode, like :class:`betterbench.tasks.GoalTracker` in our own scenes."""
+    """Tracker of an episode's goal, like :class:`betterbench.tasks.GoalTracker` in our own scenes."""
 
     def __init__(self, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset."""

@@ -1,4 +1,4 @@
-"""Main loop of the process of a simulator, which answers requests until the run closes the connection.
+"""Main loop of a simulator's process, which answers requests until the run closes the connection.
 
 Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """
@@ -25,7 +25,7 @@ class Simulator(Protocol):
     """A simulator with one environment."""
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
+        """Return a suite's tasks: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Settle every initial state of a task; return the names of the premises and their truth in each state."""

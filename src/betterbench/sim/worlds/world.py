@@ -33,7 +33,7 @@ class Photo:
 
     Attributes:
         scene: Task and condition of the trial as one text ("libero_spatial-05/base").
-        record: Record of the trial.
+        record: Trial record.
         row: Row of the record.
     """
 
@@ -44,14 +44,14 @@ class Photo:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """Choice of the trials of a run.
+    """Choice of a run's trials.
 
     Attributes:
-        suite: Name of the suite.
+        suite: Suite name.
         tasks: Tasks to run, by name or number; all of the suite if none is named.
         trials: Number of trials in the world's unit; the usual number if None.
         seed: First seed, initial state or chain.
-        options: Options of this world, by name.
+        options: This world's options, by name.
     """
 
     suite: str
@@ -84,7 +84,7 @@ USUAL_SCENE = SceneOptions()
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """Instruction of a trial for the policy."""
+    """Trial instruction for the policy."""
 
     text: str
 
@@ -95,7 +95,7 @@ class Instructed:
 
     Attributes:
         id: Task and condition as one text ("libero_spatial-05/base").
-        name: Name of the condition.
+        name: Condition name.
     """
 
     id: str
@@ -110,15 +110,15 @@ class Instructed:
 
 
 class Named(Protocol):
-    """Task of a scene."""
+    """Scene task."""
 
     @property
     def id(self) -> str:
-        """Name of the task in plans and records."""
+        """Task name in plans and records."""
 
 
 class Told(Protocol):
-    """Instruction of a condition."""
+    """Condition instruction."""
 
     @property
     def text(self) -> str:
@@ -126,7 +126,7 @@ class Told(Protocol):
 
 
 class SceneCondition(Protocol):
-    """Condition of a scene."""
+    """Scene condition."""
 
     @property
     def id(self) -> str:
@@ -134,7 +134,7 @@ class SceneCondition(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the condition."""
+        """Condition name."""
 
     @property
     def instruction(self) -> Told:
@@ -165,7 +165,7 @@ class Tracker(Protocol):
 
 
 class TrialScene(Protocol):
-    """Interface of the scene of a trial for an episode."""
+    """Interface of a trial's scene for an episode."""
 
     @property
     def world(self) -> str:
@@ -188,15 +188,15 @@ class TrialScene(Protocol):
 
     @property
     def task(self) -> Named:
-        """Task of the trial."""
+        """Trial task."""
 
     @property
     def condition(self) -> SceneCondition:
-        """Condition of the trial, with its instruction."""
+        """Trial condition, with its instruction."""
 
     @property
     def seed(self) -> int:
-        """Seed of the trial."""
+        """Trial seed."""
 
     @property
     def action_space(self) -> ActionSpace:
@@ -240,7 +240,7 @@ class TrialScene(Protocol):
         """Return the judge of an episode, after the reset."""
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the description of the scene for the record; ``images`` is True if images are rendered."""
+        """Return the scene's description for the record; ``images`` is True if images are rendered."""
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> Mapping[str, Images]:
         """Return the current images by camera; ``renderers`` are the worker's renderers for MuJoCo models."""
@@ -258,8 +258,8 @@ class TrialScene(Protocol):
 class World(ABC):
     """World: tasks, scenes and conventions, as a frozen value.
 
-    The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns the trials
-    of a run and the value for ``plan.world``, which may contain additional data of this run. Subclasses are frozen
+    The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns a run's
+    trials and the value for ``plan.world``, which may contain additional data of this run. Subclasses are frozen
     dataclasses with picklable fields; the registry pickles worlds by name.
 
     Attributes:
@@ -298,7 +298,7 @@ class World(ABC):
 
     @abstractmethod
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], World]:
-        """Return the trials of a run, and the world for the stored plan.
+        """Return a run's trials, and the world for the stored plan.
 
         Raises:
             InvalidInputError: If a number is out of range or nothing is left to run.
@@ -320,13 +320,13 @@ class World(ABC):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> TrialScene:
-        """Return the scene of a trial.
+        """Return a trial's scene.
 
         Args:
             processes: Pool of processes of :attr:`command`, from which the scene may take one.
-            task: Name of the task.
-            condition: Name of the condition.
-            seed: Seed of the trial.
+            task: Task name.
+            condition: Condition name.
+            seed: Trial seed.
             action_space: Action space of the run.
             images: Whether the policy gets images.
             depth: Whether the policy also gets depth images.
@@ -352,7 +352,7 @@ class World(ABC):
         return {}
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the conventions of the world in words; ``robot`` is the name of the run's robot."""
+        """Return the world's conventions in words; ``robot`` is the name of the run's robot."""
         del robot
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 
@@ -393,10 +393,10 @@ class World(ABC):
         """Yield one image (size, size, 3) for each requested moment of a run.
 
         Args:
-            stored: JSON form of the world in the plan of the run.
+            stored: JSON form of the world in the run plan.
             wanted: Moments, grouped by scene.
             size: Width and height of an image [pixel].
-            where: Name of the file of the plan, for messages.
+            where: Name of the plan file, for messages.
 
         Raises:
             RecordError: If the plan is malformed.

@@ -47,9 +47,9 @@ def item(name: str, kind: str = "", category: str = "", color: str | None = None
 
     Args:
         name: Name in the scene; it carries no meaning.
-        kind: Noun of the object in instructions; the name with spaces if not given.
-        category: Category of its asset; the kind with underscores if not given.
-        color: Color of its asset, or None to let the generator choose.
+        kind: Object noun in instructions; the name with spaces if not given.
+        category: Its asset's category; the kind with underscores if not given.
+        color: Its asset's color, or None to let the generator choose.
     """
     return _object("item", name, kind, category, color)
 

@@ -16,7 +16,7 @@ _NAME = re.compile(r"[^\W_][\w .-]{0,99}")
 
 
 def require_readable(task: Task) -> None:
-    """Check the names of a task, its objects, slots, steps and variations, and all texts.
+    """Check a task's names, its objects, slots, steps and variations, and all texts.
 
     Raises:
         InvalidInputError: If a name is empty, longer than 100 characters or contains characters other than letters,

@@ -17,7 +17,7 @@ class Task:
         template: The constraint template of the task.
         training: The training regime; the registry names its conditions train1, train2, ... in this order.
         id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
-        description: Description of the task; the registry sets it to the first line of that function's docstring.
+        description: Task description; the registry sets it to the first line of that function's docstring.
     """
 
     version: int

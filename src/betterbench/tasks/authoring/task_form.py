@@ -418,7 +418,7 @@ def register_task_form(file: TaskFile) -> None:
     """Register the task in a JSON task file.
 
     Raises:
-        InvalidInputError: If the file is not the form of a task, or another file has registered a task of its name.
+        InvalidInputError: If the file is not a task's form, or another file has registered a task of its name.
     """
     made = task_from_json(file.source, where=file.path)
     notes = parse_json(file.source).get("notes", "")

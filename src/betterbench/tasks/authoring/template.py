@@ -32,7 +32,7 @@ class ObjectGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class Meta:
-    """Description of a template in words.
+    """Template description in words.
 
     Attributes:
         name: Identifier ("loose_packing").

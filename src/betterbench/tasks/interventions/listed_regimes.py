@@ -39,7 +39,7 @@ LISTED: Mapping[str, _Listing] = {
 
 @functools.cache
 def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a regime, named balanced1, diverse1 and so on; empty if the task has no such file."""
+    """Return a regime's conditions, named balanced1, diverse1 and so on; empty if the task has no such file."""
     module = listing_of(regime, task_id)
     if module is None:
         return ()
@@ -49,7 +49,7 @@ def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
 
 
 def every_listed_condition(task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a task in all listed regimes."""
+    """Return a task's conditions in all listed regimes."""
     return tuple(condition for regime in LISTED for condition in listed_conditions(regime, task_id))
 
 

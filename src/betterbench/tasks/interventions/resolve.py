@@ -16,10 +16,10 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, slots=True)
 class ResolvedCondition:
-    """Condition of a task, with the variation that made it.
+    """Task condition, with the variation that made it.
 
     Attributes:
-        task: The task, with the slots of the condition.
+        task: The task, with the condition's slots.
         condition: The condition itself.
         variation: The variation that makes it, or None for a condition of training or of a listed regime.
         changes: Declared changes of its interventions; empty without a variation.
@@ -37,7 +37,7 @@ class ResolvedCondition:
 
     @property
     def axis(self) -> str | None:
-        """Axis of the variation, or None."""
+        """Variation axis, or None."""
         return None if self.variation is None else self.variation.axis.value
 
 
@@ -48,7 +48,7 @@ def condition_names(task: Task) -> tuple[str, ...]:
 
 @functools.lru_cache(maxsize=1024)
 def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
-    """Return a condition by the id of its task and its own name ("train1", "L3", "balanced5", "diverse5").
+    """Return a condition by its task's id and its own name ("train1", "L3", "balanced5", "diverse5").
 
     Raises:
         UnknownNameError: If the task or the condition does not exist.

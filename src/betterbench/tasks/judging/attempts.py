@@ -153,7 +153,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Closing of the gripper: row ranges (exclusive ends) separated only by chatter."""
+    """Gripper closing: row ranges (exclusive ends) separated only by chatter."""
 
     parts: tuple[tuple[int, int], ...]
 

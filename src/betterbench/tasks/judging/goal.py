@@ -1,4 +1,4 @@
-"""The goal of a condition, tracked over time: subgoals, order, harm, dwell and forbidden interactions."""
+"""A condition's goal, tracked over time: subgoals, order, harm, dwell and forbidden interactions."""
 
 from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.tasks.authoring.template import Template

@@ -222,7 +222,7 @@ def can_stand(thing: ObjectInfo) -> bool:
 
 
 def has_direction(thing: ObjectInfo) -> bool:
-    """Return whether the rotation of an object is visible: the object is longer than wide, or is a box with a front."""
+    """Return whether an object's rotation is visible: the object is longer than wide, or is a box with a front."""
     width, depth, _ = thing.size_m
     least = POINTS_FROM.get(thing.shape)
     if least is None:

@@ -182,8 +182,8 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
     """Return whether the gripper is commanded to close, or kept closed by a zero command; shapes (T,).
 
     The result follows the majority of commands within a quarter second, so flicker or pulses do not hide a closing.
-    Fingers that stay half open for longer without contact have not closed: the gripper was preshaped to the width of an
-    object.
+    Fingers that stay half open for longer without contact have not closed: the gripper was preshaped to an object's
+    width.
 
     Args:
         command: Command of the gripper, above 0 to close, below to open.

@@ -1,4 +1,4 @@
-"""Closing points of the gripper in the slots of a task, for comparison with closings on nothing.
+"""Closing points of the gripper in a task's slots, for comparison with closings on nothing.
 
 The expert does not close at the center of every slot: it grasps a mug at its handle, cutlery at its grip and a plate at
 its rim, 3 to 8 cm from the center. The points come from the annotated grasps of the assets in the order of the expert
@@ -47,7 +47,7 @@ class ClosingPoints:
 
 @dataclass(frozen=True, slots=True)
 class PickedSlot:
-    """Slot of a scene from which demonstrations picked an object.
+    """Scene slot from which demonstrations picked an object.
 
     Attributes:
         middle: Center of the slot, x and y [m], world frame.
@@ -90,7 +90,7 @@ def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
     """Return the slots from which training picked an object, in the order of the scene.
 
     Args:
-        task: Id of the task; an unknown task has no picked slots.
+        task: Task id; an unknown task has no picked slots.
         info: The scene with the positions of its slots.
     """
     try:

@@ -52,7 +52,7 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
     """Return the first and last row of the first stay of an open, empty gripper near a forbidden object.
 
     Returns:
-        The two rows and the index of the object, or None if there was no such stay.
+        The two rows and the object index, or None if there was no such stay.
     """
     since = None
     for row in range(motion.rows):
@@ -76,7 +76,7 @@ def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple
     Where objects may be taken, a closing in motion does not show which object was meant. Here, no closing is allowed.
 
     Returns:
-        Its first and last row and the index of the object, or None if there is none.
+        Its first and last row and the object index, or None if there is none.
     """
     for first, last in find_closings_in_motion(motion):
         for row in range(first, last + 1):

@@ -31,7 +31,7 @@ class Asked:
 
 
 def asked_by(condition: Condition) -> tuple[Asked, ...]:
-    """Return the subgoals of a condition, with object names of its scene."""
+    """Return a condition's subgoals, with object names of its scene."""
     goals = condition.instruction.subgoals
     return tuple(Asked(g.relation, g.target, g.region, condition.resolve(g.reference), g.count) for g in goals)
 

@@ -1,4 +1,4 @@
-"""Articulation: closed drawers, the opening of a drawer, and the drawers to move before one can be loaded."""
+"""Articulation: closed drawers, a drawer's opening, and the drawers to move before one can be loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState
@@ -62,7 +62,7 @@ def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tupl
     A drawer above the target is closed first, then the target itself is opened.
 
     Returns:
-        Name of the drawer and True to open it, False to close it; None if nothing is in the way.
+        Drawer name and True to open it, False to close it; None if nothing is in the way.
     """
     drawer = condition.object(target)
     if drawer.mount is None:

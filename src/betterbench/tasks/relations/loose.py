@@ -45,7 +45,7 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
 
     Args:
         state: The state.
-        name: Name of the object.
+        name: Object name.
         space: Pose ``T_world_box`` of the center of the box.
         half_size: Its half extents [m].
     """

@@ -16,7 +16,7 @@ class PlaceGoal:
     Attributes:
         pose: Release pose ``T_world_object``.
         approach: Displacement [m], world frame, from the release pose to the start of the straight approach.
-        release_width_m: Opening of the gripper at the release [m]; None for the full opening.
+        release_width_m: Gripper opening at the release [m]; None for the full opening.
         alike: Adjacent goals in a list with the same number are equally good, and the expert may use any of them; None
             for a goal with a fixed rank.
     """
@@ -60,8 +60,8 @@ class Relation:
         tolerances: Names of the thresholds in ``where``, apart from those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
             the best first. None if the object is not carried but slides in its mount.
-        surface: ``surface(regions, region)`` returns the center of the surface on which objects rest [m], in the frame
-            of the object with these regions; None if nothing can be there from the start.
+        surface: ``surface(regions, region)`` returns the center of the surface on which objects rest [m], in the
+            object's frame with these regions; None if nothing can be there from the start.
         roles: Roles of the objects that can have this relation.
         counted: True if the target region depends on objects already there, as for the layer of a stack.
         falls: True if an object may be dropped into the target.

@@ -53,7 +53,7 @@ class WorldFacts:
     Attributes:
         name: Name in plans and on the command line ("libero").
         title: Name in messages ("LIBERO").
-        suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
+        suites: Suites by name. A suite's tasks are called "BASE-...", where BASE is the suite's ``base``.
         reading: How the diagnosis reads the records.
         measured: Whether certificates, the power matrix, calibrations and demonstrations cover the tasks, and whether a
             stored plan can be repeated.
@@ -137,8 +137,8 @@ def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
     """Return the facts about the world of a stored plan, and register them if the plan contains them.
 
     Args:
-        plan: Plan of a run.
-        where: Name of its file, for messages.
+        plan: Run plan.
+        where: Its file's name, for messages.
 
     Raises:
         RecordError: If the plan names an unknown world without describing this world.

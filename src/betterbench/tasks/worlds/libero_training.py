@@ -27,7 +27,7 @@ class TrainedTask:
     """Training task of a base suite: its instruction, its steps and the start of each object.
 
     Attributes:
-        instruction: Instruction of the task.
+        instruction: Task instruction.
         steps: Subgoals, as relation, object name, kind of the object and kind of the target.
         starts: Kind and start position of each object, by name.
     """

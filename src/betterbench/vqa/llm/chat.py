@@ -36,7 +36,7 @@ class Chat(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the model."""
+        """Model name."""
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
         """Return the answer.
@@ -64,7 +64,7 @@ class ChatEndpoint:
 
         Args:
             url: Base address, such as ``http://localhost:8000/v1``; ``/chat/completions`` is added.
-            model: Name of the model at that address.
+            model: Model name at that address.
             key_variable: Environment variable with the API key, if set.
             timeout_s: Longest wait for the beginning of an answer and between its parts [s].
             tries: Number of times that a request is sent after transient failures.

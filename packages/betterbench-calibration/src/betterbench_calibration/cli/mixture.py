@@ -55,10 +55,10 @@ def mixture_command(
         shard: Index of this shard and number of shards, such as 0/4.
         seed: Seed of the draws; the seed in the file if not given.
         gpus: GPUs of a run, for its budget; the paper's two runs if not given.
-        steps: Steps of that run.
+        steps: That run's steps.
         tokens_per_gpu: Tokens of one GPU in one step.
         tokens: Tokens of a sample by data set, such as DROID=220; estimated for other data sets.
-        parameters: Weights of the model, such as 2e9, for an estimate of GPU hours.
+        parameters: Model weights, such as 2e9, for an estimate of GPU hours.
         overwrite: Replace a file of --out that contains other data than draws of this mixture, seed and shard.
         json: Print one JSON document instead of tables.
     """

@@ -86,7 +86,7 @@ class Body:
         return (x - ex) ** 2 + (y - ey) ** 2
 
     def clear_the_way(self, goal: Subgoal) -> Actions[None]:
-        """Close or open the drawers that block the target of a subgoal."""
+        """Close or open the drawers that block a subgoal's target."""
         for _ in range(4):
             move = drawer_to_move(self.situation.condition, self.state, goal.target)
             if move is None:
@@ -170,7 +170,7 @@ class Body:
             yield from self.take_and_bring(things[0], goal)
 
     def take_and_bring(self, name: str, goal: Subgoal) -> Actions[None]:
-        """Pick an object with a few tries, and put it at the target of a subgoal for another object."""
+        """Pick an object with a few tries, and put it at a subgoal's target for another object."""
         if (yield from self.take_patiently(name)):
             yield from self.bring(name, goal)
 

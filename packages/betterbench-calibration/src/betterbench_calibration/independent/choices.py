@@ -131,7 +131,7 @@ def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subg
 
 
 def moved_target(case: Occasion, goal: Subgoal) -> bool:
-    """Return whether the target of a step is in another slot than in the base condition."""
+    """Return whether a step's target is in another slot than in the base condition."""
     here, there = case.condition.layout.get(goal.target), case.base.layout.get(goal.target)
     return here is not None and there is not None and here != there
 

@@ -14,7 +14,7 @@ DISPLACED_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """Closing of the gripper, with the objects near it.
+    """Gripper closing, with the objects near it.
 
     Attributes:
         step: Control step at which the fingers stopped.

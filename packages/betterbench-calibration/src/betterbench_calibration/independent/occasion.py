@@ -1,4 +1,4 @@
-"""Context of a trial for the independent family: condition, training distribution and done subgoals."""
+"""Trial context for the independent family: condition, training distribution and done subgoals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks.relations import relation, released
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """Condition of a trial, with the regularities of training on which decisions depend; independent of the seed.
+    """Trial condition, with the regularities of training on which decisions depend; independent of the seed.
 
     Attributes:
         base: Training condition that the trial is or is derived from.
@@ -43,7 +43,7 @@ class Occasion:
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:
-        """The subgoals of the instruction, in its order."""
+        """The instruction's subgoals, in its order."""
         return self.condition.instruction.subgoals
 
     @property

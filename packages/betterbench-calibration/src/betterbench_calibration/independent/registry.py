@@ -38,7 +38,7 @@ FAMILY_PARTS: dict[str, tuple[Habit, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class IndependentPolicy:
-    """Policy of the family: a habit with a motion style."""
+    """Family policy: a habit with a motion style."""
 
     habit: Habit
     manner: Manner
@@ -46,7 +46,7 @@ class IndependentPolicy:
 
     @property
     def address(self) -> str:
-        """Address of the policy."""
+        """Policy address."""
         return f"independent:{self.habit.name}-{self.manner.name}"
 
 
@@ -121,7 +121,7 @@ class Shown:
 
 @functools.cache
 def shown_in(habit: str) -> tuple[Shown, ...]:
-    """Return the conditions of the suite in which a habit shows and no other rule has the same truth.
+    """Return the suite's conditions in which a habit shows and no other rule has the same truth.
 
     In other trials of a full run the truth is that of an honest policy, or it is marked as left out.
 

@@ -31,9 +31,9 @@ class Hold:
     """Chosen grasp of an object.
 
     Attributes:
-        tool: Pose of the tool, world frame.
-        opening_m: Opening of the gripper before it closes [m].
-        width_m: Width of the object between the fingers [m].
+        tool: Tool pose, world frame.
+        opening_m: Gripper opening before it closes [m].
+        width_m: Object width between the fingers [m].
     """
 
     tool: Pose
@@ -107,7 +107,7 @@ class Routines:
         return ranked[min(avoid, len(ranked) - 1)][2]
 
     def _best_opening(self, tool: Pose, width_m: float, name: str) -> tuple[float, float]:
-        """Return the opening of the gripper for a grasp [m] and the cost of the grasp."""
+        """Return the gripper opening for a grasp [m] and the cost of the grasp."""
         narrow = min(FULL_OPENING_M, width_m + NARROW_MARGIN_M)
         full_cost = self._cost(tool, FULL_OPENING_M, frozenset({name}))
         narrow_cost = self._cost(tool, narrow, frozenset({name})) + 0.01

@@ -80,7 +80,7 @@ class Ledger:
         self.open_mishaps.pop(what, None)
 
     def final(self) -> tuple[str, str]:
-        """Return the label of the trial if its goal was not met, and the rule that corrected it, or ""."""
+        """Return the trial label if its goal was not met, and the rule that corrected it, or ""."""
         if self.lasting:
             return str(Label.EXECUTION_FAILURE), f"rule 2: {self.lasting}"
         if self.stated.label != HONEST and self.committed:

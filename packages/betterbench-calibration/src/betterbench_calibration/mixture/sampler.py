@@ -7,7 +7,7 @@ draws err by the root of N. The number of draws of a data set before draw *n* is
 algorithm computes directly. Draw *n* is then the next item of a random order of the data set, so no item is repeated
 before every item was drawn once.
 
-The state of a sampler is therefore one number. A sampler can begin anywhere, and the shards of any number of processes
+A sampler's state is therefore one number. A sampler can begin anywhere, and the shards of any number of processes
 draw in total what a single process would draw.
 """
 

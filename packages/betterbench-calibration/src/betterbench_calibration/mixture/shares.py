@@ -25,7 +25,7 @@ class MixturePart:
 
     Attributes:
         name: Name, unique in the mixture.
-        group: Name of the group.
+        group: Group name.
         items: Number of frames or questions.
         weight: Weight inside the group, for rules that need one.
         share: Share of the draws of the mixture.

@@ -273,7 +273,7 @@ _Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FileForm:
-    """A data set in the file of a mixture; its default name is that of its folder or file."""
+    """A data set in a mixture's file; its default name is that of its folder or file."""
 
     path: ShortText
     name: ShortText | None = None
@@ -283,7 +283,7 @@ class FileForm:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class GroupForm:
-    """A group in the file of a mixture."""
+    """A group in a mixture's file."""
 
     name: ShortText
     weight: _Weight
@@ -294,7 +294,7 @@ class GroupForm:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MixtureForm:
-    """The file of a mixture: its groups, and the seed of the draws."""
+    """A mixture's file: its groups, and the seed of the draws."""
 
     groups: Annotated[tuple[GroupForm, ...], Field(min_length=1)]
     seed: int = 0
@@ -316,8 +316,8 @@ def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
     """Return a mixture over files.
 
     Args:
-        form: Content of its file, as JSON or as the value of a YAML document.
-        where: Name of the file, for errors.
+        form: Its file's content, as JSON or as the value of a YAML document.
+        where: File name, for errors.
         folder: Folder to which paths in the file are relative.
 
     Raises:

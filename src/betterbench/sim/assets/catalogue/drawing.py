@@ -1,6 +1,6 @@
 """Pictures of mesh files, drawn from points on their surface without a simulator or a graphics library.
 
-The mesh is loaded with trimesh, which reads further files through a resolver that stays in the folder of the mesh.
+The mesh is loaded with trimesh, which reads further files through a resolver that stays in the mesh folder.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
         self._folder = folder.resolve()
 
     def get(self, name: str) -> bytes:
-        """Return the content of a file."""
+        """Return a file's content."""
         path = (self._folder / name).resolve() if "\0" not in name else self._folder
         if not path.is_relative_to(self._folder):
             raise ValueError(f"{name!r} is outside the folder of the mesh")

@@ -78,7 +78,7 @@ def index_sources(
     """Bring the rows of some sources up to date; rows of other sources stay.
 
     Args:
-        folder: Folder of the catalogue, created if it is missing.
+        folder: Catalogue folder, created if it is missing.
         sources: Sources to read.
         encoder: Encoder of meaning; without an encoder, the catalogue is searched by words only.
         on_progress: Called with the progress of the job.

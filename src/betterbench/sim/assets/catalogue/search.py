@@ -41,7 +41,7 @@ class Filters:
 
     Attributes:
         license: "free" for licenses that allow commercial use and changes, "any" for all.
-        source: Name of a source, empty for all.
+        source: Source name, empty for all.
         max_faces: Largest number of triangles; assets with an unknown number do not pass.
         max_size_m: Largest extent [m]; assets without a size do not pass.
         min_size_m: Smallest value of the largest extent [m]; assets without a size do not pass.
@@ -98,7 +98,7 @@ class Catalogue:
     """A catalogue that is open for searching; a context manager.
 
     Args:
-        folder: Folder of the catalogue.
+        folder: Catalogue folder.
         encoder: Loads the encoder by name, called once when meaning is first searched; None for words only.
 
     Raises:

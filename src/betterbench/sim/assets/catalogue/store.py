@@ -1,4 +1,4 @@
-"""The file of a catalogue: rows and their words in SQLite."""
+"""A catalogue's file: rows and their words in SQLite."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Store:
     """Rows of a catalogue; a context manager that closes the file.
 
     Args:
-        folder: Folder of the catalogue.
+        folder: Catalogue folder.
         writes: Whether rows are to be written; the file is then created if it is missing.
 
     Raises:

@@ -25,7 +25,7 @@ class Chosen:
     """An asset for a description.
 
     Attributes:
-        id: Id of the asset; with the number of a look ("procedural/mug-red#3") if the row represents several looks.
+        id: Asset id; with the number of a look ("procedural/mug-red#3") if the row represents several looks.
         hit: Row of the catalogue with its score.
     """
 
@@ -101,7 +101,7 @@ def _kind(entry: CatalogueEntry) -> str:
 
 
 def _color(entry: CatalogueEntry) -> str:
-    """Return the color of an asset: from its source, or the first color word of its texts, or ""."""
+    """Return an asset's color: from its source, or the first color word of its texts, or ""."""
     said = terms(f"{entry.color} {entry.name} {entry.description}")
     return next((word for word in said if word in COLORS), "")
 

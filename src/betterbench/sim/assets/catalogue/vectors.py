@@ -65,10 +65,10 @@ def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
 def write_vectors(
     folder: Path, columns: Columns, blocks: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], dimension: int
 ) -> None:
-    """Write the files of a catalogue.
+    """Write a catalogue's files.
 
     Args:
-        folder: Folder of the catalogue.
+        folder: Catalogue folder.
         columns: Columns for filters.
         blocks: Vectors (n, dimension) int8, scales (n,) float32 and digests of texts (n, 16) uint8, in the order of
             the rows.

@@ -38,7 +38,7 @@ class ImportRequest:
     Attributes:
         path: The file.
         wishes: Options of the import.
-        name: Name of the asset in tasks; derived from the name of the file if not given.
+        name: Asset name in tasks; derived from the file name if not given.
         color: Color word; by default, the color of most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
@@ -145,7 +145,7 @@ class _Folder:
         self._assets = manifest_of(path).assets
 
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
-        """Return the name of each asset: as given, as for the same file in the folder, or from the file name."""
+        """Return each asset's name: as given, as for the same file in the folder, or from the file name."""
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
         found: dict[ImportRequest, str] = {}

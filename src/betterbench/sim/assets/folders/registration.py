@@ -21,7 +21,7 @@ MAX_FILE_BYTES = 64 << 20
 def asset_folder(folder: Path | str) -> tuple[str, ...]:
     """Register all assets of a folder that ``better assets import`` has written, and return their names.
 
-    In a task file, a relative path starts at the folder of that file. ``--asset-dir`` does the same from the command
+    In a task file, a relative path starts at that file's folder. ``--asset-dir`` does the same from the command
     line.
 
     Raises:

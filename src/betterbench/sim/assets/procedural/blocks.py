@@ -1,4 +1,4 @@
-"""Painted wooden blocks: toy blocks, and blocks with the size of another object."""
+"""Painted wooden blocks: toy blocks, and blocks with another object's size."""
 
 import math
 from collections.abc import Sequence

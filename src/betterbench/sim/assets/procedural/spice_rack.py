@@ -43,7 +43,7 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     """Make a rack of solid wood with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
 
     0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) without three holes weigh 0.38 kg; it is meant to be fixed. All
-    looks have the same holes, because they are the tolerance of the task. They differ in width, length and edges, in
+    looks have the same holes, because they are the task's tolerance. They differ in width, length and edges, in
     wood, grain, finish and marks.
     """
     half_x, half_y = uniforms(rng, (0.0345, 0.0400), (0.1290, 0.1370))

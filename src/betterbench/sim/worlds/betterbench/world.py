@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class OwnOptions:
-    """Options of a run in our own scenes.
+    """Run options in our own scenes.
 
     Attributes:
         variations: Variations to run, as "L1" or "fast_food/T1"; all if none is named.
@@ -94,7 +94,7 @@ class OwnWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> Scene:
-        """Return the scene of a trial; images are rendered by the worker."""
+        """Return a trial's scene; images are rendered by the worker."""
         from betterbench.sim.scenes import Scene, quality_preset  # noqa: PLC0415 - see above
 
         del processes, images, depth
@@ -146,7 +146,7 @@ class OwnWorld(World):
         }
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:
-        """Decimate the meshes of a robot into the cache; later runs find them there and report nothing."""
+        """Decimate a robot's meshes into the cache; later runs find them there and report nothing."""
         from betterbench.sim.robots import build_robot_spec  # noqa: PLC0415 - see above
 
         build_robot_spec(robot, progress=on_progress)

@@ -1,6 +1,6 @@
 """CALVIN ABC→D as a world: chains of five instructions in the user's checkout of ``calvin_env``.
 
-A trial is a chain, and its seed is the index of the chain. It succeeds when all five subtasks are done; the record
+A trial is a chain, and its seed is the chain index. It succeeds when all five subtasks are done; the record
 contains the number done in a row. ``calvin`` starts chains like CALVIN, ``calvin_resampled`` with the blocks anywhere
 in the range of the training data.
 """
@@ -130,18 +130,18 @@ class ChainTask(WorldTask):
 
     @property
     def id(self) -> str:
-        """Name of the task in plans and records."""
+        """Task name in plans and records."""
         return OFFICIAL
 
     @property
     def condition(self) -> str:
-        """Name of the condition: "base" for CALVIN's own starts, else "resampled"."""
+        """Condition name: "base" for CALVIN's own starts, else "resampled"."""
         return CHAIN_SUITES[self.suite].change or "base"
 
 
 @dataclass(frozen=True, slots=True)
 class ChainOptions:
-    """Options of a run in CALVIN.
+    """Run options in CALVIN.
 
     Attributes:
         broken_premises: "refuse" to stop the run at a scene that contradicts the start of its chain, else "run".
@@ -233,7 +233,7 @@ class CalvinWorld(ProcessWorld):
         return (said,)
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the conventions of the world in words."""
+        """Return the world's conventions in words."""
         return {
             **ProcessWorld.conventions(self, robot),
             "controller": "calvin_env: relative actions are added to the last target, absolute actions replace the "
@@ -272,7 +272,7 @@ class ChainScene(ProcessScene):
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the index of the chain."""
+        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the chain index."""
         super().__init__(
             settings, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
@@ -307,7 +307,7 @@ class ChainScene(ProcessScene):
 
     @property
     def engine(self) -> dict[str, str]:
-        """Name of the simulator, and the versions that can change the results."""
+        """Simulator name, and the versions that can change the results."""
         return {"simulator": self.settings.name, **self._fixed["engine"], "code": self.task.bddl_sha256}
 
     @property
@@ -527,7 +527,7 @@ class ChainScene(ProcessScene):
         return tuple(thing.name for thing in self._info.objects if not thing.fixed)
 
     def _bottom(self, name: str, center: Vector) -> Vector:
-        """Return the center of the bottom of a block in the world frame [m]; the origin of its body is its center."""
+        """Return the center of the bottom of a block in the world frame [m]; its body's origin is its center."""
         down = (0.0, 0.0, -0.5 * self._info.object(name).size_m[2])
         turned = rotate(self._now.blocks[name].rotation, down) if self._now is not None else down
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])

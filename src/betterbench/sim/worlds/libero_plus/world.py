@@ -1,4 +1,4 @@
-"""LIBERO-Plus as a world, with the variants of a task as conditions."""
+"""LIBERO-Plus as a world, with a task's variants as conditions."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ TRIALS = 1
 
 @dataclass(frozen=True, slots=True)
 class PlusOptions:
-    """Options of a run in LIBERO-Plus.
+    """Run options in LIBERO-Plus.
 
     Attributes:
-        protocol: Name of the protocol, for its steps.
+        protocol: Protocol name, for its steps.
         broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
         axes: Axes to run; all if none is named.
         variants: Maximum number of variants of each task on each axis, evenly spread; all if None.
         libero_plus_sentences: "clean" for the instruction of the base task (on the axis language, of the variant's
-            file), or "published" for LIBERO-Plus's own instructions, which end with the name of the variant on six of
+            file), or "published" for LIBERO-Plus's own instructions, which end with the variant name on six of
             the seven axes.
         libero_plus_assets: Unzipped folder of the authors' assets; None for the folder in the environment variable.
         command: Command of the world's process; that of its installed environment if empty.
@@ -94,12 +94,12 @@ class VariantTask(WorldTask):
 
     @property
     def condition(self) -> str:
-        """Name of the condition ("camera_0_0_100_2_352")."""
+        """Condition name ("camera_0_0_100_2_352")."""
         return read_variant(self.variant).condition
 
     @property
     def axis(self) -> str:
-        """Axis of the variant: the part of the task that it changes."""
+        """Variant axis: the part of the task that it changes."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:
@@ -112,7 +112,7 @@ class LiberoPlusWorld(LiberoWorld):
     """LIBERO-Plus. The simulator lists the variants and the files they need.
 
     Attributes:
-        sentences: "clean", or "published" for instructions that end with the name of the variant.
+        sentences: "clean", or "published" for instructions that end with the variant name.
         left_out: Number of variants of each axis that are left out because the authors' assets are missing.
     """
 
@@ -125,7 +125,7 @@ class LiberoPlusWorld(LiberoWorld):
 
     @property
     def simulator(self) -> str:
-        """Name of the simulator, which is LIBERO, as for the twins."""
+        """Simulator name, which is LIBERO, as for the twins."""
         return "libero"
 
     def start_command(self) -> tuple[str, ...]:
@@ -236,7 +236,7 @@ def _nothing_left(
 def _variants_there(
     command: Sequence[str], suite: str, sentences: str
 ) -> tuple[list[tuple[VariantTask, int, list[str]]], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return the variants of a suite, the training distribution of its base suite, and the package versions."""
+    """Return a suite's variants, the training distribution of its base suite, and the package versions."""
     with WorldProcess(command) as process:
         said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
     with as_agreed(f"describes {suite} in a way"):

@@ -19,7 +19,7 @@ class BlockInfo:
     """State of a movable block.
 
     Attributes:
-        body: Index of its body.
+        body: Its body's index.
         position: Position in the world [m].
         rotation: Unit quaternion (w, x, y, z) of R_world_block.
         velocity: Linear [m/s] and angular velocity [rad/s], six numbers.
@@ -40,13 +40,13 @@ class BlockInfo:
 
 @dataclass(frozen=True, slots=True)
 class PlayTable:
-    """State of the scene at one control step.
+    """Scene state at one control step.
 
     Attributes:
         robot: Index of the robot's body.
         touched: Indices of the bodies that the robot touches.
         blocks: The blocks by CALVIN's names ("block_red").
-        table: Links of the table by name, each as a contact.
+        table: Table links by name, each as a contact.
         doors: Joint positions [m] by name ("base__drawer").
         lights: 0 or 1 by name ("led").
     """

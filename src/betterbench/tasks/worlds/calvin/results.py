@@ -26,7 +26,7 @@ class SubtaskResult:
 
 @dataclass(frozen=True, slots=True)
 class ChainResult:
-    """Result of a chain: its index among the 1,000, and its subtasks up to the first failure.
+    """Chain result: its index among the 1,000, and its subtasks up to the first failure.
 
     A chain without subtasks was not run; its length is 0, and no subtask rate includes it.
     """

@@ -59,7 +59,7 @@ class _Folder:
 
     @property
     def address(self) -> str:
-        """Address of the folder."""
+        """Folder address."""
         return f"folder:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:

@@ -47,7 +47,7 @@ class MeshFacts:
 
 
 def mesh_facts(path: Path) -> MeshFacts:
-    """Read the facts of a file; the extension determines the format.
+    """Read a file's facts; the extension determines the format.
 
     Raises:
         InvalidInputError: If the file is damaged or has another format.

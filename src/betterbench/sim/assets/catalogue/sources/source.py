@@ -31,7 +31,7 @@ class AssetSource(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the source in the catalogue."""
+        """Source name in the catalogue."""
 
     @property
     def address(self) -> str:
@@ -46,7 +46,7 @@ class SourceOptions:
     """Options for a source, given by the user.
 
     Attributes:
-        name: Name of the source in the catalogue, by default its own.
+        name: Source name in the catalogue, by default its own.
         license: License of assets without one.
         author: Author of assets without one.
     """
