@@ -253,7 +253,7 @@ class GraphicsError(MissingDependencyError):
 
 
 def system_error_text(problem: OSError) -> str:
-    """Return the message of an error of the operating system, with its path and a remedy, in one line."""
+    """Return an operating system error as a one-line message, with its path and a remedy."""
     where = "" if problem.filename is None else f"{problem.filename}: "
     other = "" if problem.filename2 is None else f" (to {problem.filename2})"
     reason = problem.strerror or str(problem) or type(problem).__name__

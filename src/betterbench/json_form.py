@@ -77,7 +77,7 @@ def read_form(
         where: File (and place in it) for the error.
         cure: Remedy for a wrong form, for the error.
         raises: Class of the error.
-        sealed: Whether a digest has confirmed the text, which allows skipping the slow check for duplicate keys.
+        sealed: Whether a digest has confirmed the text, so that the slow check for duplicate keys can be skipped.
 
     Raises:
         BetterError: Of the class ``raises``, if a field is missing, unknown, malformed or given twice; the message
@@ -185,7 +185,7 @@ _SAID: set[str] = set()
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return a map of pairs; raise InvalidInputError for a duplicate key, for which readers differ.
+    """Return a dictionary from pairs; raise InvalidInputError for a duplicate key, which readers interpret differently.
 
     For ``object_pairs_hook`` of ``json.loads`` and similar functions.
     """

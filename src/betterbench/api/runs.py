@@ -63,13 +63,13 @@ def evaluate(
         observation: Observation preset.
         quality: Render preset.
         looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
-        until_decided: Whether to stop a variation once its verdict is certain; ``trials`` is then the maximum.
+        until_decided: Whether to stop a variation as soon as its verdict is certain; ``trials`` is then the maximum.
         workers: Worker processes, for an address; None for one per processor. A script with more than one worker needs
             ``if __name__ == "__main__":``, because each worker imports it again.
-        policy_timeout_s: Deadline of an answer of a policy that is not on a server [s].
+        policy_timeout_s: Deadline for an answer from a policy that does not run on a server [s].
         certificate: Certificate of ``better certify``, or its folder; the packaged one if not given.
-        uncertified: Whether to run trials that no certificate covers, too.
-        allow_changed_policy: Whether to resume although the policy's declarations have changed since the run began.
+        uncertified: Whether to also run trials that no certificate covers.
+        allow_changed_policy: Whether to resume even if the policy's declarations have changed since the run began.
         on_progress: Called at the start and after every trial.
 
     Raises:
@@ -131,7 +131,7 @@ def diagnose(
     Args:
         run: The run, or its folder. An unfinished run can be diagnosed too.
         twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials are the twins.
-        allow_mixed: Whether to diagnose records of several versions, engines or policies together.
+        allow_mixed: Whether to diagnose records with different versions, engines or policies together.
         on_progress: Called with the number of processed trials and the number of planned trials.
 
     Raises:
@@ -157,10 +157,10 @@ def compare(
 
     Args:
         *runs: Two or more runs, their folders, or files of ``better export``.
-        names: Names of the runs, in the same order; the names of their policies if not given.
+        names: Run names, in the same order; by default the policy names.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
-        sequential: Whether to add tests that stay valid however often you look at unfinished runs.
-        allow_mixed: Whether to compare runs of different versions or engines anyway.
+        sequential: Whether to add tests that remain valid no matter how often you look at unfinished runs.
+        allow_mixed: Whether to compare runs even if their versions or engines differ.
 
     Raises:
         InvalidInputError: If an argument is out of range, the runs have no common trials, or they are of several

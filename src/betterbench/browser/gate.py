@@ -47,7 +47,7 @@ class Gate:
     """Filter of requests: only those with the token and from the page itself are admitted.
 
     Attributes:
-        token: Token at the beginning of the path of each request.
+        token: Token at the beginning of every request path.
         is_closed: Whether a server is protected by the gate. A server without it must not be used.
     """
 

@@ -120,7 +120,7 @@ class IncomingMessages:
 
 
 class _Filtered:
-    """Wrapper of a connection that yields only accepted messages."""
+    """Connection wrapper that yields only accepted messages."""
 
     def __init__(self, connection: Any, incoming: IncomingMessages) -> None:  # noqa: ANN401
         self._connection, self._incoming = connection, incoming

@@ -1,4 +1,4 @@
-"""Pressed keys and gamepads of a page: the script that sends them, and the form of its messages."""
+"""Pressed keys and gamepads of a page: the script that sends them, and the message format."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ def script_element(
     viser does not support scripts, and those in its HTML elements are not run, but the error handler of an image is.
 
     Args:
-        taps: Name of the action of each key that acts once, by the key's code.
+        taps: Action name for each key that triggers a single action, by key code.
         held: Codes of the keys that act while they are held.
-        gamepad: Name of the action of each button of a standard gamepad; None ignores gamepads.
+        gamepad: Action name for each button of a standard gamepad; None ignores gamepads.
     """
     source = resources.files("betterbench.browser").joinpath("page.js").read_text()
     for name, value in (("PUSH_KEYS", list(held)), ("TAP_KEYS", dict(taps)), ("BUTTONS", gamepad), ("MARK", MARK)):

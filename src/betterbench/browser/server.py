@@ -93,7 +93,7 @@ class PageServer:
 
     @property
     def is_local(self) -> bool:
-        """Whether the server listens on this machine only."""
+        """Whether the server listens only on this machine."""
         return self._host in ("127.0.0.1", "localhost", "::1")
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's

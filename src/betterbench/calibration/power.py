@@ -31,13 +31,12 @@ RULE_TRIALS = 6
 GUESS_TRIALS = 14
 """Minimum number of trials without language.
 
-A guess with a chance of one in three is then right in more than half of the trials in 6 % of the cells (with 7 trials,
-in 17 %).
+A guess with a one-in-three chance is then right in more than half of the trials in 6 % of the cells (with 7 trials, in 17 %).
 """
 STILL_TRIALS = 2
 """Trials of the policy that never moves, which are all alike."""
 MOST_CHANCE = 0.9
-"""Largest chance level for which the number of trials is computed; a single possible instruction is always guessed."""
+"""Largest chance level for which the number of trials is computed; if only one instruction is possible, guessing it always succeeds."""
 ALPHA = 0.05
 
 _NO_LANGUAGE = BLIND[0]
@@ -45,7 +44,7 @@ _NO_LANGUAGE = BLIND[0]
 
 @dataclass(frozen=True, slots=True)
 class PowerTrials:
-    """Number of trials of each pretender on each variation; seeds begin at 0.
+    """Number of trials per pretender and variation; seeds begin at 0.
 
     Attributes:
         of: Number of trials by pretender and variation; the expert's number is the largest that any rule needs.
@@ -80,7 +79,7 @@ def trials_to_flag(chance: float, cells: int) -> int:
 
 
 def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS) -> PowerTrials:
-    """Return the trials of a matrix of the named tasks, or of the whole suite.
+    """Return the trial matrix of the named tasks, or of the full suite.
 
     A pretender with a missing input gets enough trials for significance over all cells on a variation that it always
     solves.
@@ -88,7 +87,8 @@ def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS) -
     suite = [get_task(name) for name in suite_tasks("better60")]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
     keys = [(task.id, v.name) for task in chosen for v in task.variations]
-    # The number of cells is that of the whole suite even if few tasks are measured, so that the trials stay the same.
+    # The number of cells always refers to the full suite, even if only a few tasks are measured, so the trials stay the
+    # same.
     cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
     chances = {key: chance_of(*key) for key in keys}
     replayed = trials_to_flag(REPLAY_LIMIT, cells)

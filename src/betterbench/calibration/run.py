@@ -96,7 +96,8 @@ def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
 def _judged(diagnosis: RunDiagnosis, said: Mapping[TrialId, Mapping[str, str]]) -> Iterator[Judged]:
     for trial in diagnosis.trials:
         truth = said.get(trial.trial_id)
-        # a trial that broke down outside the policy has no ground truth; the run reports and repeats such trials
+        # a trial that failed because of an error outside the policy has no ground truth; the run reports such trials
+        # and repeats them
         if truth is None or truth.get("left_out"):
             continue
         why = trial.evidence

@@ -37,7 +37,7 @@ class Clause:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrialCertificate:
-    """Findings of the examination of one trial.
+    """Findings from the examination of one trial.
 
     Attributes:
         condition: Name of the variation or of the training condition.
@@ -47,9 +47,9 @@ class TrialCertificate:
         drift_mm: Largest motion of an untouched object in the first 0.2 s [mm].
         joint_margin_rad: Smallest distance of an arm joint to its limit in the grasps planned for clause (d) [rad];
             None if none was planned.
-        support_slack_mm: Smallest distance of a pick or a target to the border of its jitter region [mm]; None if the
+        support_slack_mm: Smallest distance from a pick or a target to the border of its jitter region [mm]; None if the
             expert touched nothing.
-        watched: Whether the right behavior is to touch nothing; every episode then lasts until the step limit.
+        watched: Whether touching nothing is the correct behavior; every episode then lasts until the step limit.
         primitives: Primitives of the expert's episode, one phrase each.
         expert_s: Wall time of the expert's episode [s].
         total_s: Wall time of the whole examination [s].

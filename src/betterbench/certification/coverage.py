@@ -1,4 +1,4 @@
-"""Coverage: the trials that a certificate covers, in a file that is small enough to be packaged with the suite."""
+"""Coverage: the trials that a certificate covers, stored in a file small enough to ship with the suite."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurement of demonstrations: release points and final poses of objects in the training conditions."""
+"""Measurement of demonstrations: release points and final object poses in the training conditions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_POSES = 12
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """One placement of a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
+    """One placement from a demonstration, in the file's units; see ``Releases`` and ``FinalPoses``."""
 
     slot: str
     relation: str

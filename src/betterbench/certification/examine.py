@@ -163,7 +163,7 @@ def _premise(condition: Condition, state: WorldState) -> Clause:
 
 
 def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return the objects that an instruction can refer to and that are not at their goal yet."""
+    """Return the objects that an instruction can refer to and that are not yet at their goal."""
     names: dict[str, None] = {}
     for goal in condition.instruction.subgoals:
         for name in condition.resolve(goal.reference):

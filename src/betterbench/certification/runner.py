@@ -46,8 +46,8 @@ def certify(
         The certificate of exactly these trials, in order.
 
     Raises:
-        InvalidInputError: If no trial is given, the number of workers is out of range, or a task's demonstrations
-            were not measured under the current versions.
+        InvalidInputError: If no trial is given, the number of workers is out of range, or a task's demonstrations have
+            not been measured with the current versions.
         WorkerError: If worker processes keep dying.
         RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If the journal is corrupt.

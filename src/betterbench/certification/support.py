@@ -26,7 +26,8 @@ LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
 class Found:
     """Finding on one primitive: text, reason if it is outside the training distribution (or None), and slack.
 
-    The slack is the distance to the border of the jitter region [m], negative outside; None if there is no such region.
+    The slack is the distance to the border of the jitter region [m], negative outside; None if there is no jitter
+    region.
     """
 
     text: str
@@ -40,7 +41,7 @@ class TrainedSupport:
 
     Attributes:
         demonstrated: Release points and final poses of the training demonstrations.
-        relation: Relation in which objects are pre-placed.
+        relation: Relation for pre-placed objects.
         targets: Relation, kind of target and region of every placement.
         spots: Slot, relation, region and level of every placement.
     """
@@ -191,6 +192,6 @@ def _turn(pose: Pose, trained: FlatPose) -> float:
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return the distance of a pose to the border of a slot's jitter region [m]; negative outside."""
+    """Return the distance from a pose to the border of a slot's jitter region [m]; negative outside."""
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

@@ -204,7 +204,7 @@ def _printable(text: str) -> str:
 
 @contextmanager
 def passing_bar(what: str) -> Iterator[OnCount]:
-    """Yield a callback (done, total) that moves a progress bar, which disappears when the work has ended."""
+    """Yield a callback (done, total) that advances a progress bar; the bar disappears when the work has ended."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
 

@@ -27,7 +27,7 @@ INDENT = "  "
 
 
 def description_of(function: object) -> str:
-    """Return the description of a function, without its arguments, wrapped to the width of the terminal.
+    """Return a function's description without its arguments, wrapped to the terminal width.
 
     A two-line example can still be pasted into a shell.
     """

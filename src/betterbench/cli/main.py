@@ -43,7 +43,7 @@ class Telling:
     traceback: bool = False
 
     def begin(self, level: LogLevel, *, with_traceback: bool) -> None:
-        """Set the level of the log of this process and of the workers that it starts."""
+        """Set the log level of this process and of the workers it starts."""
         os.environ[LOG_LEVEL_VARIABLE] = level.upper()
         logging.getLogger("betterbench").setLevel(level.upper())
         self.traceback = with_traceback
@@ -54,9 +54,9 @@ class Verb:
     """A verb of the command line.
 
     Attributes:
-        function: Its "module:name" in the package of verbs, or the full name of a function of betterbench-calibration.
-        takes_tasks: Whether it accepts ``--task-file`` and ``--asset-dir``.
-        takes_run_file: Whether its options may be given in a run file.
+        function: "module:name" in the verbs package, or the full name of a betterbench-calibration function.
+        takes_tasks: Whether the verb accepts ``--task-file`` and ``--asset-dir``.
+        takes_run_file: Whether the verb's options may be given in a run file.
     """
 
     function: str
@@ -234,7 +234,7 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
     _with_options(
         verb,
         function,
-        log_level="How much is logged on standard error, also by worker processes.",
+        log_level="Log level on standard error, also for worker processes.",
         traceback="Also print where in the code an error was raised.",
     )
     word_options(verb)
@@ -279,7 +279,7 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give a wrapper of a verb the options, hints and help of both; ``texts`` are help texts by option."""
+    """Give a verb's wrapper the options, type hints and help of both functions; ``texts`` has the help texts by option."""
     added = inspect.signature(verb).parameters
     hints: dict[str, Any] = get_type_hints(function, include_extras=True)
     signature = inspect.signature(function)

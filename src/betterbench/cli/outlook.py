@@ -65,7 +65,7 @@ class Outlook:
 
     @property
     def most_left_s(self) -> float | None:
-        """Time left if every trial takes its maximum of steps [s]; None while there is no estimate."""
+        """Remaining time if every trial takes the maximum number of steps [s]; None while there is no estimate."""
         return None if not self.rate or not self.limits else self._left / self.rate
 
     def note(self, progress: Progress) -> str:

@@ -62,7 +62,7 @@ def with_run_file(words: Sequence[str]) -> list[str]:
 
     Raises:
         InvalidInputError: If the file is missing, is not YAML, or has a malformed field; if two files are named; or if
-            the file would run code or send a secret and ``--trust`` is not given.
+            the file runs code or sends a secret and ``--trust`` is not given.
         UnknownNameError: If the file has a field that is not an option.
     """
     path, rest = _named(words)
@@ -161,7 +161,7 @@ def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
     """Refuse options that would run code or send a secret, unless ``--trust`` is given.
 
     Raises:
-        InvalidInputError: If there is such an option; the message shows it.
+        InvalidInputError: If there is such an option; the message names it.
     """
     from betterbench.evaluation.planning.trust import require_trust
 

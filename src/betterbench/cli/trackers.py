@@ -25,11 +25,11 @@ EVENTS_NAME = "events.out.tfevents.0.betterbench"
 
 _WANDB_PREFIX = ".wandb-"
 _LEAST_ROOM = 1 << 20
-"""Free bytes that wandb needs besides the table of trials; the log of a run takes about 20 kB."""
+"""Free bytes that wandb needs in addition to the trial table; a run's log takes about 20 kB."""
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
-    """Return the numbers of a run by name ("success_rate/fast_food/T1"), with the bounds of their intervals.
+    """Return a run's figures by name ("success_rate/fast_food/T1"), with their confidence bounds.
 
     Labels are counted over the trials of variations ("labels/timeout").
     """
@@ -59,7 +59,7 @@ def write_metrics(
         out: Folder for its files; created if missing.
         name: Run name in the tracker; the policy name if None.
         project: Project of Weights & Biases.
-        overwrite: Whether to replace a file of the same name that this function did not write.
+        overwrite: Whether to replace a file with the same name that this function did not write.
 
     Raises:
         MissingDependencyError: If the package of the tracker is not installed.

@@ -56,7 +56,7 @@ class Comparison:
 
     @property
     def first_is_worse(self) -> bool:
-        """Whether the first side is significantly worse than another side over all variations."""
+        """Whether the first side is significantly worse than another side on all variations together."""
         overall = self.group("success")
         mine = () if overall is None else (c for c in overall.contrasts if c.first == self.sides[0].name)
         return any(c.different and c.higher == c.second for c in mine)
@@ -99,7 +99,7 @@ def compare(
 
     Args:
         sides: The runs, at least two, with different names.
-        alpha: Level of each family of tests; the intervals have confidence 1 - alpha.
+        alpha: Significance level of each test family; the intervals have confidence 1 - alpha.
         sequential: Whether to add sequential evidence, which may be inspected any number of times during the runs.
         allow_mixed: Whether to compare runs with different versions or engines.
 
@@ -209,7 +209,7 @@ def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequen
 
 
 def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
-    """Yield the sequential evidence of every pair of sides.
+    """Yield the sequential evidence for every pair of sides.
 
     Pairs are used in the order of the run, up to the first pair that a side has not finished. The selection of pairs
     then does not depend on outcomes, and a later inspection continues where this one stopped.

@@ -45,7 +45,8 @@ class Contrast:
         table: Counts of the four kinds of pairs, or None if the trials are not paired.
         p_adjusted: p-value after Holm's correction over the family.
         family: Number of contrasts in the family.
-        different: Whether the two differ significantly: ``p_adjusted`` is at most alpha and the interval excludes zero.
+        different: Whether the two rates differ significantly: ``p_adjusted`` is at most alpha and the interval excludes
+            zero.
         smallest: Smallest difference that these trials could have detected, or None if not computed.
     """
 
@@ -170,7 +171,7 @@ class OutcomeCounts:
 
     @property
     def outcomes(self) -> list[tuple[bool, bool]]:
-        """Outcomes of each pair: of the first side and of the second."""
+        """Outcomes of each pair: first side, second side."""
         return [(a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True)]
 
     @property

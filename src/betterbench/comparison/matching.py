@@ -23,8 +23,8 @@ class Matching:
     """The compared trials of several runs.
 
     Attributes:
-        paired: Whether all sides have the same trials; otherwise they share only conditions.
-        trials: Trials of each side in plan order; if paired, in the same order of keys on every side.
+        paired: Whether all sides have the same trials; otherwise they have only the conditions in common.
+        trials: Trials of each side in plan order; if paired, every side has the same order of keys.
     """
 
     paired: bool
@@ -131,7 +131,7 @@ def _until_decided(side: Side) -> Iterator[str]:
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
-    """Yield a note about trials that count as failures because they have no usable record."""
+    """Yield a note about trials that count as failures because no usable record exists."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
     stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)
@@ -141,4 +141,4 @@ def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
     if lost:
         yield f"{lost}/{n} trials of {side.name} broke down without a record and count as failures."
     if stopped:
-        yield f"{stopped}/{n} trials of {side.name} ended by an error of the policy and count as failures."
+        yield f"{stopped}/{n} trials of {side.name} ended with a policy error and count as failures."

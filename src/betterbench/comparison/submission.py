@@ -253,7 +253,7 @@ def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
     resolved = _resolved(trial.task, trial.condition)
     # Submissions before version 0.2 labeled unfinished trials as a policy error.
     label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)
-    text = "A submission contains only outcomes; the evidence is in the run from which it was made."
+    text = "A submission contains only outcomes; the evidence is in the original run."
     return TrialDiagnosis(
         task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
         axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,

@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.facts import facts_of_task
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which every pair gets a sentence; for more policies, letters are shorter."""
+"""Largest number of policies for which every pair gets a sentence; with more policies, letters are shorter."""
 
 SHOWN_PARTS = 6
 """Largest number of parts that one sentence names."""

@@ -3,8 +3,8 @@
 - ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
 - ``thresholds``: the numbers that labels depend on.
-- ``trial``, ``labels``, ``ruling``: each trial's label, from the evidence of all modes; ``readers`` chooses how
-  a world's records are read, and ``libero`` reads those of LIBERO.
+- ``trial``, ``labels``, ``ruling``: each trial's label, from the evidence of all modes; ``readers`` chooses how to read
+  a world's records, and ``libero`` reads LIBERO records.
 - ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts
   (likelihood of one rule, rules of one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
   ``decider``: use of the instruction by the policy.

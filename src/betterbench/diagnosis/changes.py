@@ -85,7 +85,7 @@ class DiagnosisChanges:
 
     @property
     def other_rules(self) -> bool:
-        """Whether the stored diagnosis was made by another version of betterbench or with other thresholds."""
+        """Whether the stored diagnosis was made by another betterbench version or with other thresholds."""
         return self.version_before != self.version_now or bool(self.thresholds)
 
     @property
@@ -95,7 +95,7 @@ class DiagnosisChanges:
 
     @property
     def counts(self) -> dict[tuple[str, str], int]:
-        """Number of trials per change of label (before, now) of the same record, the most frequent first."""
+        """Number of trials per label change (before, now) of the same record, the most frequent first."""
         changed = Counter(t.labels for t in self.of_sort("label"))
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
@@ -156,7 +156,7 @@ def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
 
 
 def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
-    """Yield the possible causes of a change, from two judgments of the same record."""
+    """Yield the possible causes of a change between two judgments of the same record."""
     if thresholds:
         yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
     same_attempts = before.attempts == now.attempts

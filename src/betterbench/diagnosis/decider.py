@@ -1,4 +1,4 @@
-"""Cues that may decide for a policy that ignores the instruction: slot, kind, color or distance of an object."""
+"""Cues that may decide the behavior of a policy that ignores the instruction: slot, kind, color or distance of an object."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Decider:
 
     @property
     def may_be_place(self) -> bool:
-        """Whether an object's slot may decide."""
+        """Whether an object's slot can be the cue."""
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:

@@ -21,7 +21,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """A test condition, the condition of its training twin, and the regularities of training.
+    """A test condition, its training twin's condition, and the regularities of training.
 
     Attributes:
         task: The task.
@@ -78,7 +78,7 @@ class Exposure:
         return self.test.object(name).kind
 
     def known(self, kind: str) -> bool:
-        """Return whether any instruction of the task refers to a kind of object."""
+        """Return whether any instruction of the task refers to an object kind."""
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:

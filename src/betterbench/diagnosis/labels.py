@@ -67,9 +67,8 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
 
     The earliest evidence decides; for the same attempt, the order of the labels does. If the second pass cannot decide
     between rules for an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's
-    appearance or a habit of training explains the attempt. A wrong order does not count as such an explanation.
-    Otherwise, a favorite place would be labeled as an order violation in ordered tasks and as a wrong object in all
-    others.
+    appearance or a training habit explains the attempt. A wrong order does not count as such an explanation. Otherwise,
+    a favorite place would be labeled as an order violation in ordered tasks and as a wrong object in all others.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}

@@ -1,9 +1,9 @@
-"""Trials in LIBERO: conversion of its records for the detectors, and the limits of its suites.
+"""Trials in LIBERO: conversion of LIBERO records for the detectors, and the limits of LIBERO's suites.
 
-LIBERO defines no conditions for a task. The requested objects are read from the goal in the task's file, the training
-distribution from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and the initial
-positions from the record. Regions on the table are those of LIBERO. Heights are measured from the table, as in
-betterbench's own scenes.
+LIBERO defines no conditions for a task. The instructed objects are read from the goal in the task's file, the training
+distribution from the base suite's files (:mod:`betterbench.tasks.worlds.libero_training`), and the initial positions
+from the record. Regions on the table are those of LIBERO. Heights are measured from the table, as in betterbench's own
+scenes.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ AXES = {
     "task": Axis.PRIMITIVE_RECOMPOSITION,
     "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
 }
-"""The axis of each change of LIBERO-PRO; paraphrases of the instruction have no axis."""
+"""Axis of each LIBERO-PRO change; paraphrases of the instruction have no axis."""
 
 NOTE = (
     "LIBERO's tasks have one training condition each, and most instructions name one object: habits of order, "
     "skipped steps and correct refusals cannot be observed here. Success is LIBERO's own verdict, and harm to other "
-    "objects is not judged. Each suite of LIBERO-PRO has its own initial states: a trial and its twin share the task "
-    "and the number of the state, but the poses of the robot and the objects differ slightly."
+    "objects is not judged. Each LIBERO-PRO suite has its own initial states: a trial and its twin share the task and "
+    "the state number, but the robot and object poses differ slightly."
 )
 """Note added to every diagnosis of a run in LIBERO."""
 
@@ -267,7 +267,7 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
 
 
 def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
-    """Return the label of a task that moves a joint and whose goal is not met."""
+    """Return the label for a task that moves a joint and does not reach its goal."""
     end = float(record.time[-1])
     text = (
         f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. Part of the goal moves a "

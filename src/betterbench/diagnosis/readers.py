@@ -1,4 +1,4 @@
-"""Readers of a run's records, one per kind of world: readings, grouping of tasks, and notes on the trials."""
+"""Readers for run records, one per kind of world: readings, task groups, and notes on the trials."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Reader(Protocol):
 
     @property
     def twins_elsewhere(self) -> bool:
-        """Whether the twins of a run may be another run's trials."""
+        """Whether a run's twins may come from another run."""
 
     @property
     def finds_favorites(self) -> bool:
-        """Whether the diagnosis looks for a favorite kind of object of the policy."""
+        """Whether the diagnosis looks for the policy's favorite object kind."""
 
     @property
     def twins_cure(self) -> str:
@@ -117,7 +117,7 @@ class LiberoReader(libero.LiberoRun):
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reader of runs in a world in which only the end of each trial is judged.
+    """Reader for runs in a world in which only the end of each trial is judged.
 
     Attributes:
         title: World name in messages.

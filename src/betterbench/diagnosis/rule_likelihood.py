@@ -2,7 +2,7 @@
 
 A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise
 it goes to a right slot, apart from slips. The null hypothesis, "confusion", is a policy with a constant error rate and
-no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its one parameter
+no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its only parameter
 [nats]. See docs/second-pass.md for the formulas and an example.
 """
 

@@ -48,7 +48,7 @@ class _Trials:
         plan: The counted trials, in plan order.
         readings: Reading of the record, by trial.
         missing: Reason for a missing record, by trial; None if unknown.
-        pending: Trials that a run in progress has not reached; they are not counted.
+        pending: Trials that an ongoing run has not reached; they are not counted.
         until_decided: Rule and decisions, or None for a run of all planned trials.
     """
 
@@ -74,14 +74,14 @@ def diagnose_run(
     """Return a run's diagnosis. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are pending and not counted. When no
-    process writes any more, they are unfinished: they count in the denominator of every rate over planned trials, but
-    not as a failure of any kind. In a run until decided, this applies to the current round; trials that its verdicts
-    made unnecessary are left out.
+    process is writing any more, these trials are unfinished: they are in the denominator of every rate over planned
+    trials, but are not a failure of any kind. In a run until decided, this applies to the current round; trials that
+    its verdicts made unnecessary are left out.
 
     Args:
         folder: The run, or its folder.
-        allow_mixed: Whether to accept records of several versions, engines or policies.
-        whole: Whether to count the trials that a run in progress has not reached as trials without a record.
+        allow_mixed: Whether to accept records with different versions, engines or policies.
+        whole: Whether trials that an ongoing run has not reached count as trials without a record.
         twins_in: For a run in LIBERO-PRO, a run of its base suite. Its trials with the same numbers are the twins.
         on_progress: Called with the number of processed trials and the number of planned trials.
 
@@ -94,7 +94,9 @@ def diagnose_run(
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan, rule = read_plan(run)
     reader = reader_of(run)
-    running = run.is_running and not whole  # read before the journal, so that a run that ends meanwhile is complete
+    running = (
+        run.is_running and not whole
+    )  # read before the journal, so that a run that ends in the meantime is complete
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
     for number, trial in enumerate(plan):
@@ -288,7 +290,7 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 
 
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
-    """Return the diagnosis of a trial of a policy that does not use the instruction.
+    """Return the diagnosis of a trial whose policy does not use the instruction.
 
     A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
     attempt at the favorite place of its task, unless the place is the deciding cue over all tasks.
@@ -303,7 +305,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the favorite kind of object of a policy per suite, for suites in which no rule explains the attempts."""
+    """Return a policy's favorite object kind per suite, for suites in which no rule explains the attempts."""
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)

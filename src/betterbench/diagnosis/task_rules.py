@@ -53,7 +53,7 @@ def judge_rules(
 
     Args:
         choices: First attempt per trial key.
-        prior_costs: Prior cost of each kind of rule [nats]; zero if not given.
+        prior_costs: Prior cost of each kind of rule [nats]; default zero.
         known: Kinds of rule that other tasks have proven for the policy. A known "place" needs no pair of trials in
             this task. "later" is judged only by other tasks, because within one task a favorite place may look the
             same. None if other tasks have not been judged yet; all rules are then judged by this task's trials.
@@ -94,7 +94,7 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
     """Return the cost of a rule apart from its likelihood [nats].
 
-    The slots of a place rule are fitted to the trials, so each slot adds the cost of a choice among all slots. Training
+    The slots of a place rule are fitted to the trials, so each slot adds the cost of choosing among all slots. Training
     fixes the other rules completely.
     """
     if name in (WORD, HABIT, LATER):
@@ -145,7 +145,8 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
     """Return the choices with their possible favorite slot, the most frequent one per set of occupied slots.
 
-    With ``paired``, a slot counts only if a pair of trials shows that it is favored regardless of the instruction.
+    With ``paired``, a slot counts only if a pair of trials shows that the policy favors it regardless of the
+    instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
     for group in _grouped(trials.values(), lambda c: c.stocked):

@@ -44,14 +44,14 @@ class Choice:
         correct: Whether the first attempt (or its absence) was right.
         word_slots: Slots to which the word led in training.
         habit_slots: Slots of the most frequent first step; empty if training has none.
-        later_slots: Slots of the objects of later steps; empty if the order is free.
+        later_slots: Slots of later steps' objects; empty if the order is free.
         step_slots: Slots of the objects of each later step separately, in order.
         places: Number of slots at which something could be grasped.
         thing: Kind of the object in the slot of the first attempt; empty if the slot was empty.
         color: That object's color.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
         favorite_slots: Slot that the policy may favor in trials with the same occupied slots; set by the second pass.
-        replaced: Whether the slot of the first attempt, to which the habit leads, contained another object. A single
+        replaced: Whether another object was in the slot of the first attempt, to which the habit leads. A single
             trial then does not show the habit.
     """
 

@@ -14,7 +14,7 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """Stopping rule and decisions of a run that stops adding trials to a variation once its verdict is certain.
+    """Stopping rule for a run that stops adding trials to a variation once its verdict is certain, and the rule's decisions.
 
     Attributes:
         rule: Rule by which a variation is decided.
@@ -53,7 +53,7 @@ class UntilDecided:
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the meaning of the verdicts and of the numbers."""
+        """Return notes on the meaning of the verdicts and figures."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (

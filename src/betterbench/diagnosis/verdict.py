@@ -18,8 +18,8 @@ class Evidence:
 
     Attributes:
         start_s: Beginning of the time span [s].
-        shared: Properties that the grasped object shares with the object it was mistaken for ("color", "shape"; for a
-            look-alike also "slot").
+        shared: Properties that the grasped object shares with the object for which it was mistaken ("color", "shape";
+            for a look-alike also "slot").
         candidates: Labels that the trial alone could not distinguish; the second pass may distinguish them.
     """
 
@@ -57,7 +57,7 @@ class TrialDiagnosis:
 
     Attributes:
         variation: Variation name, or None for a training condition.
-        condition: Name of the training condition; for a variation, the training condition of its twin.
+        condition: Training condition name; for a variation, the training condition of its twin.
         axis: Variation axis, or None.
         expected: "succeed", "refuse" or "stay_still".
         first_attempt: Object of the first grasp attempt, or None without an attempt or after an air grasp. A drawer
@@ -67,8 +67,9 @@ class TrialDiagnosis:
         intended: Object that the first attempt should have been at, or None if no attempt was right. If the attempt was
             right, its object; else the first of ``intended_any``.
         intended_kind: Kind of that object.
-        intended_any: All objects at which the first attempt would have been right, ordered by subgoal and then by slot.
-        intention_correct: Whether the first attempt was at a requested object (suite, section 4), or None without a
+        intended_any: All objects for which the first attempt would have been right, ordered by subgoal and then by
+            slot.
+        intention_correct: Whether the first attempt was at an instructed object (suite, section 4), or None without a
             record.
         progress: Number of subgoals completed in a valid order, divided by the number requested.
         harm: Harm to objects that were not requested, one clause each ("the mouse lies on the floor"). Harm rules out
@@ -190,7 +191,7 @@ class RunDiagnosis:
         trials: One entry per counted trial, finished or not, in plan order.
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
         notes: Run limits, one sentence each (missing pairs, smallest detectable difference).
-        waiting: Planned trials that a run in progress has not reached; they are not counted. Empty if no process writes
+        waiting: Planned trials that an ongoing run has not reached; they are not counted. Empty if no process writes
             to the run any more: its missing trials are then unfinished ``trials``.
         until_decided: Verdict on each variation of a run until decided, or None. Trials that its verdicts made
             unnecessary are left out.

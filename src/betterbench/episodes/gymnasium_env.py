@@ -25,8 +25,7 @@ _BOUNDS = {
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Number of values and bound of each measurement, wider than all possible values: the joints' limits are within 3.8 rad
-and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m."""
+"""Size and bound of each measurement, wider than all possible values: the joint limits are within 3.8 rad and 2.7 rad/s, the reach is within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m."""
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
@@ -40,7 +39,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     Args:
         task: Task id.
-        variation: Name of a variation, or of a training condition; by default the first training condition.
+        variation: Name of a variation or training condition; default: the first training condition.
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.

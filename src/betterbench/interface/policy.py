@@ -24,14 +24,14 @@ _EXECUTION_KINDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Execution:
-    """Execution settings of action chunks: horizon, requests ahead of time, and temporal ensembling.
+    """Execution settings for action chunks: horizon, requests ahead of time, and temporal ensembling.
 
     Attributes:
-        horizon: Number of actions of each chunk that are executed before the next request; None for all of them.
-        ahead: Number of control steps before the end of a chunk at which the next one is requested. The rest of the old
-            chunk is executed in the meantime, and the same number of actions at the beginning of the new chunk is
+        horizon: Number of actions executed from each chunk before the next request; None for all of them.
+        ahead: Number of control steps before the end of a chunk at which the next chunk is requested. Meanwhile, the
+            rest of the old chunk is executed, and the same number of actions at the beginning of the new chunk is
             dropped, because their steps have passed. With 0, the simulation waits for every answer.
-        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action of a
+        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action for a
             step is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction (Zhao
             et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A negative rate
             gives newer predictions more weight.

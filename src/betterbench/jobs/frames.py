@@ -23,7 +23,7 @@ MAX_ARRAY_BYTES = 256 << 20
 """Maximum total size of the arrays of a frame [byte]."""
 
 _LENGTHS = struct.Struct(">IIQQ")
-"""Frame head: sizes of the document, of the array forms and of the arrays [byte], and number of the frame."""
+"""Frame head: sizes of the document, of the array forms and of the arrays [byte], and the frame number."""
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _LONGEST_TYPE = 40
 _MAX_AXES = 32
@@ -63,7 +63,7 @@ class Link(Protocol):
 def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
     """Send a document and arrays by name; FrameError if the other side has ended or does not read in time.
 
-    The ``number`` identifies a request and its answer. Of an array of Python objects, only the shape is sent.
+    The ``number`` identifies a request and its answer. For an array of Python objects, only the shape is sent.
     """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _ENCODE(document).encode()

@@ -70,7 +70,7 @@ def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | Non
 
 @contextmanager
 def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
-    """Hold the lock of a job's folder, after removing unfinished files of killed processes.
+    """Hold the lock on a job's folder, after removing unfinished files left by killed processes.
 
     Args:
         path: The folder, which is created if missing.

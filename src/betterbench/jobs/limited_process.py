@@ -53,7 +53,7 @@ class ProcessLateError(LimitedProcessError):
 
 
 class RefusedError(LimitedProcessError):
-    """The process has answered that it cannot do what was requested; the message is its reason."""
+    """The process has answered that it cannot do what was requested; the message is the reason."""
 
 
 class LimitedProcess:
@@ -69,7 +69,7 @@ class LimitedProcess:
                 :func:`answer_requests`.
             arguments: Its arguments.
             cpu_s: Processor time limit of an answer, for messages only [s]; :func:`answer_requests` sets the limit.
-            environment: Environment variables added to those of this process.
+            environment: Environment variables added to this process's variables.
         """
         module, _, function = main.partition(":")
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)

@@ -175,7 +175,7 @@ def linked_forms(
 
 
 def _require_begun(path: Path, begun: bytes) -> None:
-    """Refuse to truncate anything but the beginning of a line, or zeros after a crash of the machine."""
+    """Refuse to truncate anything except the beginning of a line, or zeros after the machine crashed."""
     if begun not in (b"{", b"\0"):
         raise RecordError(f"{path}: does not end as a journal does. Restore the file from a copy.")
 

@@ -1,6 +1,6 @@
 """Addresses of policies: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero``.
 
-Each kind of policies declares the form of its addresses and their options; one parser reads all forms.
+Each policy kind declares the format of its addresses and their options; one parser reads all formats.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from betterbench.interface.policy import Execution
 Word = TypeVar("Word", bound=str)
 
 Transport = Literal["websocket", "zeromq", "http"]
-"""Transport protocol of a server. Addresses of websockets and of HTTP may have a path, those of ZeroMQ do not."""
+"""Transport protocol of a server. Websocket and HTTP addresses may have a path; ZeroMQ addresses do not."""
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
@@ -94,12 +94,12 @@ CONSTANT = Option("send.", "the constant that each request contains as KEY")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddressForm:
-    """Form of the addresses of a kind of policies.
+    """Address format of a policy kind.
 
     Attributes:
         scheme: Kind name, the prefix of its addresses.
         example: Example of an address in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
-        target: Whether a target follows the scheme and a colon: a name, a file or a server.
+        target: Whether the scheme and colon are followed by a target: a name, a file or a server.
         options: Allowed options.
         transport: Transport protocol of the server; None for a policy without a server.
         port: Default port of the server.
@@ -174,7 +174,7 @@ class PolicyAddress:
     """A parsed address: a policy's target ("localhost:8000") and its options.
 
     :meth:`AddressForm.read` has checked the options. ``world`` is the world whose conventions the policy uses
-    ("libero", empty for our own scenes); a preset then matches the clients of that world.
+    ("libero", empty for our own scenes); a preset then matches that world's clients.
     """
 
     text: str
@@ -198,7 +198,7 @@ class PolicyAddress:
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     def given(self, options: Sequence[Option]) -> list[str]:
-        """Return those of the given options that the address sets."""
+        """Return the given options that the address sets."""
         return [option.name for option in options if option.name in self.options]
 
     @property

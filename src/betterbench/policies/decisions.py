@@ -112,7 +112,7 @@ def at_target(state: WorldState, name: str, target: str, relation_name: str, reg
 
 
 def reached(state: WorldState, condition: Condition, index: int) -> bool:
-    """Return whether the required number of objects of a subgoal are at its target."""
+    """Return whether a subgoal's required number of objects are at its target."""
     goal = condition.instruction.subgoals[index]
     names = condition.resolve(goal.reference)
     return sum(at_target(state, n, goal.target, goal.relation, goal.region) for n in names) >= goal.count

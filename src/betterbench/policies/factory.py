@@ -67,7 +67,7 @@ class PolicyFactory:
 
         With ``apart``, a user's policy is loaded in a separate process, within ten times the ``timeout_s`` of an answer
         [s]. ``known`` is the server's declaration at the start of the run, or None if clients compare declarations
-        themselves. ``kind`` is the kind of policies; the kind of the address if not given.
+        themselves. ``kind`` is the policy kind; default: the kind of the address.
 
         Raises UnknownNameError if no policy has this address.
         """
@@ -107,7 +107,7 @@ class PolicyFactory:
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers the observations of many environments. This builds the policy."""
+        """Whether one instance answers observations from many environments. This builds the policy."""
         return bool(self.info) and self._takes_batches
 
     def check(
@@ -139,7 +139,7 @@ class PolicyFactory:
         return self._make() if made is None else made
 
     def _make(self) -> Policy:
-        """Return a new instance; HandshakeError if the server's policy differs from that of the first instance."""
+        """Return a new instance; HandshakeError if the server's policy differs from the first instance's policy."""
         made: Policy
         if self._apart:
             made = start_policy(self.address, world=self._world, load_s=self._load_s)

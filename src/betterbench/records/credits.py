@@ -57,13 +57,13 @@ def credits_of(objects: Iterable[CreditedObject]) -> tuple[AssetCredit, ...]:
 
 
 def credit_lines(objects: Sequence[CreditedObject]) -> tuple[str, ...]:
-    """Return one line for each asset of a source of its own, and one for all objects of the procedural library."""
+    """Return one line for each asset with its own source, and one for all objects of the procedural library."""
     lines = [credit.text for credit in credits_of(objects)]
     return (*lines, LIBRARY_CREDIT) if any(not each.source for each in objects) else tuple(lines)
 
 
 def credits_of_runs(runs: Sequence[RunFolder]) -> tuple[str, ...]:
-    """Return the credit lines of the finished trials of runs in scenes of our own.
+    """Return the credit lines for a run's finished trials in scenes of our own.
 
     Raises:
         RecordError: If a record cannot be read.

@@ -55,7 +55,7 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """The rows in which the gripper is near one object to pick, place or slide it.
+    """The rows in which the gripper is near an object in order to pick, place or slide it.
 
     Attributes:
         kind: Effect on the object.
@@ -90,7 +90,7 @@ class SubgoalSegment:
     """The rows [start, stop) that serve one subgoal; a record's segments are contiguous.
 
     Attributes:
-        subgoal: Name of the subgoal that is done at the end of these rows, "" for rows after the last subgoal.
+        subgoal: Name of the subgoal that is done at the end of these rows; "" for rows after the last subgoal.
         object: Name of the object that was placed or slid.
         target: Target name.
         relation: Relation of the subgoal.

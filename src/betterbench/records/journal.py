@@ -1,8 +1,8 @@
 """Run journal: one line per finished trial, and the only source for resuming the run.
 
-Each line contains the SHA-256 of its record, the digest of its scene, and a link (the SHA-256 of the previous link and
-of the line itself). The links detect changed, missing or reordered lines. Journals of older versions lack the scene
-digest, or all three.
+Each line contains its record's SHA-256, its scene's digest, and a link (the SHA-256 of the previous link and the line
+itself). The links detect changed, missing or reordered lines. Journals of older versions lack the scene digest, or all
+three.
 """
 
 from __future__ import annotations

@@ -71,7 +71,8 @@ class RecordMetadata:
         condition: Condition name within the task ("train1", "L3").
         variation: Variation name ("L3"), or None for a training condition.
         axis: Variation axis, or None for a training condition.
-        base_condition: Training condition from which a variation is derived; its trial with the same seed is the twin.
+        base_condition: Training condition from which a variation is derived; the twin is the trial of that condition
+            with the same seed.
         interventions: The interventions as text, in order.
         expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").
         action_components: Name of each number of an action.
@@ -82,9 +83,9 @@ class RecordMetadata:
         looks: Set of looks from which the run draws.
         room: Name of the room of the trial.
         view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
-        predicate_names: Meaning of each column of ``predicates``.
-        subgoal_names: Meaning of each column of ``subgoals``, in the instructed order.
-        demonstrator: Source of the demonstration; None for the trial of an evaluated policy.
+        predicate_names: Meaning of each column in ``predicates``.
+        subgoal_names: Meaning of each column in ``subgoals``, in the instructed order.
+        demonstrator: Source of the demonstration; None for an evaluated policy's trial.
         segments: The rows that serve each subgoal, derived from the states; only for demonstrations.
     """
 

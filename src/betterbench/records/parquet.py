@@ -26,7 +26,7 @@ METADATA_KEY = b"betterbench"
 """Key of the JSON document in the metadata of the Parquet schema."""
 
 SEAL_KEY = b"betterbench.sha256"
-"""Key of the SHA-256 of the whole file, computed with the digest itself as zeros."""
+"""Key for the SHA-256 of the complete file, computed with the digest itself set to zeros."""
 
 COMPRESSION_LEVEL = 1
 """Level of zstd. Its default, 3, saves less than 1 % of an episode and takes a fifth longer; level 9 takes more than

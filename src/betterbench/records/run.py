@@ -177,7 +177,7 @@ class RunFolder:
 
     @property
     def world(self) -> WorldFacts:
-        """Facts about the world in which the trials were run; RecordError if the plan names an unknown one."""
+        """Facts about the world in which the trials were run; RecordError if the plan names an unknown world."""
         return facts_of_plan(self.plan, where=str(self.path / "run.json"))
 
     @property
@@ -250,15 +250,15 @@ class RunFolder:
         return entries
 
     def entry(self, trial: TrialId) -> JournalEntry | None:
-        """Return the last line of the journal about a trial, or None; raise the errors of :meth:`entries`."""
+        """Return the journal's last line about a trial, or None; raises the same errors as :meth:`entries`."""
         return _known_entries(self.journal_path).get(trial)
 
     def record_digest(self, entry: JournalEntry) -> str:
-        """Return the SHA-256 of the record of a finished trial; None for journals of older versions."""
+        """Return the SHA-256 of a finished trial's record; None for journals of older versions."""
         return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
 
     def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Warn once about records that the journal does not list, except in the process that writes them."""
+        """Warn once about records that the journal does not list, except in the process that is writing them."""
         told = (self.path, len(entries))
         if told in _TOLD or self.is_running:
             return
@@ -341,7 +341,7 @@ class RunFolder:
         return brief
 
     def outcome(self, entry: JournalEntry) -> Outcome:
-        """Return the outcome of the trial of a journal line; raise the errors of :meth:`read_record`."""
+        """Return the trial outcome that a journal line describes; raises the same errors as :meth:`read_record`."""
         return self.read_brief(entry.key, entry=entry).outcome
 
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
@@ -381,7 +381,7 @@ class RunFolder:
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move an unusable file to ``RUN/set-aside`` and return the new path; None if there is no such file.
+        """Move an unusable file to ``RUN/set-aside`` and return the new path; None if the file does not exist.
 
         The file is not deleted, because it may be the user's only copy.
         """
@@ -434,7 +434,7 @@ class RunFolder:
         return digest
 
     def load_scene(self, scene_hash: str, *, digest: str | None = None) -> dict[str, bytes]:
-        """Return the files of a stored scene by name, without writing to disk; raise the errors of ``read_scene``."""
+        """Return the files of a stored scene by name, without writing to disk; raises the same errors as ``read_scene``."""
         return read_scene(self.scene_path(scene_hash), digest=digest)
 
     def scene_digest(self, trial: TrialId) -> str | None:
@@ -517,8 +517,8 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
     found: dict[TrialId, Mapping[str, Any]] = {}
     for trial in listed:
         form = trial if isinstance(trial, dict) else {}
-        # Variations are listed by their own condition. Plans of the first versions listed the training condition of a
-        # variation.
+        # Variations are listed by their own condition. Plans written by the first versions listed a variation's
+        # training condition.
         task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
         if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
             return None  # reported by the reader of the plan

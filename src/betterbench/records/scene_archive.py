@@ -1,9 +1,9 @@
 """Archive of a compiled scene: a reproducible zip file, which may come from an untrusted source.
 
-The comment of the zip file contains the digest of the scene's name and of all its files (:func:`scene_digest`). The
+The zip file's comment contains a digest of the scene name and all scene files (:func:`scene_digest`). The
 digest is verified before any file is used, to keep MuJoCo from loading a changed model or the archive of another scene.
-The journal of a run also contains the digest of each trial's scene, which detects an archive that was replaced together
-with its digest.
+A run's journal also contains the digest of each trial's scene; it detects an archive that was replaced together with
+its digest.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class StorableScene(Protocol):
 
 
 def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
-    """Return the SHA-256 of a scene's name and of the names and contents of its files (hex, 64 characters)."""
+    """Return the SHA-256 over a scene's name and the names and contents of its files (hex, 64 characters)."""
     lines = [f"{hashlib.sha256(files[file]).hexdigest()} {file}\n" for file in sorted(files)]
     return content_digest(name, "".join(lines).encode())
 
@@ -92,8 +92,8 @@ def has_digest(path: Path, digest: str) -> bool:
 def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing them to disk.
 
-    If the ``digest`` of the journal is given, the files must match it. Archives of an earlier version contain no
-    digest, which causes one warning per run unless the digest of the journal is given.
+    If the ``digest`` of the journal is given, the files must match it. Archives written by an earlier version contain
+    no digest, which causes one warning per run unless the journal's digest is given.
 
     Raises:
         RecordError: If the scene is missing, damaged, changed, too large, of another hash or another trial, or a name

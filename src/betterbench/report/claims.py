@@ -18,11 +18,10 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Share of failed trials that a kind of failure must exceed to be a conclusion if no illusion gap shows it, as in
-training or without training twins (exact binomial test at the usual level)."""
+"""Fraction of failed trials that a kind of failure must exceed to be a conclusion if no illusion gap shows it, as in training or without training twins (exact binomial test at the usual level)."""
 
 FEW = 3
-"""Minimum number of trials for a habit of a policy, of one task (if failures are rare) or of one axis."""
+"""Minimum number of trials for a policy's habit, for a task's habit (if failures are rare) or for an axis."""
 
 MOST_PAIRS = 100
 """Largest recommended number of pairs per variation."""
@@ -119,7 +118,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
 
 
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
-    """Return the claim that no failure was found, given that all trials of variations were solved.
+    """Return the claim that no failure was found, given that all variation trials were solved.
 
     Six solved trials rule out a policy that fails half of the variation trials; five do not.
     """

@@ -65,7 +65,7 @@ def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
 
 
 def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
-    """Return the displayed pose of an asset that is rotated about the middle of its box and set down."""
+    """Return the displayed pose of an asset that is rotated about its box center and set down."""
     middle = (0.0, 0.0, 0.5 * asset.size_m[2])
     x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply([-v for v in middle])
     placed = Pose((x, y, z + middle[2]), pose.quaternion)

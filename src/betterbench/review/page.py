@@ -244,7 +244,7 @@ class ReviewPage:
             self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Show the state of the review; while the gizmo is dragged, the page controls the pose of the gizmo."""
+        """Show the state of the review; while the user drags the gizmo, the page controls its pose."""
         desk = self._desk
         key = (desk.index, len(desk.at_hand.states), desk.history.last)
         with self._viser.atomic():
@@ -494,7 +494,7 @@ _WORKING = '<div style="padding:4px 10px;font-size:13px"><b>working …</b></div
 
 
 def _closer(pose: Pose, opened_m: float) -> Pose:
-    """Return the pose of a body of the gripper for a smaller opening [m]; the fingers open along the y axis."""
+    """Return the pose of a gripper body for a smaller opening [m]; the fingers open along the y axis."""
     x, y, z = pose.position
     return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)
 

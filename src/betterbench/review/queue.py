@@ -86,7 +86,7 @@ def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> li
 
     Args:
         given: Files and folders; if none are given, the registered files are the queue.
-        registered: Files that task files import; the options in the task file apply to such a file in the queue.
+        registered: Files that task files import; the options in the task file apply to these files in the queue.
 
     Raises:
         InvalidInputError: As for :func:`mesh_files`, or if a registered file does not exist.

@@ -10,7 +10,7 @@ from betterbench.statistics import percent
 
 
 def print_comparison(result: Comparison) -> None:
-    """Print the verdict, the tables of success and of failures, and the limits of the trials."""
+    """Print the verdict, the success and failure tables, and the limits of the trials."""
     for sentence in result.verdict:
         OUT.print(sentence, markup=False)
     success = [g for g in result.groups if g.measure == "success"]

@@ -1,4 +1,4 @@
-"""``better assets import``: import of files and of rows of the catalogue into a folder of assets."""
+"""``better assets import``: import files and catalogue rows into an asset folder."""
 
 from __future__ import annotations
 

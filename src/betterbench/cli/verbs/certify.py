@@ -1,4 +1,4 @@
-"""``better certify``: checks that each trial is solvable, so that a failure is due to the policy."""
+"""``better certify``: check that each trial is solvable, so that the policy is responsible for a failure."""
 
 from __future__ import annotations
 

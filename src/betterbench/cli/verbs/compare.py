@@ -29,15 +29,15 @@ def compare_command(
 ) -> None:
     """Compare policies, two by two, on the trials that their runs share.
 
-    Runs of several suites and runs in CALVIN are shown in one table instead: LIBERO's four suites and CALVIN's chains,
-    the policies compared on the same initial states, and the loss of each policy when the scene changes. Runs of the
-    same name count as one policy.
+    Runs of several suites, and runs in CALVIN, are shown in one table instead: LIBERO's four suites and CALVIN's
+    chains, comparisons of the policies on the same initial states, and each policy's loss when the scene changes. Runs
+    of the same name count as one policy.
 
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
-        runs: Folders of the runs, or files of better export; two or more.
-        name: Run name in the tables, once per run and in their order; that of its policy if not given. Across
+        runs: Run folders, or files written by better export; two or more.
+        name: Run names in the tables, one per run, in order; default: the policy names. Across
             suites, runs of one policy share one name.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
         sequential: Also print tests that stay valid however often you look at unfinished runs.

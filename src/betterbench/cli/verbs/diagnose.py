@@ -34,8 +34,9 @@ def diagnose_command(
     The result is stored as RUN/diagnosis.json. If the run contains an earlier diagnosis, the differences are printed.
     An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
-    With --answers, a model's answers about the decisive moments are compared with what the policy did: whether it knows
-    and acts accordingly, knows and does not, or does not know. better report shows the comparison too.
+    With --answers, a model's answers about the decisive moments are compared with the policy's behavior: whether the
+    model knows and acts on its knowledge, knows but does not act on it, or does not know. better report shows the
+    comparison too.
 
     Example: better diagnose runs/expert
 
@@ -45,7 +46,7 @@ def diagnose_command(
             states are the counterfactual twins. Nothing is stored then.
         keep: Do not change the stored diagnosis and the stored answers.
         answers: File of answers to the set of better vqa --run.
-        questions: Folder of the set that was answered; the folder of the answers if not given.
+        questions: Folder of the question set that was answered; default: the folder that contains the answers.
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.diagnosis import diagnosed

@@ -40,7 +40,7 @@ class TrialOptions:
         trials: Trials per variation, 20 if not given; in LIBERO initial states per task, as the protocol says; in
             CALVIN chains, 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
-        action_space: Action space of the policy; ee_delta if not given, and in another world the one in the policy's
+        action_space: The policy's action space; default: ee_delta, and in another world the space given in the policy
             address.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
@@ -77,8 +77,8 @@ class WorldOptions:
 
     Attributes:
         protocol: Name of the evaluation protocol in LIBERO.
-        broken_premises: What happens if a scene contradicts its instruction's premise: refuse stops the run, run
-            continues and notes it in the record.
+        broken_premises: What to do if a scene contradicts its instruction's premise: refuse stops the run, run
+            continues and notes the contradiction in the record.
         axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); all if none
             is named.
         variants: In LIBERO-Plus, maximum variants of each task on each axis, evenly spread; all if not given.
@@ -87,8 +87,8 @@ class WorldOptions:
         libero_plus_sentences: In LIBERO-Plus, clean for the task's instruction, published for the instruction with
             the variant name at its end, as used for the published numbers.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
-        calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it, the configuration of
-            scene D in the checkout is composed.
+        calvin_config: In CALVIN, validation/.hydra/merged_config.yaml from the data set; without it, the configuration
+            of scene D is composed from the checkout.
         calvin_renderer: In CALVIN, the renderer of the images: egl as in CALVIN, tiny for PyBullet's renderer with
             other pixels, or auto for EGL where it starts.
     """
@@ -109,9 +109,10 @@ class RayOptions:
     """Placement of a run on a Ray cluster, with --engine ray.
 
     Attributes:
-        ray_address: Address of the Ray cluster; RAY_ADDRESS, or a cluster of this machine alone, if not given.
-        replicas: On Ray, copies of a policy that runs inside the run (lerobot:, or one with act_batch); 1 if not given.
-        replica_gpus: GPUs of each copy, or a fraction of one; 1 if the cluster has them, if not given.
+        ray_address: Address of the Ray cluster; default: RAY_ADDRESS, or a local cluster on this machine.
+        replicas: On Ray, number of copies of a policy that runs inside the run (lerobot:, or one with act_batch);
+            default 1.
+        replica_gpus: GPUs per copy, or a fraction of one; default: 1 if the cluster has GPUs.
     """
 
     ray_address: str | None = None
@@ -119,7 +120,7 @@ class RayOptions:
     replica_gpus: float | None = None
 
     def cluster(self) -> Cluster:
-        """Return the cluster on which the run is placed."""
+        """Return the cluster that executes the run."""
         from betterbench.evaluation.ray_engine.cluster import Cluster
 
         return Cluster(self.ray_address, 1 if self.replicas is None else self.replicas, self.replica_gpus)
@@ -153,7 +154,7 @@ def evaluate_command(
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
-        policy: Policy address (see better list policies); with --from, a policy other than that of the run.
+        policy: Policy address (see better list policies); with --from, a policy other than the one that was run.
         out: Run folder; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
@@ -162,8 +163,9 @@ def evaluate_command(
         envs: Each worker's environments, to hide the policy's latency; chosen by a warm-up if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
-        policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
-        certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
+        policy_timeout: Deadline for an answer from a python: or lerobot: policy [s]; server addresses have their own
+            deadline.
+        certificate: Certificate written by better certify, or its folder; default: the one that ships with the suite.
         uncertified: Also run trials that no certificate covers.
         allow_other_versions: With --from, repeat the run although relevant versions differ.
         trust: With --from or --run-file, allow the file to run code or to send a key that it names.
@@ -209,7 +211,7 @@ def evaluate_command(
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
     """Print the number of trials and the drops that they can show; for a large plan, also a smaller command.
 
-    ``certified`` are the options about certificates; None if the plan is that of another run.
+    ``certified`` has the certificate options; None if the plan comes from another run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -225,7 +227,7 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return a command for a small part of a plan, preceded by its number of trials; empty for a small plan."""
+    """Return a command that runs a small part of a plan, preceded by the number of trials; empty for a small plan."""
     from betterbench.evaluation.planning.plan import make_plan
     from betterbench.tasks.user_files import options_for
 
@@ -244,7 +246,7 @@ def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequ
 def _plan(
     policy: str | None, from_run: Path | None, chosen: TrialOptions, *, allow_other_versions: bool, trust: bool
 ) -> Plan:
-    """Return the plan of the options, or that of the run to repeat."""
+    """Return the plan that the options describe, or the plan of the run to repeat."""
     from betterbench.evaluation import make_plan
     from betterbench.evaluation.planning.repeat import repeated_plan
     from betterbench.tasks import suite_tasks
@@ -271,7 +273,7 @@ def _plan(
 
 
 def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of LIBERO, LIBERO-Plus or CALVIN."""
+    """Return the plan for a LIBERO, LIBERO-Plus or CALVIN suite."""
     from betterbench.evaluation.planning.world_plan import make_world_plan
 
     if from_run is not None:
@@ -301,7 +303,7 @@ def _changed(world: WorldOptions) -> dict[str, Any]:
 
 
 def _refuse_other_options(given: WorldOptions, world: World) -> None:
-    """Refuse the first option that the world of the run does not have, and name a world that has it."""
+    """Reject the first option that the run's world does not have, and name a world that has it."""
     from betterbench.sim.worlds import all_worlds
     from betterbench.statistics.wording import listed
 

@@ -158,7 +158,7 @@ def _some(texts: Sequence[str]) -> str:
 
 
 def _command(run: Path, place: Path, wanted: Wanted, trials: Sequence[TrialId]) -> str:
-    """Return the command that completes a folder, with the options that the folder was made with."""
+    """Return the command that completes a folder, with the options used to create it."""
     from betterbench.records.modalities.spec import MODALITIES
 
     words = ["better", "materialize", str(run)]

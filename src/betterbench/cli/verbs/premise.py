@@ -1,4 +1,4 @@
-"""``better premise``: check of the premises of instructions in the scenes of LIBERO and LIBERO-Plus."""
+"""``better premise``: check the premises of instructions in LIBERO and LIBERO-Plus scenes."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def premise_command(
 
     Each state settles as in a run. LIBERO then evaluates every relation in the task's file between an object of
     the instruction and another object, because an update of the simulator can break scenes. A task takes about half a
-    minute; the same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in the one state
-    that they are run from, if their assets are installed (a few seconds each).
+    minute; the same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in the single
+    state from which they run, if their assets are installed (a few seconds each).
 
     Example: better premise libero --suites libero_spatial
 

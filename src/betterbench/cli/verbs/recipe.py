@@ -37,7 +37,7 @@ def recipe_command(
 
     Args:
         framework: Training framework.
-        recipe: Name of a recipe of the paper, or a YAML file.
+        recipe: Name of a recipe from the paper, or a YAML file.
         data: Folder of the data set, here or on the training machine; several for Being-H.
         out: Folder to write; if not given, the fields are printed.
         gpus: Number of GPUs.

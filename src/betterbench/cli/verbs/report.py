@@ -28,7 +28,7 @@ def report_command(
 
     Args:
         run: Run folder; several are compared on one page.
-        name: Run name on the page, once per run and in their order; that of its policy if not given.
+        name: Run names on the page, one per run, in order; default: the policy names.
         twins: For runs in LIBERO-PRO: run of the base suite by the same policy, once per run and in their order.
         out: Report folder; RUN/report if not given.
         latex: Write LaTeX tables too.

@@ -1,4 +1,4 @@
-"""``better review``: review of imported meshes by a person in the browser, and the agreement of two reviewers."""
+"""``better review``: human review of imported meshes in the browser, and the agreement between two reviewers."""
 
 from __future__ import annotations
 

@@ -48,10 +48,10 @@ def serve_command(
         policy: Policy address (see better list policies).
         host: Interface to listen on; 0.0.0.0 accepts other machines.
         port: Port to listen on; 0 for any free one.
-        chunk: Number of actions in one answer of an expert; 8 if not given.
-        layout: Preset in which an expert reads requests and answers, to test a client or an adapter; native and
-            openpi_libero if not given.
-        batch: Maximum number of observations in one call of act_batch, for policies that implement it; 16 if not given.
+        chunk: Number of actions per expert answer; default 8.
+        layout: Preset in which an expert reads requests and answers them, to test a client or an adapter; default:
+            native and openpi_libero.
+        batch: Maximum number of observations per act_batch call, for policies that implement it; default 16.
         clients: Maximum number of simultaneous clients; 128 if not given. Further clients are refused until one leaves.
         task: Task of clients that do not name one.
         condition: That task's condition; its first training condition if not given.
@@ -147,7 +147,7 @@ def _key(name: str | None) -> str | None:
 
 @contextmanager
 def _connections_logged() -> Iterator[None]:
-    """Log connections of clients inside the context, unless only errors are to be logged."""
+    """Log client connections inside the context, unless only errors are to be logged."""
     ours = logging.getLogger("betterbench.policies.serving.server")
     before = ours.level
     if ours.getEffectiveLevel() <= logging.WARNING:

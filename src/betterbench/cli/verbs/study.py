@@ -33,8 +33,8 @@ def study_command(
 
     For each task and arm (a way to choose the training data), learners are trained with each seed, evaluated on
     training conditions and all variations, and diagnosed. study.html then shows the size of each illusion gap, how much
-    of it balancing removes, and the accuracy of the audit's prediction. Ctrl-C keeps finished work; the same command
-    resumes, also with a larger plan.
+    of the gap balancing removes, and how accurate the audit's prediction was. Ctrl-C keeps finished work; the same
+    command resumes, also with a larger plan.
 
     Example: better study --preset small --out studies/small
 
@@ -44,7 +44,7 @@ def study_command(
         preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
         workers: Worker processes for demonstrations and trials; one per processor if not given.
         device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
-        certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
+        certificate: Certificate written by better certify, or its folder; default: the one that ships with the suite.
         overwrite: Write to a folder that better study did not make, and replace files of the same names there.
         json: Print one JSON document instead of tables.
     """

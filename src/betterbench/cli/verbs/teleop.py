@@ -47,7 +47,7 @@ def teleop_command(
     Args:
         out: Run folder.
         tasks: Tasks to demonstrate.
-        condition: The one training condition to demonstrate; all if not given.
+        condition: The only training condition to demonstrate; default: all.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 500000000 if not given.
         name: Demonstrator name in the records; the user's name if not given.

@@ -67,16 +67,16 @@ class ModelOptions:
     """A model that answers or describes a set.
 
     Attributes:
-        ask: Base address of a chat endpoint with OpenAI's protocol that answers the whole set, such as
+        ask: Base address of a chat endpoint with OpenAI's protocol that answers the complete set, such as
             http://localhost:8000/v1.
-        describe: Base address of an endpoint that writes descriptions and questions about images of the set. Statements
+        describe: Base address of an endpoint that writes descriptions and questions about the set's images. Statements
             that the state does not prove are dropped.
         images: Number of images to describe.
         model: Model name at that address.
         coordinates: Meaning of the numbers in the model's boxes and points.
         at_once: Number of simultaneous requests.
         answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), otherwise read and scored.
-        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT). It is asked for the
+        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT). The question is the
             position of the object that the instruction names.
         key_variable: Environment variable with the key of the endpoint.
     """
@@ -118,7 +118,7 @@ def vqa_command(
 
     Args:
         source: Folder of a run to make questions about, or of a set for a model to answer.
-        run: Folder of a run whose decisive moments the questions are about.
+        run: Run folder whose decisive moments the questions are about.
         out: Set folder.
         asked: Frames, cameras and types of the questions.
         chat: Model that answers the set.

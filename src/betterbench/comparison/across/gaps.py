@@ -25,8 +25,8 @@ class WorldGap:
 
     Attributes:
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
-        change: Name of the change ("swap", "resampled"), or the axis of LIBERO-Plus; "all variations" in betterbench's
-            own suite.
+        change: Name of the change ("swap", "resampled"), or the LIBERO-Plus axis; "all variations" in betterbench's own
+            suite.
         base: Success rate without the change, or the share of subtasks solved in a row.
         changed: The same rate with the change.
         pairs: Number of trials that were run with and without the change.
@@ -96,7 +96,7 @@ def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    """Return the gap of every axis of LIBERO-Plus; all variants of a task share the base suite's trial."""
+    """Return the gap of every LIBERO-Plus axis; all variants of a task share the base suite's trial."""
     pairs: dict[str, list[tuple[InitialState, bool]]] = {}
     for (name, seed), success in sorted(run.successes.items()):
         task, _, condition = name.partition("/")

@@ -32,9 +32,9 @@ class SuiteRun:
 
     Attributes:
         policy: Policy name; runs of the same name are one policy.
-        base: The suite from which this suite is derived by a change, or its own name.
+        base: The suite that a change turned into this suite, or this suite's own name.
         change: The change ("swap", "resampled"), or None.
-        protocol: The community's protocol under which it was run; empty for betterbench's own suite.
+        protocol: The community's protocol used for the run; empty for betterbench's own suite.
         versions: Versions of the world's packages; numbers from different versions are not compared.
         successes: Whether each planned trial succeeded.
         chains: The planned chains of CALVIN.
@@ -71,7 +71,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
     Args:
         runs: Folders of the runs.
-        names: Name of each run's policy; runs of the same name are rows of one policy. Default: the declared name of
+        names: Name of each run's policy; runs with the same name share one policy's row. Default: the declared name of
             the policy.
 
     Raises:
@@ -149,7 +149,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return a chain's result from its record; without a record, the chain counts as not run.
+    """Return a chain's result from its record; a chain without a record counts as not run.
 
     Raises:
         RecordError: If the record has other subtasks.

@@ -1,4 +1,4 @@
-"""Table 4 of the paper from runs: four suites of LIBERO and their average, five rates and average length of CALVIN."""
+"""Table 4 of the paper computed from runs: four LIBERO suites and their average, and CALVIN's five rates and average length."""
 
 from __future__ import annotations
 
@@ -110,11 +110,11 @@ class WorldTable:
 
 
 def world_table(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> WorldTable:
-    """Return the table of all policies, in the order of their runs.
+    """Return the table of all policies, in run order.
 
     Raises:
-        RunConflictError: If two runs of the same suite used different protocols or versions of their world, and mixing
-            is not allowed.
+        RunConflictError: If two runs of the same suite used different protocols or world versions, and mixing is not
+            allowed.
     """
     notes = [*_clashes(runs, allow_mixed=allow_mixed), *_limits(runs)]
     policies = list(dict.fromkeys(run.policy for run in runs))

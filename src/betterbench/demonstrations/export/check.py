@@ -35,7 +35,7 @@ class ExportCheck:
     """Result of a check, which covers the list in ``docs/export.md`` and three images per episode and camera.
 
     Attributes:
-        worst_error: Largest mean error of an image, in levels of 255; 0 for lossless images.
+        worst_error: Largest mean image error, in levels of 255; 0 for lossless images.
     """
 
     episodes: int
@@ -172,7 +172,7 @@ def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
 
 
 def _source(path: Path) -> dict[str, Any]:
-    """Return the stored description of the origin of a data set."""
+    """Return the stored origin of a data set."""
     try:
         source = read_origin(path) if path.is_file() else parse_json(read_ordinary(path / SOURCE_FILE))
         layout = source["layout"]
@@ -207,7 +207,7 @@ def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, Tr
 
 
 def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
-    """Return the mean error of an image in levels; infinite if it is missing or of another size."""
+    """Return the mean image error in levels; infinite if the image is missing or has another size."""
     if there is None or there.shape != wanted.shape:
         return float("inf")
     return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())

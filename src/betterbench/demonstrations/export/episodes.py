@@ -1,4 +1,4 @@
-"""Episodes of a data set in order, and its description, as input of the writers of all formats."""
+"""Episodes of a data set in order, and the data set's description, as input for the writers of all formats."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Dataset:
 
     Attributes:
         train: Number of training episodes, which come first; the others are for validation.
-        language: Whether LeRobot's language columns are written.
+        language: Whether to write LeRobot's language columns.
         source: Description of the origin: runs, versions, trials left out, the command to evaluate.
     """
 

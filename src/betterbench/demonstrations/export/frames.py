@@ -75,7 +75,7 @@ def shown_images(
 def active_subgoals(record: Record) -> tuple[str, ...]:
     """Return for each frame the subgoal of its segment in words ("pack burger"), finally :data:`DONE`.
 
-    The segments are those of the record, or derived from it like those of demonstrations.
+    The segments come from the record, or are derived from the record as for demonstrations.
 
     Raises UnknownNameError if the record has no segments, and its task or condition is unknown.
     """

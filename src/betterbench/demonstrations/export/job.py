@@ -62,11 +62,11 @@ class ExportPlan:
     Attributes:
         out: Folder of the data set, or its file for robomimic.
         form: Storage of images; robomimic's are always lossless.
-        quality: Render preset; that of the runs if None.
+        quality: Render preset; None for the runs' preset.
         validation: Share of the seeds whose episodes are for validation.
-        language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
-        questions: Folder of a set of questions about the frames, or None.
-        overwrite: Whether another data set of betterbench, or for robomimic any other file, is replaced.
+        language: Whether to write LeRobot's language columns, which LeRobot 0.6 and newer read.
+        questions: Folder with a set of questions about the frames, or None.
+        overwrite: Whether to replace another data set of betterbench, or for robomimic any other file.
     """
 
     runs: Sequence[RunFolder]
@@ -84,7 +84,7 @@ class ExportPlan:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """Result of an export: path of the data set, and its number of episodes, frames and bytes."""
+    """Result of an export: the data set's path, and its number of episodes, frames and bytes."""
 
     path: Path
     episodes: int
@@ -200,7 +200,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return the settings, besides its record, that determine the frames of an episode."""
+    """Return the settings that, together with the record, determine an episode's frames."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -264,7 +264,7 @@ def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
 
 
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
-    """Return the stored description of the origin of a data set."""
+    """Return the stored origin of a data set."""
     if to == "robomimic":
         from betterbench.demonstrations.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
@@ -342,7 +342,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
 
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
-    """Return the data set of the parts, training episodes first, with the description of the origin."""
+    """Return the data set assembled from the parts, training episodes first, with its origin."""
     shown = plan.selection.demonstrations
     asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
     pairs = _pairs(plan)
@@ -384,7 +384,7 @@ def origin_of(
     identity: object,
     left_out: object,
 ) -> dict[str, Any]:
-    """Return the stored description of the origin of a data set, without the lengths of its files."""
+    """Return the stored origin of a data set, without file sizes."""
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,

@@ -190,7 +190,7 @@ def _components(rule: StateRule) -> tuple[str, ...]:
 
 
 def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
-    """Return the name of each number of a part of an answer."""
+    """Return a name for each number in one part of an answer."""
     axes = {"axis_angle": ("rx", "ry", "rz"), "rpy": ("roll", "pitch", "yaw")}
     turns = axes.get(answer.rotation) or tuple(f"rotation.{i}" for i in range(ROTATION_SIZES[answer.rotation]))
     kind, _, axis = part.kind.partition("_")

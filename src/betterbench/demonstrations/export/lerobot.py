@@ -71,7 +71,7 @@ def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
 
 
 def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.Table:
-    """Return the frames of an episode as a table with LeRobot's columns; ``first`` is the number of its first frame."""
+    """Return an episode's frames as a table with LeRobot's columns; ``first`` is the number of its first frame."""
     rows = len(part)
     columns: dict[str, pa.Array] = {}
     for name, files in part.pngs.items():
@@ -225,7 +225,7 @@ def time_fields(kind: str, begun: int, ended: int, rate_hz: int) -> dict[str, fl
 
 
 def file_name(kind: str, number: int) -> str:
-    """Return the name of a file of frames or videos."""
+    """Return the name of a frame or video file."""
     ending = "parquet" if kind == "data" else "mp4"
     return f"{kind}/chunk-{number // CHUNK_FILES:03d}/file-{number % CHUNK_FILES:03d}.{ending}"
 
@@ -300,7 +300,7 @@ def _vector(values: np.ndarray, column: VectorColumn) -> pa.Array:
 
 
 def _hub_features(dataset: Dataset) -> dict[str, Any]:
-    """Return the types of the columns in the notation of the library ``datasets``, which older readers need."""
+    """Return the column types in the notation of the ``datasets`` library, which older readers need."""
     found: dict[str, Any] = {}
     for name, feature in features(dataset).items():
         if feature["dtype"] in ("video", "language"):

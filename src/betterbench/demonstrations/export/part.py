@@ -121,7 +121,7 @@ _Levels = Annotated[
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Images:
-    """Counts of the levels of the sampled images of a column, by channel."""
+    """Histogram of the sampled images of a column, by channel."""
 
     levels: _Levels
 
@@ -129,7 +129,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Fields of a part's description of its record that are read; see :func:`about`."""
+    """Fields that are read from a part's description of its record; see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]

@@ -14,7 +14,7 @@ from betterbench.vqa.dataset import QuestionSet, read_set
 
 
 def question_set(path: Path) -> QuestionSet:
-    """Return the set of questions in a folder, or beside its JSON lines file; raises the errors of ``read_set``."""
+    """Return the question set in a folder, or next to its JSON lines file; raises the errors of ``read_set``."""
     return read_set(path.parent if path.is_file() else path)
 
 

@@ -1,4 +1,4 @@
-"""Selection of the records of runs that are exported as demonstrations."""
+"""Selection of run records to export as demonstrations."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def select_demonstrations(
     Raises:
         RecordError: If a record is missing, damaged or not the one in its journal.
         UnknownNameError: If no run has a requested task.
-        InvalidInputError: If no trial is left, a record occurs twice, or records of a task are of several versions.
+        InvalidInputError: If no trial is left, a record occurs twice, or records of a task have different versions.
     """
     found: list[ChosenTrial] = []
     left_out: Counter[str] = Counter()

@@ -24,7 +24,7 @@ FOLDER = "acceptance"
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Number of attempts of one kind, and of the accepted ones among them."""
+    """Number of attempts of one kind, and how many were accepted."""
 
     accepted: int
     attempts: int
@@ -116,7 +116,7 @@ class Acceptance:
 
 
 def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acceptance:
-    """Return the outcomes of the attempts of a run of demonstrations, and the differences between the accepted ones.
+    """Return the attempt outcomes of a demonstration run, and the differences between accepted demonstrations.
 
     Args:
         run: The run.
@@ -192,8 +192,9 @@ def write_acceptance(
     Args:
         run: The run.
         found: Outcome counts of its attempts.
-        films: File of each film, relative to the page, by task and kind of failure; or the reason why it is missing.
-        pictures: File of each picture of paths, likewise, by task.
+        films: File of each film, relative to the page, by task and kind of failure; or the reason why the film is
+            missing.
+        pictures: File of each path picture, likewise, by task.
     """
     folder = run.inside(FOLDER)
     text = json_text(found.to_json(), indent=1) + "\n"

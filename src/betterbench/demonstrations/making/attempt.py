@@ -57,7 +57,7 @@ class AttemptNote:
 
     @property
     def accepted(self) -> bool:
-        """Whether the attempt gave a demonstration."""
+        """Whether the attempt produced a demonstration."""
         return not self.failure
 
 
@@ -145,7 +145,7 @@ def judge_attempt(
 ) -> DemonstrationAttempt:
     """Return an attempt with the segments in its record. Only attempts that meet all conditions of a set are accepted.
 
-    The scene is at the end of the episode, and ``states`` are those of the rows of the record.
+    The scene is at the end of the episode, and ``states`` has the state for each record row.
     """
     condition = scene.condition
     record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))
@@ -194,7 +194,7 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return the first problem of an episode outside the certified training regime of its task, from its states.
+    """Return the first problem that puts an episode outside its task's certified training regime, from the episode's states.
 
     None if everything is inside, or if the variation declares that it is outside.
     """

@@ -49,7 +49,7 @@ class CarriedOver:
     change: int
 
     def begin_within(self, radius_m: float) -> int:
-        """Return the first step from which all poses up to the change are within a distance of it [m]."""
+        """Return the first step from which all poses up to the change stay within a given distance [m]."""
         there = self.targets[self.change].position
         step = self.change
         while step > 0 and distance(self.targets[step - 1].position, there) <= radius_m:
@@ -103,14 +103,14 @@ def carry_place(
     keep_tool: bool = False,
     foot: tuple[float, float, float] | None = None,
 ) -> CarriedOver | None:
-    """Return a placement transferred to the object in the gripper and the target of a window of this scene.
+    """Return a window's placement transferred to this scene's grasped object and target.
 
     Args:
         skill: The placement.
         state: Current state, with the object in the gripper.
         window: Names of object and target in this scene.
-        keep_tool: Whether to keep the tool rotation, so that the object keeps its rotation in the gripper; for
-            objects that may have any heading.
+        keep_tool: Whether to keep the tool rotation, so that the object keeps its rotation in the gripper; for objects
+            that may have any heading.
         foot: Release position of the object's foot [m], world frame; by default the expert's goal nearest to the
             source's release.
 
@@ -139,7 +139,7 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return the pose of the tool that puts the foot of an object at the position of the source's object.
+    """Return the tool pose that puts an object's base at the position of the source's object.
 
     Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object keeps its rotation in the gripper.
     """

@@ -1,9 +1,9 @@
 """Variety: differences between a set's demonstrations in corresponding motions.
 
 Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
-objects is removed first, so that ten copies of one path to ten starts have no variety: paths are compared by their
-offset from the straight line between their end points, grasps and approaches in the object's frame. Every figure
-is the mean over pairs, so it does not depend on the set's size.
+objects is removed first, so that ten copies of one path with ten starts have no variety: paths are compared by their
+offset from the straight line between their end points, and grasps and approaches in the object's frame. Every figure is
+the mean over pairs, so it does not depend on the set's size.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 SAMPLES = 40
-"""Number of points of a path that are compared, at equal shares of its length."""
+"""Number of path points that are compared, at equal fractions of the path length."""
 APPROACH_M = 0.05
 """Length of the last stretch of a path, whose direction is the approach direction [m]."""
 MOST_COMPARED = 200
-"""Maximum number of demonstrations of a condition that are compared, in the order of their seeds."""
+"""Maximum number of demonstrations per condition that are compared, in seed order."""
 
 _SAID = (
     "Mean difference of two demonstrations of the same condition in the same motion. Slot jitter is removed: paths "
@@ -45,12 +45,12 @@ class Spread:
     """Mean difference between two demonstrations in the same motion.
 
     Attributes:
-        path_cm: Distance of two paths of the tool at equal shares of their length, without slot jitter [cm].
-        height_cm: Difference of the greatest heights of the tool [cm].
-        side_cm: Difference of the sideways offsets of the middle half of the path from the straight line [cm].
+        path_cm: Distance between two tool paths at equal fractions of their length, without slot jitter [cm].
+        height_cm: Difference between the greatest tool heights [cm].
+        side_cm: Difference between the sideways offsets of the paths' middle halves from the straight line [cm].
         approach_deg: Angle between the directions of the last 5 cm, in the object's frame or region [deg].
-        duration_s: Difference of the durations of the motions [s].
-        grasp_cm: Distance of the tool centers when the gripper closes, in the frame of the object [cm]; None without a
+        duration_s: Difference between the motion durations [s].
+        grasp_cm: Distance between the tool centers when the gripper closes, in the object's frame [cm]; None without a
             grasp.
         grasp_deg: Rotation between the tools at that time [deg]; None without a grasp.
     """
@@ -116,7 +116,7 @@ class _Motion:
     Attributes:
         off: (SAMPLES, 3) offset of the path from the straight line between its anchors [m].
         height_m: Greatest height of the tool [m].
-        side_m: Mean offset of the middle half of the path to the left of that line, seen from above [m].
+        side_m: Mean offset of the path's middle half to the left of that line, seen from above [m].
         approach: Unit vector of the last stretch, in its object's frame or region.
         duration_s: Duration of the motion [s].
         grasp: Tool in the object's frame when the gripper closes; None if it opens.
@@ -148,7 +148,7 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return the differences between demonstrations of the same conditions, by task; nothing for a single one."""
+        """Return the differences between demonstrations in the same conditions, by task; empty for a single demonstration."""
         found: dict[str, list[MotionVariety]] = {}
         for (task, condition), motions in sorted(self._found.items()):
             for (subgoal, skill), same in motions.items():
@@ -161,7 +161,7 @@ class VarietyMeter:
 def variety_of_run(
     run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: OnCount | None = None
 ) -> tuple[TaskVariety, ...]:
-    """Return the differences between the successful demonstrations of a run, of some tasks or of all.
+    """Return the differences between a run's successful demonstrations, for some tasks or all.
 
     ``on_progress`` gets the number of records read and the total. Raises RecordError if a record cannot be read.
     """
@@ -287,7 +287,7 @@ def _rounded(value: float) -> float:
 
 
 def _apart(paths: npt.NDArray[np.float64]) -> float:
-    """Return the mean distance of pairs of paths, shape (paths, points, 3)."""
+    """Return the mean distance over pairs of paths, shape (paths, points, 3)."""
     sums = [np.linalg.norm(paths[i + 1 :] - paths[i], axis=2).mean(axis=1).sum() for i in range(len(paths) - 1)]
     return float(sum(sums)) / _pairs(len(paths))
 

@@ -38,7 +38,7 @@ class Setting:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RecipeForm:
-    """Form of a recipe file; missing fields have the values of the recipe that it extends."""
+    """Format of a recipe file; missing fields take their values from the recipe that the file extends."""
 
     extends: Benchmark = "better"
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")] | None = None

@@ -29,7 +29,7 @@ class TrainingData:
 
     Attributes:
         place: Folder, or the name of a data set on the Hugging Face hub.
-        preset: Layout of an export of betterbench; empty for other data.
+        preset: Export layout of betterbench; empty for other data.
         frames: Number of its frames, if it is here.
         quality: Render quality of its images.
         still: Nearly constant components, which normalization amplifies.
@@ -75,7 +75,7 @@ class Training:
 
     @property
     def only_data(self) -> TrainingData:
-        """The one data set; raises InvalidInputError if there are several."""
+        """The only data set; raises InvalidInputError if there are several."""
         if len(self.data) != 1:
             raise InvalidInputError(
                 "--data",
@@ -95,7 +95,7 @@ class Training:
 
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
-"""Names of data sets that are valid for every trainer, as part of a path, of a command and of YAML."""
+"""Data set names that are valid for every trainer, in a path, in a command and in YAML."""
 
 
 @dataclass(frozen=True, slots=True)

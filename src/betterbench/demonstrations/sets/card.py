@@ -42,7 +42,7 @@ ABOUT_REGIME = {
 
 @dataclass(frozen=True, slots=True)
 class CardFacts:
-    """Content of a card beside the recipe.
+    """Content of a card, in addition to the recipe.
 
     Attributes:
         sheets: File of the picture of each task, relative to the card, or the reason why it is missing.

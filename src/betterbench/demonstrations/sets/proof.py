@@ -19,14 +19,14 @@ CURE = "Delete the file and run the command again to repeat the demonstration"
 
 @dataclass(frozen=True, slots=True)
 class RegimeBounds:
-    """Conditions that a set may show, and conditions that it must not show."""
+    """Conditions that a set may contain, and conditions that it must not contain."""
 
     shown: tuple[Condition, ...]
     forbidden: tuple[Condition, ...]
 
     @classmethod
     def of(cls, task: Task, regime: Regime) -> RegimeBounds:
-        """Return the conditions of a task that a set of a regime may show, and the tests that it must not show."""
+        """Return the task conditions that a regime's set may show, and the tests that it must not show."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
         tests = conditions_of(task, "covered")

@@ -114,7 +114,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
 
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
-    """Return the facts of a correct episode of a condition; if a word can mean several objects, of the first one."""
+    """Return the facts of a correct episode in a condition; if a word can mean several objects, the first one is used."""
     steps = []
     taken: set[str] = set()
     for goal in condition.instruction.subgoals:
@@ -131,7 +131,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
 
 
 def heading_of(positions: npt.NDArray[np.float64]) -> str:
-    """Return the first direction of a tool, one of eight seen from above, or "" if it does not move.
+    """Return the first direction of a tool, one of eight seen from above; "" if the tool does not move.
 
     Args:
         positions: (T, 3) positions of the tool [m].

@@ -1,8 +1,8 @@
-"""Whole instructions as categories: information about an outcome beyond that of single words and pairs of words.
+"""Complete instructions as categories: information about an outcome beyond single words and word pairs.
 
 Three or more words may determine an outcome together, or two words in too few demonstrations to test the pair. A test
 of the whole instruction covers both. If words or pairs already determine an outcome, demonstrations are compared only
-with those that agree in these words, so that no rule is found twice.
+if they agree in these words, so that no rule is found twice.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class WholeTest:
     Attributes:
         test: The unconditional association, with which planted rules are compared.
         beyond: The association among demonstrations that agree in the words already found.
-        share_told: Share of the errors of the best guess from these words that the instruction avoids.
+        share_told: Fraction of the errors of the best guess from these words that the complete instruction avoids.
         rows: Indices of the demonstrations that were compared.
         instructions: Number of different instructions among them.
     """
@@ -45,7 +45,7 @@ class WholeTest:
 def whole_test(
     instructions: Sequence[str], outcomes: Sequence[str], known: Sequence[str], draw: np.random.Generator
 ) -> WholeTest | None:
-    """Return the test of whole instructions against an outcome, or None if there is nothing to compare.
+    """Return the test of complete instructions against an outcome, or None if there is nothing to compare.
 
     Args:
         instructions: Each demonstration's instruction.

@@ -22,7 +22,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 MOST_SHOWN = 8
 STEPS = "+"
-"""Prefix of a component of ``--place`` that is a step: its sum over time is the position."""
+"""Prefix for a ``--place`` component that is a step: its sum over time is the position."""
 
 _ACTIONS = ("action", "actions")
 _STATES = ("observation.state", "state")
@@ -37,7 +37,7 @@ class Columns:
         numbers: Components by column.
         parts: Their roles by column.
         where: File with their names.
-        steps: Whether the actions are known to be steps of the tool, so that their sums are places.
+        steps: Whether the actions are known to be tool steps, so that their sums are places.
     """
 
     numbers: Mapping[str, tuple[NamedNumber, ...]]
@@ -244,7 +244,7 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm of a column that belongs to a gripper; none if ambiguous."""
+    """Return the arm of a gripper's column; none if ambiguous."""
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)

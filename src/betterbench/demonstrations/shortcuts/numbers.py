@@ -1,4 +1,4 @@
-"""Recognition of the components of an external data set by name: gripper, end-effector position, or joint.
+"""Recognition of components in an external data set by name: gripper, end-effector position, or joint.
 
 A component is identified by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by its column's
 name, in this order. The position in a vector is not used: the last component may be a waist or a thumb.
@@ -103,7 +103,7 @@ def arm_in(name: str) -> str:
 
 
 def size_of(feature: object) -> int:
-    """Return the number of components of a column; 0 for images, texts, integers and arrays with more axes."""
+    """Return the number of components in a column; 0 for images, texts, integers and arrays with more axes."""
     if not isinstance(feature, dict) or not str(feature.get("dtype")).startswith("float"):
         return 0
     shape = feature.get("shape")

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_WORDS = 200
-"""Maximum number of words whose pairs are tested: those that distinguish the most episodes."""
+"""Maximum number of words that are tested in pairs: the words that distinguish the most episodes."""
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -26,9 +26,9 @@ class WordPair:
         first: Index of one feature.
         second: Index of the other one.
         outcome: Index of the most frequent outcome where both occur.
-        p_value: The larger of the p-values of two exact tests: that, among episodes with one feature, the outcome is
-            not more frequent with the other feature than without, and vice versa. Corrected for the number of outcomes,
-            and for the number of pairs by Holm (1979).
+        p_value: The larger p-value of two exact tests: whether, in episodes with one feature, the outcome is more
+            frequent with the other feature than without it, and vice versa. Corrected for the number of outcomes, and
+            for the number of pairs by Holm (1979).
         gain: Share of the outcome's uncertainty, where only one feature occurs, that both together resolve.
     """
 
@@ -42,7 +42,7 @@ class WordPair:
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
     """Return the testable pairs of features with their outcome, the clearest first.
 
-    A feature that occurs exactly where two others occur together is left out: it is such a pair itself.
+    A feature that occurs exactly where two others occur together is left out, because it is such a pair itself.
 
     Args:
         presence: (episodes, features) whether an episode has a feature.

@@ -1,7 +1,7 @@
 """Prediction, before training, of the variations that a learner of a dataset will fail, with failure labels.
 
-The prediction follows only from the audit. The risk of a variation increases with the number and strength of the
-learnable rules that it breaks; a variation that breaks no rule is not at risk.
+The prediction follows only from the audit. A variation's risk increases with the number and strength of the learnable
+rules that it breaks; a variation that breaks no rule is not at risk.
 """
 
 from __future__ import annotations
@@ -53,8 +53,7 @@ WEIGHTS = {
     "bystander_place": 0.2,
     COUNT: 0.3,
 }
-"""Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules of two words
-and of whole instructions have the weight of those of single words.
+"""Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules about two words or complete instructions have the same weight as rules about single words.
 
 A rule about the word or object of a pick costs the whole trial; a rule about bystanders rarely matters."""
 
@@ -77,7 +76,7 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
-"""Labels of the failures of a learner that follows a rule, by question, the most likely first.
+"""Failure labels of a learner that follows a rule, by question, the most likely first.
 
 A variation gets only labels that it can produce.
 """
@@ -122,7 +121,7 @@ class Prediction:
         facts_sha256: Hash of the facts of the data.
         dataset_sha256: Hash of the demonstrations, "" if there is none.
         tasks: Tasks in the data.
-        variations: One per variation of these tasks, in the order of the ranking.
+        variations: One prediction per variation of these tasks, in ranking order.
         sha256: Hash of all other fields.
     """
 
@@ -156,7 +155,7 @@ _FORM = TypeAdapter(Prediction)
 
 
 def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
-    """Return the predicted failures of a learner of the dataset on the audited tasks, the most likely first.
+    """Return the predicted failures of a learner trained on the dataset, for the audited tasks, the most likely first.
 
     Raises InvalidInputError if no audited group is a known task.
     """

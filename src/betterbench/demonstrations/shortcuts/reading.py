@@ -1,4 +1,4 @@
-"""Description of the data of an audit: episodes, instructions, grippers and places that were read or left out."""
+"""Description of an audit's data: episodes, instructions, grippers and places that were read or left out."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class PlaceReading:
     Attributes:
         arm: Their arm, "" if there is only one.
         source: Columns and components that were read, with the reason.
-        space: Kind of a place's values: ``position``, ``joints`` (two principal components of the joints),
-            ``numbers`` (two principal components of unnamed values) or ``steps`` (sums of the actions).
+        space: Kind of place values: ``position``, ``joints`` (two principal components of the joints), ``numbers`` (two
+            principal components of unnamed values) or ``steps`` (sums of the actions).
     """
 
     arm: str
@@ -76,7 +76,7 @@ class DataReading:
     warnings: tuple[str, ...] = ()
 
     def sentences(self) -> Iterator[str]:
-        """Yield the sentences of the first paragraph of every audit."""
+        """Yield the sentences of every audit's first paragraph."""
         yield f"Read: {self.episodes:,} of {how_many(self.of, 'episode')}{self.observations}."
         yield f"Instruction: {self.instruction}."
         for found in self.grippers:

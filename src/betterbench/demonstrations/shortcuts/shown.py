@@ -19,13 +19,13 @@ from betterbench.tasks.interventions.listed_regimes import every_listed_conditio
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SETTLED_M = 0.005
-"""Largest distance of a settled object from the jitter region of its slot [m]."""
+"""Largest distance from a settled object to the jitter region of its slot [m]."""
 AT_TARGET_M = 0.20
 """Horizontal distance from its target within which a pre-placed object counts as at the target [m]."""
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
-    """Return all conditions of a task: of training, of the variations, and of the listed regimes."""
+    """Return all conditions of a task: training, variations, and the listed regimes."""
     listed = tuple(condition.name for condition in every_listed_condition(task.id))
     return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *listed))
 
@@ -33,7 +33,7 @@ def every_condition(task: Task) -> tuple[Condition, ...]:
 def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[Condition, ...]:
     """Return the conditions that match a record's instruction and first state.
 
-    A start consists of the kinds of objects, the slot of each, the objects already at a target, and the open drawers.
+    A start consists of the object kinds, each object's slot, the objects already at a target, and the open drawers.
     Names are not compared.
     """
     task = get_task(record.metadata.task)
@@ -100,7 +100,7 @@ def facts_of_run(
 
 
 def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
-    """Return the description of the data of a run from its successful trials."""
+    """Return a description of a run's data, from its successful trials."""
     left = trials - len(facts)
     return DataReading(
         len(facts),

@@ -68,9 +68,9 @@ class SmallestRule:
         title: The question in words.
         n: Number of demonstrations, or observations in them, that the test compares.
         noun: Noun for these observations.
-        least_share: Smallest share of them in which the rule decides the outcome, with the others random, such that the
-            audit finds it in at least :data:`POWER` of all data sets with these counts; None if not even a rule without
-            exceptions is found.
+        least_share: Smallest fraction of them for which the audit finds the rule in at least :data:`POWER` of all data
+            sets with these counts, if the rule decides the outcome in this fraction and the others are random; None if
+            not even a rule without exceptions is found.
         strong_share: Smallest share from which a rule is strong enough to report, with the same probability, for any
             p-value: the limit with more demonstrations.
         sentence: Meaning of ``least_share``, in words.
@@ -86,7 +86,7 @@ class SmallestRule:
 
     @property
     def too_few(self) -> bool:
-        """Whether there are too few demonstrations to find every strong rule, by more than one step."""
+        """Whether too few demonstrations exist to find every strong rule, by more than one step."""
         if self.least_share is None:
             return True
         return self.strong_share is not None and self.least_share - self.strong_share > 1.5 / STEPS
@@ -127,7 +127,7 @@ class Planted:
     Attributes:
         y: (n,) outcome of each observation.
         perfect: (n,) first values arranged so that they determine the outcomes as far as their counts allow.
-        block: (n,) index of the unit of each observation; the rule applies to whole units.
+        block: (n,) index of each observation's unit; the rule applies to complete units.
         sizes: Numbers of different first and second values.
         within: Whether first values are permuted within each unit, or between units.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
@@ -143,7 +143,7 @@ class Planted:
     expected: float
 
     def rows(self, share: float, rows: int, draw: np.random.Generator) -> _Ints:
-        """Return planted first values, (rows, n): those of a share of the units unchanged, the others random."""
+        """Return planted first values, (rows, n): unchanged for a fraction of the units, random for the others."""
         units = int(self.block.max()) + 1
         free = units - round(share * units)
         chosen = np.argsort(draw.random((rows, units)), axis=1)[:, :free]
@@ -167,7 +167,7 @@ class Planted:
         return float(np.partition(self.null, place)[place])
 
     def share_found(self, share: float, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float:
-        """Return the share of planted data sets in which the audit finds a rule that decides a share of the units."""
+        """Return the fraction of planted data sets in which the audit finds a rule that decides a given fraction of the units."""
         replicates = 1 if share >= 1.0 else REPLICATES
         at_once = max(1, _CHUNK // max(len(self.y), self.sizes[0] * self.sizes[1]))
         found = 0

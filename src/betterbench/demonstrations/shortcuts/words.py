@@ -14,7 +14,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 
 LONGEST = 4
-"""Maximum length of a run that counts as a word in a script without spaces [characters]."""
+"""Maximum length of a character run that is treated as a word in a script without spaces [characters]."""
 
 _NO_SPACES = re.compile(
     "[\u0e00-\u0e7f\u0e80-\u0eff\u1000-\u109f\u1780-\u17ff\u3005-\u3007\u3040-\u30ff\u31f0-\u31ff"
@@ -31,7 +31,7 @@ def instruction_words(text: str) -> frozenset[str]:
 
 
 def is_spaced(word: str) -> bool:
-    """Tell whether a word is from a script with spaces, and not a run of characters."""
+    """Tell whether a text is a word from a script with spaces, as opposed to a run of characters."""
     return not _NO_SPACES.search(word)
 
 
@@ -78,7 +78,7 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
 
 
 def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
-    """Tell whether a run of characters of one is part of a run of the other; never for words with spaces."""
+    """Tell whether two runs of characters overlap in a common part; never for words with spaces."""
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])
 
@@ -207,7 +207,7 @@ _BESIDE_PLACES = frozenset(
 
 
 def names_a_place(words: Iterable[str]) -> bool:
-    """Tell whether words that always occur together name a place, such as "left", and nothing else.
+    """Tell whether words that always occur together all name a place, such as "left".
 
     For runs of characters, one run that names a place is enough: the runs around it are part of it.
     """
@@ -226,7 +226,7 @@ def in_order(text: str, wanted: Iterable[str]) -> str:
 
 
 def places_named(text: str) -> str:
-    """Return the words of a text that name a place, in their order, as one text."""
+    """Return the place words in a text, in their order, as one text."""
     return in_order(text, _PLACES)
 
 

@@ -1,6 +1,6 @@
 """Inputs of the operator, collected from browser and devices between control steps; callable from any thread.
 
-One page drives, the first that is opened; others watch until one of them takes over. Input from a page or a device can
+One page drives, the first that is opened; others watch until one of them takes over. Input from a page or device can
 neither block nor break the loop: unreadable input is reported in one line, and held keys that are not renewed expire.
 """
 
@@ -56,8 +56,8 @@ class ControlInput:
 
     Attributes:
         taps: Buttons and keys, in order.
-        drag: Pose to which the gizmo was dragged, or the pose of a leader arm; None without both.
-        is_dragging: Whether the gizmo is still held.
+        drag: Pose to which the gizmo was dragged, or a leader arm's pose; None without both.
+        is_dragging: Whether the user is still dragging the gizmo.
         push: Deflections that move the tool: forward, left, up, roll, pitch and yaw as seen by the viewer, each in
             [-1, 1].
         closed: Whether a leader arm's gripper is closed; None without one.

@@ -23,7 +23,7 @@ class SessionLoader:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a session is being made."""
+        """Whether a session is being created."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, start: Start) -> None:

@@ -1,8 +1,8 @@
 """Page in the browser: scene in 3-D, gizmo, panel and camera images.
 
 viser only serves the page, and the page connects only to this process. Input goes into the
-:class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the loop; neither waits for
-the other.
+:class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the loop; neither side waits
+for the other.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class PanelState:
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Height of the tool above the table, in words; "" if there is none.
-        images: Note on camera images that are late; "" if they come in time.
+        images: Note that camera images are late; "" if they are on time.
     """
 
     title: str
@@ -99,7 +99,7 @@ class Page:
 
     @property
     def view_yaw(self) -> float:
-        """Heading [rad] in which the driving page looks, seen from above; 0 is away from the robot's base."""
+        """Viewing direction of the page that controls the robot [rad], seen from above; 0 is away from the robot's base."""
         client = self._server.get_clients().get(self._controls.driver if self._controls.driver is not None else -1)
         if client is None:
             return 0.0
@@ -119,7 +119,7 @@ class Page:
 
     @property
     def is_busy(self) -> bool:
-        """Whether it still waits for a page to close."""
+        """Whether the session still waits for a page to close."""
         return self._page.is_busy
 
     def show_scene(self, files: Mapping[int, bytes]) -> None:
@@ -131,7 +131,7 @@ class Page:
             self._bodies = {n: self._server.scene.add_glb(f"/bodies/{n}", data) for n, data in files.items()}
 
     def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
-        """Show the poses of the bodies, (n, 3) [m] and (n, 4), and of the gizmo; None keeps the pose of a drag."""
+        """Show the poses of the bodies, (n, 3) [m] and (n, 4), and of the gizmo; None keeps the dragged pose."""
         with self._server.atomic():
             for number, node in self._bodies.items():
                 pose = np.concatenate([positions[number], quaternions[number]]).round(5)
@@ -172,7 +172,7 @@ class Page:
         self._controls.disconnected(client.client_id)
 
     def _tell(self, page: int, *, again: bool = False) -> None:
-        """Tell a page that it does not drive, at most once per interval."""
+        """Tell a page that it does not control the robot, at most once per interval."""
         now = time.monotonic()
         client = self._server.get_clients().get(page)
         if client is None or (not again and now - self._told.get(page, 0.0) < TOLD_EVERY_S):

@@ -109,12 +109,12 @@ class Station:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a thread is making a scene."""
+        """Whether a thread is creating a scene."""
         return self._loader.is_busy
 
     @property
     def is_loading(self) -> bool:
-        """Whether the scene of the start is being made."""
+        """Whether the start scene is being created."""
         return self.session is None and self.start is not None
 
     def run(self, stopped: threading.Event) -> None:

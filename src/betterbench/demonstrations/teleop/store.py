@@ -27,7 +27,7 @@ from betterbench.tasks import Expected, get_task
 from betterbench.tasks.trial import Trial
 
 FIRST_TELEOPERATED_SEED = 500_000_000
-"""Default first seed of teleoperated demonstrations, far from those of other demonstrators."""
+"""Default first seed for teleoperated demonstrations, far from the seeds of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
 """Failures that do not prevent a person from saving a demonstration. The demonstration contains the failure."""
 
@@ -150,7 +150,7 @@ class DemonstrationStore:
 
 
 def can_keep(attempt: DemonstrationAttempt) -> bool:
-    """Tell whether a demonstration may be saved: it succeeded and stayed successful."""
+    """Tell whether a demonstration can be saved: it succeeded and remained successful."""
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 

@@ -1,4 +1,4 @@
-"""Collisions of the robot, or of its held object, with fixtures, which are counted and do not affect success."""
+"""Collisions of the robot, or of its held object, with fixtures; they are counted and do not affect success."""
 
 from __future__ import annotations
 

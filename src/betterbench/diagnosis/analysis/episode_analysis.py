@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the step of the instruction that is due."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the current step of the instruction."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """Relation of an attempt's object to the instruction, at the moment of the attempt."""
+    """How an attempt's object relates to the instruction at the time of the attempt."""
 
     ASKED = "asked"
     """The due step of the instruction refers to the object."""
@@ -135,7 +135,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last closing of the gripper, even on nothing, and its effects end; 0 without a closing."""
+        """Row at which the last gripper closing, even on nothing, and its effects end; 0 without a closing."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -198,7 +198,7 @@ class EpisodeAnalysis:
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that place objects into the drawer that a subgoal closes."""
+        """Return the earlier subgoals that place objects into the drawer that this subgoal closes."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
@@ -219,7 +219,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which the object of an attempt left the gripper and at which it had come to rest.
+        """Return the rows at which an attempt's object left the gripper and at which it had come to rest.
 
         Returns:
             The two rows, or None if nothing was grasped or the gripper still holds the object at the end.
@@ -239,7 +239,7 @@ class EpisodeAnalysis:
         return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
 
     def slipped(self, step: Step) -> bool:
-        """Return whether the object of an attempt fell out of a gripper that was commanded to stay closed."""
+        """Return whether an attempt's object fell out of a gripper that was commanded to stay closed."""
         rows, i = self.let_go(step), step.grasp.object
         if rows is None or i is None:
             return False
@@ -250,7 +250,8 @@ class EpisodeAnalysis:
     def telling_place(self, row: int, i: int) -> Whereabout | None:
         """Return the target region of an object if its presence there proves that it was brought there, else None.
 
-        A wide region, such as a side of another object, proves nothing: the object may have stood there from the start.
+        A wide region, such as one side of another object, proves nothing: the object may have been there from the
+        start.
         """
         place = self.trace.placed(row, i)
         if place is None or self.state is None or not relation(place.relation).wide:
@@ -312,7 +313,7 @@ class EpisodeAnalysis:
         )
 
     def _distance_to(self, i: int, row: int, kind: str, target: int, region: str) -> float:
-        """Return the horizontal distance of an object from the center of a target region [m]."""
+        """Return the horizontal distance from an object to the center of a target region [m]."""
         trace = self.trace
         middle = place_middle(trace.info.objects[target], kind, region)
         w, x, y, z = trace.quaternions[row, target].tolist()
@@ -320,7 +321,7 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region at which a right object was put, with the rows of release and of rest.
+        """Return the wrong region in which a correct object was put, with the release row and the rest row.
 
         Returns:
             The rows and the region. None if the object was put in the right region, then or later, or in no region of
@@ -348,7 +349,7 @@ class EpisodeAnalysis:
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which training had objects of this kind, except the start slot of this object."""
+        """Return the slots in which training had objects of this kind, except this object's start slot."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -448,7 +449,7 @@ class EpisodeAnalysis:
         return f"the instruction asks for {self.asked_words(step.goal)}"
 
     def intended(self) -> tuple[int, ...]:
-        """Return the objects for which the first attempt would be right; if it was right, its object comes first.
+        """Return the objects for which the first attempt would be right; if the attempt was right, its object comes first.
 
         The others are ordered by subgoal and then by slot, so that neither their names nor their order in the scene
         matters.
@@ -574,8 +575,8 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed on nothing so far from an empty slot that it may have missed another object.
 
-    This is possible if a requested object is about as near as the point at which demonstrations close in that slot. In
-    a slot from which training picked nothing, or that holds an object, the gripper must be at the center of the slot.
+    This is possible if an instructed object is about as near as the point at which demonstrations close in that slot.
+    If training picked nothing from a slot, or the slot contains an object, the gripper must be at the slot's center.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:

@@ -1,4 +1,4 @@
-"""Harm in a record: changes to objects that were not requested, which rule out success, with their times."""
+"""Harm in a record: changes to objects that the instruction does not involve, which rule out success, with their times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FINAL = frozenset({"turned", "target_moved", "left_open"})
 
 
 class DatedHarm(NamedTuple):
-    """A harm with the row at which it first shows; the harm of an object left at a wrong target has the last row."""
+    """A harm with the row at which it first shows; for an object left at a wrong target, this is the last row."""
 
     row: int
     harm: Harm

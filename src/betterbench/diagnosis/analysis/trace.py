@@ -46,8 +46,8 @@ class Trace(Motion):
         done: (T, g) whether the subgoal is done: its relation is true, the object is released and at rest.
         meant: Per subgoal the indices of the objects that satisfy it.
         targets: Per subgoal its target's index.
-        drawers: For each drawer its index, the index of its cabinet, and the position of the closed drawer in the
-            cabinet's frame.
+        drawers: For each drawer, its index, its cabinet's index, and the position of the closed drawer in the cabinet
+            frame.
     """
 
     time: Floats
@@ -65,7 +65,7 @@ class Trace(Motion):
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
-        """Return the distance by which a drawer is open [m]; 0 for other objects."""
+        """Return how far a drawer is open [m]; 0 for other objects."""
         for i, cabinet, place in self.drawers:
             if i == drawer:
                 p, q = self.positions[row, cabinet].tolist(), self.quaternions[row, cabinet].tolist()
@@ -75,7 +75,7 @@ class Trace(Motion):
 
 
 def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
-    """Return the center of a target region in the frame of its target [m]."""
+    """Return the center of a target region in the target's frame [m]."""
     named = next((r.position for r in target.regions if r.name == region), None)
     return relation(kind).middle(target, region) if named is None else named
 

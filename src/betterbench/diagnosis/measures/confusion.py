@@ -86,7 +86,7 @@ class Judged:
 
     @property
     def crossed(self) -> bool:
-        """Whether a reasoning failure was labeled as an execution failure, or the reverse."""
+        """Whether a reasoning failure was labeled as an execution failure, or vice versa."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
@@ -255,7 +255,7 @@ _FILE = TypeAdapter(_File)
 
 
 def packaged_calibration(family: str = "faulty") -> Calibration | None:
-    """Return the calibration of a family that ships with the package, or None if this build has none.
+    """Return the calibration of a policy family that ships with the package, or None if this build has none.
 
     Raises:
         RecordError: If it is corrupt.

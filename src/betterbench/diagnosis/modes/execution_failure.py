@@ -365,7 +365,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the gripper opened and the right target stayed on its open fingers until the end.
 
-    A mug can jam on the fingers. The policy has released it, so that an arm that rests afterwards has not halted.
+    A mug can jam on the fingers. The policy has released the object, so an arm that rests afterwards has not halted.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     opened = int(np.flatnonzero(trace.closing)[-1]) + 1 if trace.closing.any() else 0

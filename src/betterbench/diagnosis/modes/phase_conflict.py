@@ -46,7 +46,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence of a freeze before any attempt, or of moving to and fro after the last."""
+    """Return evidence that the arm freezes before any attempt, or moves to and fro after the last attempt."""
     episode = trial.episode
     halt = find_halt(episode)
     if episode.condition.mid_task_look and not episode.steps and halt is not None:

@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the gripper goes for an object that no instruction of the task asks to move."""
+"""Semantic feature collapse: the gripper goes to an object that no instruction of the task says to move."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _CONTROLS = 0.14
 """Space below the images for player controls, which cover the image while a video is paused."""
 
 _HOLD_S = 1.0
-"""Duration of the start image with the whole path, and of the last state [s of the video]."""
+"""Duration of the start image with the complete path, and of the last state [s of the video]."""
 
 
 @dataclass(frozen=True, slots=True)

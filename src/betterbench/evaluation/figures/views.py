@@ -59,7 +59,7 @@ class ViewRenderer:
         self._limited.stop()
 
     def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
-        """Return a camera's image at a row of a record of the run, with its visible objects.
+        """Return a camera's image at one row of a run's record, with the visible objects.
 
         Raises:
             RecordError: If the stored scene is missing, damaged, belongs to another record, or lacks the camera.

@@ -1,8 +1,8 @@
 """The tasks as a benchmark of vla-evaluation-harness: ``vla-eval run`` runs tasks, ``better report`` explains results.
 
 The harness controls the loop, the model server and its own result file. In addition, the benchmark writes a run folder
-with the records of ``better eval``. Every condition of a task is a task of the harness, and its episode i is the trial
-with seed ``seed + i``.
+with the records of ``better eval``. Every condition is one task of the harness; its episode i is the trial with seed
+``seed + i``.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ ADDRESS = "vla-eval:"
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
-    """The suite, or some conditions of the suite, as a benchmark of the harness.
+    """The suite, or some of its conditions, as a benchmark for the harness.
 
     Args:
         run: Run folder. An interrupted run is resumed, with the results of finished trials from their records.
@@ -149,7 +149,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         ]
 
     def reset(self, task: dict[str, Any]) -> Observation:
-        """Begin a trial: one of :meth:`get_tasks`, with the number of the episode.
+        """Begin a trial of one of the tasks from :meth:`get_tasks`, with the episode number.
 
         Raises:
             InvalidInputError: If the episode has no trial in the plan.

@@ -1,7 +1,7 @@
 """Run manifest: the context at its start.
 
-The context is stored in ``run.json``. Another machine may resume a run, so only one part is then compared: the policy's
-declaration, because another checkpoint behind the same address would mix two policies in one run.
+The context is stored in ``run.json``. Because another machine may resume a run, only one part is compared then: the
+policy's declaration, since another checkpoint behind the same address would mix two policies in one run.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return the first difference between a policy's declaration and a run; None if there is no known difference."""
+    """Return the first difference between a policy's declaration and the declaration in a run; None if no difference is known."""
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):

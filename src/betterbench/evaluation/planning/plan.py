@@ -100,12 +100,12 @@ def make_plan(
     looks: str = "seen",
     until_decided: bool = False,
 ) -> Plan:
-    """Return the plan of a run of the named tasks, by default all of better60.
+    """Return the plan for a run of the named tasks, by default all of better60.
 
     Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions of each task get as many
-    trials in total as the variations, evenly distributed, including the twins of the variations. Each trial of a plan
-    for some variations ("L1", "fast_food/T1") is also in the plan of all variations, so the plans share a certificate.
-    With ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
+    trials in total as the variations, evenly distributed, including the variations' twins. Each trial of a plan for
+    some variations ("L1", "fast_food/T1") is also in the plan of all variations, so the plans share a certificate. With
+    ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
 
     With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
     run.

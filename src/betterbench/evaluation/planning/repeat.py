@@ -22,7 +22,7 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
-"""Parts of a plan that are not compared, because they are read back or cannot change results by themselves."""
+"""Plan entries that are not compared, because they are read back or cannot change results by themselves."""
 
 
 @open_form

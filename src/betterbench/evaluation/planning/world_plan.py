@@ -1,4 +1,4 @@
-"""Plan of a run of a suite in any world, from the world's description of its tasks."""
+"""Plan for a suite in any world, from the world's task descriptions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def make_world_plan(
         tasks: Tasks to run; all if none is named.
         trials: Number of trials in the world's unit (per variation, initial states, chains); the usual number if None.
         seed: The first seed, initial state or chain.
-        action_space: Action space of the policy; if None, the one in its address, or else the world's usual action
+        action_space: The policy's action space; None for the space in its address, or else the world's usual action
             space.
         observation: Observation preset; "default" is the world's usual preset.
         options: World options (``World.options``).

@@ -1,4 +1,4 @@
-"""Content of a preflight sheet: inputs of the policy, and the path of its answer in the scene."""
+"""Content of a preflight sheet: the policy's inputs, and the path that its answer takes in the scene."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class PreflightView:
 
 
 def preflight_view(found: PreflightCheck) -> PreflightView:
-    """Return the content of the sheet of a check; MissingDependencyError if no off-screen OpenGL works here."""
+    """Return the content of a check's sheet; MissingDependencyError if off-screen OpenGL does not work on this machine."""
     condition = resolve_condition(found.trial.task, found.trial.condition)
     space, quality = action_space(found.info.action_space), quality_preset(found.quality)
     scene = Scene(condition.task, condition.condition, seed=found.trial.seed, action_space=space, quality=quality)

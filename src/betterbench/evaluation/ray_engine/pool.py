@@ -208,7 +208,7 @@ class RayPool:
             self._accept(worker, found)
 
     def _store(self, worker: _WorkerActor, delivery: Delivery) -> JournalEntry:
-        """Write the record of a trial that has ended, and return its entry."""
+        """Write the record of a finished trial, and return its entry."""
         entry = delivery.entry
         if delivery.record is not None:
             self._write(self._run.record_path(entry.task, entry.condition, entry.seed), delivery.record)

@@ -101,7 +101,7 @@ class RaySession:
         return ", ".join(f"{name} {free[name]:g}" for name in ("CPU", "GPU") if name in free) or "nothing"
 
     def _total(self, resource: str) -> float:
-        """Return the total amount of a resource of the cluster, free or not."""
+        """Return the cluster's total amount of a resource, free or not."""
         try:
             return float(self.ray.cluster_resources().get(resource, 0.0))
         except loss_errors(self.ray) as error:

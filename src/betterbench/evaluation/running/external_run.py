@@ -127,7 +127,7 @@ class ExternalRun:
         return self.entry
 
     def begin(self, trial: Trial) -> Observation:
-        """Abandon the current episode, begin the episode of a trial of the plan, and return the first observation.
+        """Abandon the current episode, begin the episode for a trial of the plan, and return the first observation.
 
         Raises:
             PolicyError: If the trial failed with an error; the journal has the reason.

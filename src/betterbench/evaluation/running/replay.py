@@ -35,7 +35,8 @@ class ReplayCheck:
         rows: Rows compared.
         first_difference: First row whose state differs, or None if all are equal.
         largest_difference: Largest difference of a position or angle [m, rad].
-        verdict_agrees: Whether the goal tracker computes the same values again, and the outcome follows from them.
+        verdict_agrees: Whether the goal tracker computes the same values again, and the outcome follows from those
+            values.
         notes: Possible reasons for a difference.
         differing: Fields that differ from the replay, by name, with both values for scalars.
         fields: Number of fields compared.
@@ -228,7 +229,7 @@ def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _metadata(record: Record, again: Record) -> Iterator[str]:
-    """Yield the metadata that differ from those of the trial."""
+    """Yield the metadata that differ from the trial's metadata."""
     for field in fields(record.metadata):
         told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
         if field.name == "render_quality" and record.metadata.camera_preset is not None:

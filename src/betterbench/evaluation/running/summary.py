@@ -64,7 +64,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return the answer times in the trials of a session that lasted ``elapsed_s`` [s]; None if unknown."""
+    """Return the answer times for the trials of a session that took ``elapsed_s`` [s]; None if unknown."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -98,7 +98,7 @@ class RunTimes:
         policy_s: Time from request to answer without ``wire_s`` [s]; the answers of several environments overlap.
         simulation_s: Scenes, physics, privileged state and records [s].
         rendering_s: Observations, mostly images [s].
-        wire_s: CPU time of betterbench for messages: resizing, packing and sending images, reading answers;
+        wire_s: CPU time that betterbench spends on messages: resizing, packing and sending images, reading answers;
             network latency counts as policy time [s].
         idle_s: Time during which workers only waited for the policy [s].
         envs: Each worker's environments in the last trial, or None if the policy runs in the worker itself.

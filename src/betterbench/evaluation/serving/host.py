@@ -29,7 +29,7 @@ MAX_RESTARTS = 5
 """Maximum restarts of a host that died."""
 
 HUNG = 75
-"""Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
+"""Exit status of a host whose policy hangs (``EX_TEMPFAIL`` in sysexits.h)."""
 
 _POLL_S = 0.2
 _CLOSE_S = 5.0

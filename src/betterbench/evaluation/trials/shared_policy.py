@@ -16,7 +16,7 @@ from betterbench.policies.factory import close_policy
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """Deadline of a policy that the run itself serves."""
+    """Deadline for a policy that the run itself serves."""
 
     limit_s: float
     """Longest time from request to answer [s]."""

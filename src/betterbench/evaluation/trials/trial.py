@@ -52,7 +52,8 @@ class RunSettings:
         run: Run folder.
         policy: Policy address, as in the records.
         envs: Number of environments that a worker keeps open, or the initial number.
-        policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
+        policy_timeout_s: Deadline for one answer of a policy in the worker process [s]; servers have their own
+            deadline.
         served_at: Address of the host process that runs the policy for all workers, or None.
         task_files: User files that workers load first.
         held: Parent folders of the run that the starting process has locked.
@@ -61,7 +62,7 @@ class RunSettings:
         world: The world in which the trials are run.
         most_envs: Maximum number of environments that a warm-up may choose; at most ``envs`` if the number is fixed.
         workers: Run workers, which share the memory of their machine.
-        trials: Maximum number of trials left at the start of the run; 0 if unknown.
+        trials: Maximum number of trials left when the run started; 0 if unknown.
         turn: Worker index, which determines the EGL device.
     """
 
@@ -205,7 +206,7 @@ class TrialRunner:
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
-        """Run an episode of a policy that needs no thread; return the result and a faulty policy's ground truth."""
+        """Run an episode with a policy that needs no thread; return the result and a faulty policy's ground truth."""
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
             result = run_episode(scene, policy, context=context, observer=self._shown_by, on_step=self._on_step)
@@ -266,5 +267,5 @@ class TrialRunner:
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
-    """Return the journal entry of a trial that broke down with its worker."""
+    """Return the journal entry for a trial that broke down together with its worker."""
     return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})

@@ -57,10 +57,10 @@ LEAVE_S = 2.0
 
 
 def usual_envs(policies: PolicyFactory) -> int:
-    """Return the default number of environments of a worker.
+    """Return a worker's default number of environments.
 
     The default is 1 for a policy that answers immediately, and for a Python policy that answers one observation at a
-    time, because each environment has its own instance, which may have large weights.
+    time, because each environment would have its own instance, possibly with large weights.
     """
     needs = policies.needs
     if not needs.thread:
@@ -291,7 +291,7 @@ class Worker:
         slot.steps, slot.ticket = None, -1
         self._ended += 1
         if entry.message is not None and slot.thread is not None:
-            slot.thread.distrust()  # the fault may have been detected here, such as an action of the wrong shape
+            slot.thread.distrust()  # the fault may have been detected here, for example an action with the wrong shape
         self._stop = self._stop or stop
         if not self._threaded:
             return entry

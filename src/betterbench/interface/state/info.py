@@ -42,7 +42,7 @@ class ObjectInfo:
         color: Color word ("red").
         shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
         role: "item", "distractor", "container" or "fixture".
-        size_m: Extents of the bounding box in the object frame [m]; the origin is the center of its bottom face.
+        size_m: Bounding box extents in the object frame [m]; the origin is the center of the bottom face.
         slot: Name of the object's start slot, or None.
         source: Asset origin, with its author; empty for the procedural library.
         license: Asset license, empty in the same case.

@@ -1,4 +1,4 @@
-"""Rates and gaps of groups of learners, and the difference of two groups on their common trials."""
+"""Rates and gaps of learner groups, and the difference between two groups on their common trials."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ArmFinding:
     Attributes:
         training: Success rate on training conditions.
         variations: Success rate on all variations.
-        gap: Success rate of the twins minus that of the variations.
+        gap: The twins' success rate minus the variations' success rate.
         intention: Share of variation trials whose first attempt is at the right object.
     """
 
@@ -40,13 +40,13 @@ class ArmFinding:
 
 @dataclass(frozen=True, slots=True)
 class ArmContrast:
-    """Comparison of two groups of learners on the same trials; the second group is the baseline.
+    """Comparison between two groups of learners on the same trials; the second group is the baseline.
 
     Attributes:
-        success: Difference of the success rates on variations, over pairs of trials. Its p-value is from the sign-flip
-            test over pairs of learners with the same task and seed.
-        gap: Difference of the illusion gaps. Its interval is the wider of those over trials and over pairs of learners;
-            its p-value is from the same test.
+        success: Difference between the success rates on variations, over pairs of trials. Its p-value is from the
+            sign-flip test over pairs of learners with the same task and seed.
+        gap: Difference of the illusion gaps. The interval is the wider of the intervals over trials and over learner
+            pairs; the p-value is from the same test.
         learners: Number of pairs of learners.
     """
 
@@ -75,7 +75,7 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Return the figure of a difference over a number of pairs; without pairs it has no interval."""
+    """Return the figure for a difference over a number of pairs; without pairs it has no interval."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 

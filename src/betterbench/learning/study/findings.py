@@ -43,8 +43,7 @@ DROPPED = 0.5
 CONTRAST = "balanced against confounded"
 """Name of the contrasts of a page."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
-"""Names of the contrasts that separate coverage from decorrelation. The arms of the first differ in the number of shown
-conditions, those of the second in whether each word is tied to its place."""
+"""Names of the contrasts that separate coverage from decorrelation. The arms in the first contrast differ in the number of shown conditions; the arms in the second differ in whether each word is tied to its place."""
 
 GapVerdict = Literal[
     "no gap",
@@ -133,7 +132,7 @@ class PredictionFinding:
     Attributes:
         area: Probability that a failed variation had a higher risk than a solved one (AUROC); ``n`` counts variations.
         failed: Number of failed variations.
-        label: Share of failed trials with the predicted label of their variation.
+        label: Fraction of failed trials with the label predicted for their variation.
         exposed: Share of failed trials with a label on their variation's card.
     """
 
@@ -152,7 +151,8 @@ class StudyFindings:
         coverage: The contrasts :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty without
             such an arm.
         known: Results on the variations without anything never shown; None without the balanced and confounded arms.
-        repeated: Replication of the verdicts with excluded learners; None without two training seeds of both arms.
+        repeated: Replication of the verdicts without the excluded learners; None unless both arms have two training
+            seeds.
         doses: Results by the share of demonstrations with confounds; empty for a plan without mixtures.
     """
 
@@ -356,7 +356,7 @@ def reworded(task: str) -> tuple[str, ...]:
 
 
 def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
-    """Return the rate at which the first target of learners changes between twins that differ only in words.
+    """Return the rate at which a learner's first target changes between twins that differ only in words.
 
     A trial without an attempt has no target; its pair is treated as unchanged.
     """
@@ -369,7 +369,7 @@ def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
 
 
 def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]) -> PredictionFinding:
-    """Return the score of the prediction: its ranking of the variations, and its labels of the failed trials."""
+    """Return the prediction's score: its ranking of the variations, and its labels for the failed trials."""
     risks, failed, named, exposed, count = [], [], 0, 0, 0
     for task, prediction in sorted(predictions.items()):
         mine = [f for f in learners if f.learner.task == task]

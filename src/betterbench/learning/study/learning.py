@@ -62,7 +62,7 @@ class TrainingJob:
 
     Attributes:
         out: Folder of the training.
-        begins_with: SHA-256 of the start checkpoint of the recipe; "" if unknown.
+        begins_with: SHA-256 of the recipe's start checkpoint; "" if unknown.
     """
 
     recipe: TrainingRecipe

@@ -60,7 +60,7 @@ class Expectation:
     """Expectation of a study with its result.
 
     Attributes:
-        held: Whether it was met; None if open or not measured.
+        held: Whether the expectation was met; None if open or not measured.
     """
 
     expected: str
@@ -195,7 +195,7 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
 
 
 def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
-    """Return the expectations of the study with results; those about learners that have not learned stay open."""
+    """Return the study's expectations with results; expectations about learners that have not learned stay open."""
     lines = []
     if found.known is not None and found.known.variations:
         gap, solved = found.known.contrast.gap, found.known.balanced
@@ -282,7 +282,7 @@ def _area_text(area: Figure, failed: int) -> str:
 
 
 def numbers_table(found: StudyFindings) -> Table:
-    """Return all numbers of the page as one long table; fractions, empty if there is no such number."""
+    """Return all numbers on the page as one long table of fractions; empty if there are none."""
     rows: list[tuple[Scalar, ...]] = []
 
     def add(table: str, where: tuple[str, str, str], **figures: Figure | None) -> None:

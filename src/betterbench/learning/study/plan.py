@@ -56,11 +56,11 @@ class Lever:
         changes: Recipe fields.
         arms: Arms with this change; all if empty.
         tasks: Tasks with this change; all if empty.
-        start: Arm whose learner of the same task and training seed, with the unchanged recipe, provides the initial
-            weights; ``changes`` may then freeze parts of them. None for random weights.
+        start: Arm whose learner with the same task and training seed, and with the unchanged recipe, provides the
+            initial weights; ``changes`` may then freeze parts of them. None for random weights.
         against: Lever on the same arms and tasks for the comparison; the unchanged recipe if None.
-        questions: Approximate number of co-training questions about the demonstrations of each regime of its arm. The
-            study creates them; ``co_training`` in ``changes`` may set their weight.
+        questions: Approximate number of co-training questions about the demonstrations in each regime of the lever's
+            arm. The study creates them; ``co_training`` in ``changes`` may set their weight.
     """
 
     name: _Name
@@ -101,8 +101,8 @@ class StudyPlan:
             dose.
         seeds: Training seeds; each task and arm is trained with each seed.
         demos: Demonstrations per training condition; other regimes distribute the same total over their conditions.
-        sources: Number of these that come from the expert, from which the others are generated; 0 if all come from the
-            expert.
+        sources: Number of demonstrations that come from the expert, from which the others are generated; 0 if all come
+            from the expert.
         noise: Noise on the executed actions of generated demonstrations, in action units.
         trials: Trials per variation for each learner, and in total for its training conditions.
         recipe: Fields of the training recipe that differ from its defaults.
@@ -167,7 +167,7 @@ class StudyPlan:
             raise InvalidInputError("trials", problem, "Give fewer trials or tasks")
 
     def learners(self) -> Iterator[PlannedLearner]:
-        """Yield all learners, those of the first seed first, so that a partial study is already informative."""
+        """Yield all learners, starting with the first seed, so that a partial study is already informative."""
         for seed in self.seeds:
             yield from (PlannedLearner(task, arm, seed) for task in self.tasks for arm in self.arms)
         for lever in self.levers:
@@ -191,7 +191,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError for a lever that cannot be compared with the one that it names."""
+        """Raise InvalidInputError for a lever that cannot be compared with the lever that it names."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}
@@ -265,7 +265,7 @@ class StudyPlan:
     ) -> TrainingRecipe:
         """Return a learner's recipe for the folders of its demonstrations.
 
-        ``start`` is the folder of its initial weights, and ``questions`` are the folders of its question sets.
+        ``start`` is the folder with its initial weights, and ``questions`` are the folders with its question sets.
 
         Raises:
             InvalidInputError: If a field is unknown or out of range; the message names it.

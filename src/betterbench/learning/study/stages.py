@@ -52,7 +52,7 @@ class StudyProgress:
         stages: Number of stages.
         name: Name of the current stage.
         done: Finished units of work of this stage.
-        planned: Total units of work of this stage; 0 if unknown.
+        planned: Total number of work units in this stage; 0 if unknown.
         note: Description of the current work.
     """
 
@@ -121,7 +121,7 @@ _OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
     "learners": TypeAdapter(_Learned),
     "runs": TypeAdapter(_Evaluated),
 }
-"""Form of the output of each kind of stage."""
+"""Output format of each kind of stage."""
 
 
 def run_study(
@@ -226,7 +226,7 @@ class _Study:
         return StudyOutcome(self._plan, tuple(found), folders, dict(self._seconds))
 
     def _require_questions(self) -> None:
-        """Raise an error early for a question set of a lever that cannot be read."""
+        """Raise an error early if a lever's question set cannot be read."""
         asked = (recipe.co_training.sets for recipe in self._asked_elsewhere() if recipe.co_training is not None)
         for place in dict.fromkeys(itertools.chain.from_iterable(asked)):
             read_set(Path(place))

@@ -33,7 +33,7 @@ class Batches:
         self._device = device
 
     def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return the frames of a step for one of several processes."""
+        """Return one process's share of the frames of a step."""
         found = self._pool[_stream(self._recipe.seed, step, 0).integers(len(self._pool), size=self._recipe.batch)]
         return found[rank::world]
 

@@ -93,7 +93,7 @@ class Log:
 
 
 def _chart(title: str, series: dict[str, list[tuple[int, float]]], down: int) -> list[str]:
-    """Return the elements of a chart whose top is ``down`` pixels below that of the drawing."""
+    """Return the elements of a chart whose top is ``down`` pixels below the top of the drawing."""
     points = [point for found in series.values() for point in found]
     last = max((x for x, _ in points), default=1) or 1
     most = max((y for _, y in points), default=1.0) * 1.05 or 1.0

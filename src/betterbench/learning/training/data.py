@@ -1,4 +1,4 @@
-"""Training data from records of demonstrations: arrays of all frames, and of constants of each episode."""
+"""Training data from demonstration records: arrays over all frames, and constants per episode."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
 
 
 def moving_rows(record: Record, most: int | None) -> np.ndarray:
-    """Return the rows of a record used for training, int64: all except those of a pause after its first ``most``.
+    """Return the rows of a record used for training, int64: all rows except those after the first ``most`` rows of a pause.
 
     A demonstrator pauses while the commanded pose and the fingers do not change. The elapsed time of a pause is not
     visible in a state, so a learner would prolong pauses, possibly forever.
@@ -366,7 +366,7 @@ def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
 
 
 def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
-    """Return mean and scale of tools, positions of objects and actions over the training frames, float32.
+    """Return the mean and scale of tool poses, object positions and actions over the training frames, float32.
 
     The 1st and 99th percentiles of actions are mapped to [-1, 1]. Scales have lower limits, so that nearly constant
     numbers are not amplified.

@@ -57,7 +57,7 @@ _CURES = {
     "torch": "Continue with that version of torch",
     "device": "Continue with that --device",
     "processes": "Continue with as many processes",
-    "learner": "Continue with the original file of the learner, a copy of which is in task_files",
+    "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
 """Remedies where a resumed training differs in anything but recipe and data."""
 _PATIENCE = timedelta(hours=6)
@@ -372,7 +372,7 @@ class _Training:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Metadata of a saved training state; states of earlier versions have none for the tables."""
+    """Metadata of a saved training state; earlier versions saved none for the tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]

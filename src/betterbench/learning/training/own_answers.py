@@ -1,4 +1,4 @@
-"""Answers of a co-trained learner about its own trials, on the position of the instructed object.
+"""A co-trained learner's answers about its own trials: the position of the instructed object.
 
 A learner that answers questions in addition to acting may know where the object is and still reach elsewhere. Its
 answer head is evaluated on the recorded states of its own trials, with the same inputs as for actions. It answers with
@@ -37,7 +37,7 @@ _CELL = re.compile(r"([0-7]),([0-7])")
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswer:
-    """One answer of a learner about one of its own trials.
+    """A learner's answer about one of its own trials.
 
     Attributes:
         trial: Task, condition and seed.
@@ -71,7 +71,7 @@ class OwnAnswer:
 
     @property
     def means_it(self) -> bool:
-        """Whether the answered cell is nearer to the object than to any other one."""
+        """Whether the answered cell is nearer to this object than to any other."""
         return self.nearest == self.object
 
 
@@ -114,7 +114,7 @@ def ask_about_run(
         learner: The learner.
         run: The run of the learner.
         diagnosis: That run's diagnosis.
-        open_photos: Opens the source of frames, of which only the image positions of objects are used.
+        open_photos: Opens the source of frames; only the image positions of objects are used.
         camera: Camera of the training questions.
         tasks: Tasks to include; all if empty.
         failures_only: True to exclude successful trials.
@@ -151,7 +151,7 @@ def ask_about_run(
 
 
 def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
-    """Return the answers of a learner of the family ``objects`` to questions about a row of a record."""
+    """Return the answers of a learner from the ``objects`` family to questions about one row of a record."""
     recipe, known = learner.trained.recipe, learner.trained.vocabulary
     objects = record.state(row).info.objects
     rows = np.maximum(row - recipe.history_stride * np.arange(recipe.history), 0)

@@ -1,8 +1,8 @@
 """Questions about the frames of demonstrations, which a learner answers in addition to acting (co-training).
 
-A learner chooses among all answers of its training questions. The answer for a box or a point is the cell of its center
-in an 8 x 8 grid over the image, as in the baselines of the sets. The input is the same as for acting at that row, with
-the question in place of the instruction.
+A learner chooses among all answers of its training questions. The answer for a box or a point is the cell that contains
+its center, in an 8 x 8 grid over the image, as in the question sets' baselines. The input is the same as for acting at
+that row, with the question in place of the instruction.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class TrainingQuestions:
         answers: (Q,) int64 indices of the correct answers in the vocabulary; -1 for an answer that does not occur in
             training.
         types: Type of each question.
-        frames_of: Images of the frames of the questions; None for the family ``objects``.
+        frames_of: Images of the frames that the questions are about; None for the family ``objects``.
         frames: (Q,) int64 indices of these frames.
     """
 
@@ -56,7 +56,7 @@ class TrainingQuestions:
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestions:
-    """The questions of a recipe's sets about its demonstrations, in the order of the demonstrations.
+    """The questions in a recipe's sets about its demonstrations, in demonstration order.
 
     Attributes:
         questions: The questions, each with its demonstration's index.
@@ -125,7 +125,7 @@ def _checked(made: QuestionSet) -> QuestionSet:
 def _drawn(
     asked: AskedQuestions, count: int, draw: Callable[[Sequence[np.ndarray]], FrameStore]
 ) -> tuple[FrameStore, np.ndarray]:
-    """Render the frames of the questions; return them with the frame index of each question."""
+    """Render the frames for the questions; return them with each question's frame index."""
     rows_of = asked.rows(count)
     store = draw(rows_of)
     first = dict(zip([e for e, rows in enumerate(rows_of) if len(rows)], store.first.tolist(), strict=False))
@@ -198,7 +198,7 @@ class AnswerRate:
 
     Attributes:
         step: Training step.
-        type: Type of the questions; "all" for all of them.
+        type: Question type; "all" for all types together.
         right: Number of correct answers.
         asked: Number of questions.
     """

@@ -45,7 +45,7 @@ class BeingHClient(ServerClient[BeingHServer]):
 
     With real-time chunking, the server also returns the whole chunk in its unified action space. With ``ahead`` or
     ``delay``, the next request contains the unexecuted rest of this chunk and the number of control steps that pass
-    during the computation, and the new chunk continues the old chunk.
+    during the computation; the new chunk continues the old chunk.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:

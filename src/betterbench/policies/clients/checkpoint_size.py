@@ -42,10 +42,10 @@ def require_short_horizons(config: object, where: str) -> None:
 
 @contextlib.contextmanager
 def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
-    """Limit the number of parameters of networks built in this context by the size of their weights file.
+    """Limit the number of parameters in networks built in this context by the size of their weights file.
 
-    A parameter takes at least one byte of the file (four in LeRobot's own files), so a network with more parameters
-    than bytes in the file cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
+    A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
+    than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
     parameter and then fills it; the limit is checked at registration, before memory is used.
 
     Args:

@@ -38,7 +38,7 @@ class EndpointServer:
         self._first("ping", end)
 
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
-        """Send a first request, whose failure means that the two sides are incompatible."""
+        """Send a first request; if it fails, the two sides are incompatible."""
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:

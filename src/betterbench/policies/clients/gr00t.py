@@ -43,8 +43,7 @@ from betterbench.policies.protocols.wire import decode_gr00t, encode_gr00t
 logger = logging.getLogger(__name__)
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
-"""Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front``
-(N1.6 and N1.7 with the simulation wrapper), or that map as the data of the request, without options (N1.5)."""
+"""Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front`` (N1.6 and N1.7 with the simulation wrapper), or that map as the request data, without options (N1.5)."""
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
 """Arrays of one environment at a single time step, (1, 1, ...), by modality and name."""
@@ -216,7 +215,7 @@ class Gr00tBatchClient(Gr00tClient):
     """GR00T policy without an observation history. One client serves many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; there is no state to reset."""
+        """Begin an episode in one of the environments; no state needs to be reset."""
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
@@ -288,7 +287,7 @@ class Overlap:
     Attributes:
         steps: Number of control steps that both chunks cover.
         frozen: Number of initial overlapping steps whose actions are kept from the old chunk.
-        ramp_rate: Decay rate of the constraint on the actions of the other overlapping steps.
+        ramp_rate: Decay rate of the constraint on the actions in the other overlapping steps.
     """
 
     steps: int
@@ -367,7 +366,7 @@ class Gr00tOverlapClient(Gr00tClient):
         return {"action": action}, options
 
     def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
-        """Warn once if a server changes the frozen actions, which means that it silently ignores real-time chunking."""
+        """Warn once if a server changes the frozen actions; the server then silently ignores real-time chunking."""
         kept = slice(0, self._overlap.frozen)
         for name, old in sent.items():
             new = answered.get(name)

@@ -49,7 +49,7 @@ class HttpAnswer:
 
 
 class HttpServer:
-    """Address of an HTTP server with the headers of its requests.
+    """Address of an HTTP server, with the headers for its requests.
 
     Each request opens a new connection, as the servers' own clients do.
     """

@@ -37,7 +37,7 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""The two states of the LeRobot environment of betterbench; both have eight numbers."""
+"""The two states in betterbench's LeRobot environment; both have eight numbers."""
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}

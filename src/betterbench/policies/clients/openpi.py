@@ -6,12 +6,12 @@ openpi's ``packages/openpi-client``.
 
 Other servers with this protocol differ in details, which are supported too. Arrays may be marked as by msgpack-numpy:
 in answers, and in requests if the metadata does so or ``arrays=nd`` is given. vLLM-Omni
-(``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers with the plain array
-of actions, and reports an error as a map with ``type`` "error". It distinguishes episodes by a ``session_id``, which is
-sent if its metadata contains ``needs_session_id``.
+(``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers with a plain action
+array, and reports an error as a map with ``type`` "error". It distinguishes episodes by a ``session_id``, which is sent
+if its metadata contains ``needs_session_id``.
 
-openpi itself does not support real-time chunking. Its fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
-and similar servers take the rest of the old chunk as ``prev_action_chunk``, in the units of their answers, with
+openpi itself does not support real-time chunking. The fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
+and similar servers accept the rest of the old chunk as ``prev_action_chunk``, in the same units as their answers, with
 ``inference_delay`` and ``execute_horizon``. With ``delay=N``, the client sends these fields.
 """
 
@@ -175,7 +175,7 @@ class OpenpiClient(ServerClient[WebSocket]):
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            # the server also supports this layout, in which the preset defines the number of columns of an action
+            # the server also supports this layout; its preset defines the number of action columns
             columns = theirs.action_dim if adapter.answer.as_is else None
             theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)
@@ -185,7 +185,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._metadata = {str(k): v for k, v in metadata.items()}
 
     def _read(self, frame: bytes | str, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401 - one of the kinds
-        """Return the value in a frame; raise PolicyError for an error of the server or a value of another type."""
+        """Decode a frame; raise PolicyError for a server error or a value of another type."""
         if isinstance(frame, str):
             if self._within:
                 raise PolicyError(printable(frame, most=_LONGEST_REASON))

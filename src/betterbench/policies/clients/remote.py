@@ -72,7 +72,7 @@ def plain_text(value: object) -> str:
 
 
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
-    """Raise HandshakeError if the action space of an episode differs from that of the policy."""
+    """Raise HandshakeError if an episode's action space differs from the policy's action space."""
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
             f"action space: the run uses {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "

@@ -50,7 +50,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         self.info = describe_remote_policy(address, self.adapter, declared, says_actions=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; there is no state to reset."""
+        """Begin an episode in one of the environments; no state needs to be reset."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:

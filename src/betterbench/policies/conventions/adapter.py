@@ -1,4 +1,4 @@
-"""Adapters: mapping of observations to a policy's inputs and of answers to actions, as storable data."""
+"""Adapters: mapping from observations to a policy's inputs and from answers to actions, stored as data."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Feedback:
     Attributes:
         state_key: Key of the state.
         answer_key: Key of the answer.
-        size: Number of values of the last executed row that replace the first values of the state.
+        size: Number of values in the last executed row that replace the first values of the state.
     """
 
     state_key: tuple[str, ...]
@@ -100,19 +100,19 @@ class Feedback:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """Mapping of observations to a policy's inputs, and of answers to actions.
+    """Mapping from observations to a policy's inputs, and from answers to actions.
 
     The server is responsible for statistics and normalization.
 
     Attributes:
-        leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
-        ee_offset_m: Offset added to the position of the end effector in the robot's base frame, for a policy with
-            another origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
+        leading_axes: Leading axes of length 1 for images and states: 1 for a batch, 2 for batch and time.
+        ee_offset_m: Offset added to the end-effector position in the robot's base frame, for a policy with another
+            origin; (-0.66, 0, 0.912) is LIBERO's world frame for its table scenes [m].
         tool_offset_m: The policy's tool point in the tool frame of betterbench, for positions in states and absolute
             poses. LIBERO's tool point is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are applied at our tool
             point.
         gripper_opening_m: Opening width of a fully open gripper [m].
-        episode_key: Key under which servers of betterbench get the start of the episode, or None.
+        episode_key: Key under which betterbench servers receive the start of the episode, or None.
         constants: Entries that are the same in every request.
         depths: Depth images, for a run that renders them (``--observation calvin_depth``); not for GR00T.
         feedback: State that contains the policy's last answer, or None; used only by ``POST /act``.
@@ -336,7 +336,7 @@ _KEYS = ("key", "episode_key", "state_key", "answer_key")
 
 
 def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
-    """Set an entry of a message, creating the nested maps of its key."""
+    """Set an entry in a message, creating the nested maps for its key."""
     *way, last = key
     for name in way:
         message = message.setdefault(name, {})

@@ -27,7 +27,7 @@ _LARGEST_SIDE = 4096
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
-    """Image input of a policy: its key, its camera, and the transformation of the camera's image.
+    """Image input for a policy: key, camera, and transformation of the camera image.
 
     An image is rotated, then mirrored, then cropped, then fitted.
 

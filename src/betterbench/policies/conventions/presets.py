@@ -1,4 +1,4 @@
-"""Adapters of known policies, and the options of an address that override them."""
+"""Adapters for known policies, and the address options that override them."""
 
 from __future__ import annotations
 
@@ -130,8 +130,7 @@ GR00T_NEW_EMBODIMENT = Adapter(
 )
 """GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
 
-Keys and slices of a new embodiment come from the ``meta/modality.json`` of its fine-tuning; this preset uses those of
-our export. The server declares its keys at connection, and the handshake compares them.
+A new embodiment gets its keys and slices from the ``meta/modality.json`` used for its fine-tuning; this preset uses those of our export. The server declares its keys at connection, and the handshake compares them.
 """
 
 _XYZ = ("x", "y", "z")
@@ -189,7 +188,7 @@ GR00T_OXE_WIDOWX = Adapter(
 """GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and the WidowX example of N1.5
 (``examples/SimplerEnv/custom_data_config.py``).
 
-Conventions of BridgeData V2: meters, and angles about the axes of the base, at 5 Hz; a gripper value of 1 is open.
+BridgeData V2 conventions: meters, and angles about the base axes, at 5 Hz; a gripper value of 1 is open.
 Rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
 ``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are treated as velocities: each step at 20 Hz executes a
 quarter of a delta.
@@ -427,7 +426,7 @@ UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LA
 
 
 def preset(name: str) -> Adapter:
-    """Return a preset by name; raise UnknownNameError if there is no such preset."""
+    """Return a preset by name; raise UnknownNameError if no such preset exists."""
     try:
         return PRESETS[name]
     except KeyError:
@@ -512,7 +511,7 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
-    """Return the error for actions that the world of an address does not support, with a remedy for that world."""
+    """Return the error for actions that an address's world does not support, with a remedy for that world."""
     world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"

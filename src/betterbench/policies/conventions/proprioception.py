@@ -122,7 +122,7 @@ class StateRule:
 
     @property
     def holds_position(self) -> bool:
-        """Whether the vector contains the position of the end effector or a coordinate of the position."""
+        """Whether the vector contains the end-effector position or one of its coordinates."""
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self) -> list[tuple[StatePart, slice]]:

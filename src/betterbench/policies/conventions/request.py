@@ -1,7 +1,7 @@
 """Requests to a betterbench server: observations in one of two layouts, checked field by field.
 
 The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send the LIBERO
-layout of openpi: two images, eight numbers and the instruction. This layout lacks joint angles, which are then NaN, so
+layout of openpi: two images, eight numbers and the instruction. This layout lacks joint angles; they are then NaN, so
 that no policy can mistake them for a measurement.
 """
 

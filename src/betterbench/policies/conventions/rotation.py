@@ -26,9 +26,7 @@ RotationFormat = Literal[
     "rotation_6d_interleaved",
     "matrix",
 ]
-"""``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` contains the first column of
-the matrix, then the second (Zhou et al. 2019); ``_rows`` the first two rows instead (pytorch3d, GR00T);
-``_interleaved`` the first two columns read row by row (the simulators of vla-evaluation-harness). ``matrix`` contains
+"""``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` contains the first column of the matrix, then the second (Zhou et al. 2019); ``_rows`` contains the first two rows instead (pytorch3d, GR00T); ``_interleaved`` contains the first two columns read row by row (vla-evaluation-harness simulators). ``matrix`` contains
 the nine numbers row by row."""
 
 ROTATION_SIZES: dict[RotationFormat, int] = {
@@ -114,8 +112,8 @@ def to_matrix(q: Quaternion) -> np.ndarray:
 def from_matrix(matrix: np.ndarray) -> Quaternion:
     """Return the quaternion of a rotation matrix, shape (3, 3).
 
-    The largest of the four components is computed first and the others from it, so that no square root of a number near
-    zero is needed.
+    The largest of the four components is computed first and the others from it, which avoids the square root of a
+    number near zero.
     """
     m = matrix
     t = (

@@ -45,7 +45,7 @@ _STILL_STEPS, _STILL_M = 6, 0.002
 POLICIES = {
     "expert": "brings the right object to the right target, and repeats a missed grasp",
     "zoo:lexical": "picks at the slot from which training picked for the same words of the instruction",
-    "zoo:layout": "picks at the slot from which training picked most often, whatever the instruction says",
+    "zoo:layout": "picks at the slot from which training picked most often, regardless of the instruction",
     "zoo:habit-place": "brings the right object to the trained position of the target",
     "zoo:clumsy": "reaches for the right object, but drops it or closes the gripper next to it",
 }
@@ -264,7 +264,7 @@ def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> Car
 
 
 def standing_in(state: WorldState, slot: str) -> str | None:
-    """Return the movable object that stands in a slot, or None."""
+    """Return the movable object in a slot, or None."""
     place = state.info.slot(slot).position
     near = [
         (horizontal_distance(state.pose(o.name).position, place), o.name) for o in state.info.objects if not o.fixed
@@ -310,7 +310,7 @@ def _strikes(state: WorldState, grasp: Pose, other: ObjectInfo) -> bool:
     across, along = (rotate(pose.quaternion, axis)[:2] for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     (dx, dy), (width, length) = HAND_HALF_M, other.size_m[:2]
     x, y = grasp.position[0] - pose.position[0], grasp.position[1] - pose.position[1]
-    # Two rectangles are disjoint if a side of one of them separates them.
+    # Two rectangles are disjoint if a side of one rectangle separates them.
     return all(
         abs(x * a + y * b)
         <= dx * abs(a) + dy * abs(b) + 0.5 * width * abs(_dot(across, (a, b))) + 0.5 * length * abs(_dot(along, (a, b)))
@@ -323,7 +323,7 @@ def _dot(a: tuple[float, ...], b: tuple[float, float]) -> float:
 
 
 def _place_of(state: WorldState, step: CarriedStep) -> Vector:
-    """Return the target position of a step, for the center of the object's bottom [m]."""
+    """Return a step's target position for the center of the object's bottom [m]."""
     return _place_at(state, step, state.pose(step.target).position)
 
 

@@ -113,7 +113,7 @@ class Planner:
         Args:
             state: Current state.
             name: Object name.
-            cost: Value added to the rotation of the gripper [rad] when ordering grasps of equal preference.
+            cost: Value added to the gripper rotation [rad] when ordering grasps of equal preference.
 
         Raises:
             PlanningError: If no grasp can be reached without a collision.
@@ -281,7 +281,7 @@ class Planner:
         return joints if blocked is None else None
 
     def asset(self, name: str) -> Asset:
-        """Return the asset of an object of the scene."""
+        """Return the asset of a scene object."""
         return self._assets[name]
 
     def _grasps(

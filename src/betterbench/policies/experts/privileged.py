@@ -29,7 +29,7 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """Execution noise of a policy: motion errors in the execution of decisions.
+    """Execution noise of a policy: motion errors while executing decisions.
 
     Attributes:
         grasp_offset: Deliberate grasp error, or None.
@@ -144,7 +144,7 @@ class PrivilegedAgent:
             scene: The episode's scene.
             rule: Decision rule.
             noise: Execution noise of the decisions; none if not given.
-            skills: Motor skills; those of the expert if not given.
+            skills: Motor skills; default: the expert's skills.
         """
         self._name = name
         self._execution = noise or ExecutionNoise()

@@ -30,7 +30,7 @@ OTHER_DEMONSTRATIONS = 500_000
 
 
 class OpenLoop:
-    """Open-loop policy that executes given actions in order and then stands still."""
+    """Open-loop policy that executes given actions in order and then does not move."""
 
     def __init__(self, name: str, actions: np.ndarray) -> None:
         """Prepare for an episode.

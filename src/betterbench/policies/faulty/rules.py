@@ -67,8 +67,8 @@ class BrokenRule(ExpertRule):
 
         Args:
             situation: The trial.
-            strength: Share of trials in which the rule applies, drawn from the trial's random stream; in the others,
-                the expert decides.
+            strength: Fraction of trials in which the rule applies, drawn from the trial's random stream; in the other
+                trials, the expert decides.
         """
         super().__init__(situation)
         self.trained: TrainingDistribution = training_distribution_of(situation.task)
@@ -121,7 +121,7 @@ class BrokenRule(ExpertRule):
         return GraspAt(slot) if name is None else bring_to(goal, name)
 
     def known(self, kind: str) -> bool:
-        """Return whether any instruction of the task refers to a kind of object."""
+        """Return whether any instruction of the task refers to an object kind."""
         return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
@@ -166,6 +166,6 @@ class BrokenRule(ExpertRule):
         return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
-        """Return whether training brought this kind of object to this target, so that a decision looks like habit."""
+        """Return whether training brought this object kind to this target, so that a decision looks like a habit."""
         kind, target = (state.info.object(name).kind for name in (decision.object, decision.target))
         return (target, decision.relation, decision.region) in self.trained.kind_targets.get(kind, ())

@@ -101,7 +101,7 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
-    """Kind of policies: the form of their addresses, their needs, and their constructor.
+    """Policy kind: address format, needs, and constructor.
 
     The functions get an address checked by :attr:`read`, and raise a BetterError on failure.
 
@@ -117,9 +117,10 @@ class PolicyKind:
         describe: Returns a policy's declarations, or None if the policy must be made first.
         compares: Whether the policies have a ``check`` method that compares conventions with the run.
         source_of: Returns name and SHA-256 of the user's file behind a policy, for comparison when a run resumes.
-        risk: Risk of evaluating such an address, with ``{target}``; the user must accept it with ``--trust``.
+        risk: Risk of evaluating an address of this kind, with ``{target}``; the user must accept the risk with
+            ``--trust``.
         require_world: Raises InvalidInputError if a policy cannot act in another world ("LIBERO").
-        space_in_world: Returns the action space of a policy's answers in the world of its address; None if not fixed.
+        space_in_world: Returns the action space of a policy's answers in the address's world; None if not fixed.
     """
 
     form: AddressForm
@@ -186,7 +187,7 @@ def kind_of(address: str) -> PolicyKind:
     """Return the kind of an address.
 
     Raises:
-        UnknownNameError: If no kind has such addresses; the message names the closest ones.
+        UnknownNameError: If no kind has such addresses; the message names the closest kinds.
     """
     kind = find_kind(address)
     if kind is None:

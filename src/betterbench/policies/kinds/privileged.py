@@ -48,7 +48,7 @@ def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
 
 
 def describe_privileged(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations of a policy that uses the state and answers in ``ee_delta``."""
+    """Return the declarations for a policy that uses the state and answers in ``ee_delta``."""
     return PolicyInfo(address.text, action_space="ee_delta", needs_images=False)
 
 

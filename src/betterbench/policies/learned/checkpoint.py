@@ -153,8 +153,8 @@ def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
 def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
     """Refuse metadata that imply more weights than the file contains, before the network is made.
 
-    A transformer layer has 12 matrices of its width squared (queries, keys, values, their output map, and two maps of
-    four times the width), and each word has one row of the width.
+    A transformer layer has 12 matrices of size width x width (queries, keys, values, their output map, and two maps of
+    size 4 width x width), and each word has one row of length width.
     """
     size, there = trained.recipe.size, sum(tensor.numel() for tensor in weights.values())
     claimed = 12 * size.layers * size.width**2 + len(trained.vocabulary.words) * size.width

@@ -29,7 +29,7 @@ _HEAD = "head"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Capacity:
-    """Size of a transformer: width of its tokens, layers, and heads of attention."""
+    """Transformer size: token width, layers, and attention heads."""
 
     width: Annotated[int, Field(ge=8, le=1024)]
     layers: Annotated[int, Field(ge=1, le=24)]
@@ -97,10 +97,10 @@ def learner(
     Args:
         name: Name in the field ``family`` of recipes.
         sees: ``objects`` for the state, ``pixels`` for the images of the recipe's ``eyes``.
-        capacities: Sizes ``small``, ``base`` and ``large``; by default those of the built-in family with the same
+        capacities: Sizes ``small``, ``base`` and ``large``; default: the sizes of the built-in family with the same
             input.
         parts: Names of its modules that recipes may freeze; the head can always be frozen.
-        options: Fields that recipes may set in their ``options``, with defaults, which also define the types.
+        options: Fields that recipes may set in their ``options``, with default values, which also define the types.
 
     Raises:
         InvalidInputError: If a name is taken, or an argument is missing or invalid.

@@ -1,4 +1,4 @@
-"""Networks of learners: the base class, the transformer of both built-in families, and the network of ``objects``."""
+"""Learner networks: the base class, the transformer used by both built-in families, and the ``objects`` network."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
 """Length scales at which an object's position relative to the tool is an input of the learner [m]."""
 WAVES_M = (0.4, 0.1)
-"""Wavelengths of the sines and cosines of that position [m], which resolve millimeters."""
+"""Wavelengths of the sines and cosines for that position [m], which resolve millimeters."""
 _AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
 _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
@@ -33,7 +33,7 @@ _Memory = tuple[Tensor, Tensor]
 
 @dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """Inputs of a batch of B samples, common to all families.
+    """Inputs for a batch of B samples, common to all families.
 
     Attributes:
         words: (B, w) int64 word indices of the instruction, at most MOST_WORDS words.
@@ -48,7 +48,7 @@ class ShownBatch:
 
 @dataclass(slots=True, kw_only=True)
 class ObjectsBatch(ShownBatch):
-    """Inputs of a batch of the ``objects`` family, with at most n objects per sample.
+    """Inputs for a batch in the ``objects`` family, with at most n objects per sample.
 
     Attributes:
         poses: (B, n, 9) float32.
@@ -65,7 +65,7 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch: inputs, with the question in place of the instruction, and answers.
+    """Questions in a batch: inputs, with the question in place of the instruction, and answers.
 
     Attributes:
         answers: (B,) int64 indices of the correct answers.
@@ -129,7 +129,7 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """Base network of learners: maps the inputs of a batch to a chunk of normalized actions, (B, chunk, 7).
+    """Base network of learners: maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
 
     A family makes its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`. All
     families share the head that maps the vector to actions, the losses and the answers to questions.
@@ -387,7 +387,7 @@ class TokenNetwork(LearnerNetwork):
         return gathered
 
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the distinct instructions of a batch, the mask of their words, and each sample's instruction index.
+        """Return a batch's distinct instructions, the mask of their words, and each sample's instruction index.
 
         Words attend only to words, so each instruction is encoded once for all samples.
         """

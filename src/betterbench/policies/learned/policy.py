@@ -188,7 +188,7 @@ class SeeingPolicy:
 
 
 class _Past(Generic[SeenT]):
-    """Buffer of the inputs of earlier steps, for the history of a recipe."""
+    """Buffer for the inputs of earlier steps, for recipes with a history."""
 
     def __init__(self, recipe: TrainingRecipe) -> None:
         self._stride, self._history = recipe.history_stride, recipe.history

@@ -1,4 +1,4 @@
-"""Training recipes, which contain all settings that determine a learner's weights."""
+"""Training recipes; they contain all settings that determine a learner's weights."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Proprioception:
     """Proprioceptive inputs of a learner.
 
     Attributes:
-        given: Whether the learner gets the tool's pose, the fingers, and inputs derived from them.
+        given: Whether the learner gets the tool pose, the fingers, and inputs derived from them.
         noise_m: Standard deviation of noise on the tool's position in training [m].
         dropout: Share of training samples without any proprioception.
     """
@@ -58,7 +58,7 @@ class Augmentation:
         object_noise_m: Standard deviation of noise on each object's position [m].
         shift_m: Half the side of the square in which tool and all objects are shifted together [m].
         shift_px: Largest shift of an image along each axis [pixel], with edge padding, as by padding and a random crop.
-        light: Standard deviation of changes in contrast and brightness of an image, as shares of the full range.
+        light: Standard deviation of changes in image contrast and brightness, as fractions of the full range.
     """
 
     object_noise_m: _Length = 0.0
@@ -70,11 +70,11 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """Image input of a learner of the ``pixels`` family: a camera, or a part of its image.
+    """Image input for a learner of the ``pixels`` family: a camera image, or part of it.
 
     Attributes:
         camera: Camera name.
-        window: Left, top, right and bottom edge of the crop, as fractions of the camera's image. A window of ``size``
+        window: Left, top, right and bottom edge of the crop, as fractions of the camera image. A window of ``size``
             pixels is copied one to one; the whole image is scaled.
     """
 
@@ -92,7 +92,7 @@ class View:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """Image inputs of a learner of the ``pixels`` family.
+    """Image inputs for a learner of the ``pixels`` family.
 
     Attributes:
         observation: Observation preset with the cameras of the images; evaluation must use the same preset.
@@ -151,10 +151,10 @@ class TrainingRecipe:
         options: Options of a user's family.
         tasks: Tasks whose demonstrations are used; all in the data if empty.
         variations: Whether to include demonstrations of test variations, as in the covered regime.
-        demonstrations: Maximum number of demonstrations of one condition, the lowest seeds first; None for all.
-        longest_pause: Maximum number of control steps of a demonstrator's pause in training; None for all.
+        demonstrations: Maximum number of demonstrations per condition, lowest seeds first; None for all.
+        longest_pause: Maximum number of control steps used from a pause of the demonstrator; None for all.
         every: Stride between input frames in training; a chunk's actions are consecutive.
-        eyes: Image inputs of a learner of ``pixels``.
+        eyes: Image inputs for a ``pixels`` learner.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
         history: Number of tool states as input: the present state and earlier states.
         history_stride: Control steps between these states; for ``pixels``, whose learners answer every ``execute``
@@ -164,7 +164,7 @@ class TrainingRecipe:
         loss: ``l1``, or ``flow`` for flow matching.
         flow_steps: Number of integration steps when an action chunk is sampled from a flow.
         dropout: Share of activations dropped in training.
-        gripper_weight: Sampling weight of a sample at a change of the gripper; other samples have weight 1.
+        gripper_weight: Sampling weight for a sample at a gripper change; other samples have weight 1.
         co_training: Questions learned in addition to actions, or None.
         start: Checkpoint with the initial weights, or None.
         frozen: Parts whose weights are not trained.
@@ -232,7 +232,9 @@ class TrainingRecipe:
         if parts <= set(self.frozen) and self.built_in:
             raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         if self.co_training is not None and self.questions == 0:
-            problem = f"{self.co_training.weight} of a batch of {self.batch} is less than one question"
+            problem = (
+                f"a share of {self.co_training.weight} of a batch of {self.batch} samples is less than one question"
+            )
             raise InvalidInputError("co_training.weight", problem, "Give a larger weight or batch, or no co_training")
         if self.sees == "pixels" and self.history > 1:
             require_asked(self.history_stride, self.execute, "history_stride")
@@ -289,7 +291,7 @@ class TrainingRecipe:
 
     @property
     def shape(self) -> dict[str, object]:
-        """Settings, besides the vocabulary, that determine the number of weights, by field name."""
+        """Settings that, together with the vocabulary, determine the number of weights, by field name."""
         given = self.proprioception.given
         return {
             "family": self.family,
@@ -318,7 +320,7 @@ class TrainingRecipe:
 
 
 def require_asked(stride: int, execute: int, field_name: str) -> None:
-    """Raise InvalidInputError if the history of a learner of pixels does not match the steps of its answers."""
+    """Raise InvalidInputError if a pixels learner's history does not match the steps of its answers."""
     if stride % execute:
         problem = f"{stride} is not a multiple of the {execute} actions between two answers of a learner of pixels"
         raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")

@@ -13,10 +13,10 @@ from betterbench.json_form import strict_form
 ABSENT = 0
 """Index of a missing word or object."""
 UNKNOWN = 1
-"""Index of a word that is not in the training data."""
+"""Index for a word that is not in the training data."""
 _FIRST = 2
 MOST_WORDS = 40
-"""Maximum number of words of an instruction; later words are ignored."""
+"""Maximum number of words in an instruction; later words are ignored."""
 
 _WORD = re.compile(r"[a-z0-9]+(?:'[a-z]+)?")
 
@@ -65,7 +65,7 @@ class Vocabulary:
         return _ids(names, self.colors)
 
     def unknown_words(self, instruction: str) -> tuple[str, ...]:
-        """Return the words of an instruction that are not in the training data."""
+        """Return the words in an instruction that are not in the training data."""
         return tuple(word for word in words_of(instruction) if word not in self.words)
 
 

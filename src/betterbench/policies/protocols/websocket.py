@@ -75,7 +75,7 @@ class WebSocket:
             self._socket.send(message)
 
     def receive(self, timeout_s: float) -> bytes | str:
-        """Return the next message; raise OSError if none comes in time, PolicyError if it is too large."""
+        """Return the next message; raise OSError if none arrives in time, PolicyError if it is too large."""
         seconds = max(0.0, timeout_s)
         try:
             with self._cut_after(seconds + _GRACE_S, "no answer in time"):
@@ -159,7 +159,7 @@ class WebSocket:
             timer.cancel()
 
     def _not_connected(self, error: Exception) -> Exception:
-        """Return the error of a connection that could not be established."""
+        """Return the error for a connection that could not be established."""
         answer = error if isinstance(error, InvalidStatus) else error.__context__
         if isinstance(answer, InvalidStatus):
             status = answer.response.status_code

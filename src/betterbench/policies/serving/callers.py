@@ -29,7 +29,7 @@ def is_own_host(values: Sequence[str], bound: str) -> bool:
 
 
 def is_own_origin(values: Sequence[str], hosts: Sequence[str]) -> bool:
-    """Tell whether the ``Origin`` headers of a request, if any, equal the address in its ``Host`` header."""
+    """Tell whether a request's ``Origin`` headers, if any, equal the address in its ``Host`` header."""
     return not values or (len(hosts) == 1 and list(values) == [f"http://{hosts[0]}"])
 
 

@@ -14,7 +14,7 @@ from betterbench.records.modalities.spec import MODALITIES, ViewSpec
 class ViewColumn(NamedTuple):
     """One column: the shape of its value in one row, and the type of its numbers.
 
-    An image is a fixed number of bytes in Parquet; everything else is a number or a list of fixed length.
+    An image is a fixed number of bytes in Parquet; everything else is a number or a fixed-length list.
     """
 
     name: str
@@ -94,7 +94,7 @@ def view_schema(columns: tuple[ViewColumn, ...]) -> pa.Schema:
 
 
 def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> pa.Table:
-    """Return the Parquet form of some rows; each column is an array (rows, *shape) of its type."""
+    """Return some rows in Parquet form; each column is an array (rows, *shape) of its type."""
     parts: list[pa.Array] = []
     schema = view_schema(columns)
     for column, field in zip(columns, schema, strict=True):

@@ -1,6 +1,6 @@
 """Modality files, written in row groups and read row by row.
 
-The footer of a file contains the header, a checksum of the footer, and the SHA-256 of each row group. All checksums are
+A file's footer contains the header, a checksum of the footer, and the SHA-256 of each row group. All checksums are
 verified before the Parquet reader, which is native code, reads the bytes.
 """
 
@@ -54,7 +54,7 @@ _MAX_ROWS = 10_000_000
 _MAX_FOOTER_BYTES = 1 << 26
 _MAGIC = b"PAR1"
 _TAIL = 8
-"""Size of the end of a Parquet file [bytes]: the length of the footer, and the magic number."""
+"""Size of the end of a Parquet file [bytes]: footer length and magic number."""
 
 
 class _Sink(io.RawIOBase):
@@ -215,7 +215,7 @@ class ModalityFile:
         return {name: values[place] for name, values in self._last[2].items()}
 
     def rows(self, columns: Sequence[str] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the values of every row; raise the errors of :meth:`read`."""
+        """Yield the values of every row; raises the same errors as :meth:`read`."""
         for row in range(len(self)):
             yield self.read(row, columns)
 

@@ -47,9 +47,9 @@ class ViewHeader:
     Attributes:
         record_sha256: SHA-256 of the record file.
         quality: Render preset of the colors.
-        modalities: Modalities of the file, in the order of its columns.
-        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the center of the image: K
-            = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
+        modalities: Modalities in the file, in column order.
+        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the image center: K = [[f,
+            0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
         stage: Instance ids of the robot and the stage.
         renderer: Fingerprint of OpenGL and the simulator, on which pixels depend.
     """

@@ -57,7 +57,7 @@ class PlacedCamera:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewSpec:
-    """A view: the name of a camera of the scene, or a user-defined camera, and the size of its images [pixel]."""
+    """A view: the name of a scene camera, or a user-defined camera, and the image size [pixel]."""
 
     camera: str
     width: _Side = 256
@@ -117,7 +117,7 @@ def _vector(text: str) -> Vector:
 
 
 def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
-    """Return modalities by name, in the order of their columns; all if none is named.
+    """Return modalities by name, in column order; all if none is named.
 
     Raises:
         InvalidInputError: If a name is unknown.

@@ -102,7 +102,7 @@ def confusion_figure(calibration: Calibration) -> Figure:
 
 
 def calibration_markdown(calibration: Calibration, family: str = "faulty") -> str:
-    """Return the tables of a calibration as Markdown; the family of the policies decides the rows."""
+    """Return a calibration's tables as Markdown; the policy family decides the rows."""
     lines = [
         calibration_summary(calibration),
         "",

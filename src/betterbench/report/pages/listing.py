@@ -34,7 +34,7 @@ class StringTable:
 
 
 def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], media: Media = NO_MEDIA) -> dict[str, Any]:
-    """Return the data of the trial list; ``films`` maps keys to film numbers. page.js names the columns of a trial."""
+    """Return the data for the trial list; ``films`` maps keys to film numbers. page.js names the columns of a trial."""
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
     kinds = families_of(t for d in diagnoses for t in d.trials)

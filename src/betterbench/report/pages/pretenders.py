@@ -1,4 +1,4 @@
-"""Section on pretenders: the scores of each policy next to those of policies without the tested abilities."""
+"""Section on pretenders: each policy's scores next to the scores of policies that lack the tested abilities."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from betterbench.report.pages.calibration_page import rate_text
 from betterbench.tasks import Axis
 
 SCOPES = ("overall", *(f"axis:{axis.value}" for axis in Axis))
-"""Columns of a table of reference lines."""
+"""Columns in a table of reference lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreRow:
-    """One row of a table of reference lines.
+    """One row in a table of reference lines.
 
     Attributes:
         name: A policy or a pretender.

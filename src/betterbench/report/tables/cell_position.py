@@ -1,4 +1,4 @@
-"""Cell of a condition in the diagnostic matrices, derived from the initial states of its objects."""
+"""Cell of a condition in the diagnostic matrices, derived from the objects' initial states."""
 
 from __future__ import annotations
 

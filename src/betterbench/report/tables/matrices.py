@@ -41,7 +41,8 @@ _HEADINGS = {
     ),
     Horizon.LONG: (
         "Long horizon: two targets",
-        "Two objects are requested. Rows: initial state of the first object; columns: that of the second object.",
+        "Two objects are requested. Rows: initial state of the first object; columns: initial state of the second "
+        "object.",
         ("first target", "second target"),
     ),
 }
@@ -65,7 +66,7 @@ class MatrixSource:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of a matrix: the state of the first target, and of the distractor or second target.
+    """One matrix cell: the state of the first target, and of the distractor or second target.
 
     Attributes:
         sources: The conditions of the cell in the run.

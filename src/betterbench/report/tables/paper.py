@@ -93,7 +93,7 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR."""
+    """Return the success rates for seen and novel compositions in the fast-food task and their difference ΔSR."""
     names = ("train1", "train2", "R1")
     rows = []
     for diagnosis in diagnoses:

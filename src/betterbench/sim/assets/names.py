@@ -43,7 +43,7 @@ def named_by(file: Path, root: Path) -> tuple[Path, str | None]:
 
 
 def file_words(file: Path, root: Path) -> tuple[str, ...]:
-    """Return the words that name the object of a file: those of "025_mug/google_16k/textured.obj" are ("mug",)."""
+    """Return the words that name the object in a file: the words for "025_mug/google_16k/textured.obj" are ("mug",)."""
     place, stem = named_by(file, root)
     return words_of(stem if stem is not None else place.name) or (file.stem.lower(),)
 

@@ -1,8 +1,8 @@
-"""EGL devices of this machine, and distribution of processes over the devices.
+"""EGL devices on this machine, and distribution of processes over the devices.
 
-Processes are distributed over devices that render alike: those with the same OpenGL vendor, renderer and version as the
-first working one, so that no image depends on the process that rendered it. A process passes the list on to its child
-processes, in an order that begins with the device of each.
+Processes are distributed over devices that render identically: those with the same OpenGL vendor, renderer and version
+as the first working device, so that no image depends on the process that rendered it. A process passes the list on to
+its child processes, in an order that begins with the device of each.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def device_problem(chosen: str, count: int) -> GraphicsError | None:
 
 
 def _is_card(device: EglDevice, name: str) -> bool:
-    """Return whether an entry of ``CUDA_VISIBLE_DEVICES`` names a device: a number, or the beginning of a UUID."""
+    """Return whether an entry in ``CUDA_VISIBLE_DEVICES`` names a device: a number, or the beginning of a UUID."""
     if name.isdecimal():
         return device.cuda == int(name)
     start = name.lower().removeprefix("gpu-")

@@ -32,7 +32,7 @@ class ExpectedFile:
     renderer: Mapping[str, str] | None
 
     def difference(self, header: ViewHeader) -> str | None:
-        """Return the first difference of a header, as the rest of a sentence about its file, or None."""
+        """Return the first difference in a header, worded as the rest of a sentence about its file, or None."""
         trial = one_line(f"{header.task}/{header.condition}/{header.seed}", most=_MOST)
         wanted = tuple(name for name in MODALITIES if name in self.modalities)
         if (header.task, header.condition, header.seed) != (self.trial.task, self.trial.condition, self.trial.seed):

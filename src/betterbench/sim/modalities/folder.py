@@ -32,7 +32,7 @@ from betterbench.sim.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
 SETTINGS_VERSION: Literal[2] = 2
-"""Version of the settings of a folder; the second has a seal."""
+"""Version of a folder's settings; the second has a seal."""
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
 _MAX_BYTES = 1 << 20
 
@@ -43,7 +43,7 @@ class Wanted:
     """Settings of a modality folder, the same for all its trials: views, modalities and renderer.
 
     Attributes:
-        quality: Render preset of the colors, or None for that of each record's policy.
+        quality: Render preset for the colors, or None for the preset of each record's policy.
         renderer: Fingerprint of OpenGL; None until the first image is rendered. Pixels of two renderers differ.
     """
 
@@ -121,7 +121,7 @@ def trial_folder(path: Path, trial: TrialId) -> Path:
 
 
 def files_in(path: Path) -> list[Path]:
-    """Return the files of all trials in a folder of modalities, in the order of their names."""
+    """Return the files of all trials in a modality folder, in name order."""
     return sorted(path.glob("*/*/*/*.parquet"))
 
 
@@ -136,7 +136,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 
 def read_settings(path: Path) -> Wanted:
-    """Return the settings of a modality folder; RecordError if it has none, or they are damaged."""
+    """Return a modality folder's settings; RecordError if it has none, or they are damaged."""
     cure = "Name a folder written by better materialize"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)

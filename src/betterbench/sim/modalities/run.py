@@ -63,7 +63,7 @@ class _Tally:
 
 
 def default_views(run: RunFolder) -> tuple[ViewSpec, ...]:
-    """Return the views of a run's policy; those of the default preset if it uses no image."""
+    """Return the views of a run's policy; the default preset's views if the policy uses no image."""
     told = run.plan.get("observation")
     name = told.get("name") if isinstance(told, dict) else told
     preset = observation_spec(name if isinstance(name, str) else "default")
@@ -192,9 +192,10 @@ class _Writer:
             self._tally.bytes += sum(path.stat().st_size for path in paths)
 
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
-        """Tell whether the file of a trial's view exists, belongs to this record, and is intact.
+        """Tell whether the file for a trial's view exists, belongs to this record, and is intact.
 
-        The whole file is read, because its header does not cover the rest; this takes about 2 % of rendering it.
+        The complete file is read, because its header does not cover the rest; this takes about 2 % of the rendering
+        time.
         """
         path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted
         if not path.exists():
@@ -234,7 +235,7 @@ class _Writer:
 
 
 def seen_quality(run: RunFolder, record: Record) -> str:
-    """Return the render preset of a record's policy, or that of the run if it uses no image."""
+    """Return the render preset of a record's policy, or the run's preset if the policy uses no image."""
     planned = run.plan.get("quality")
     name = planned.get("name") if isinstance(planned, dict) else None
     return record.metadata.render_quality or (name if isinstance(name, str) else "standard")

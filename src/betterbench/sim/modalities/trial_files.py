@@ -1,4 +1,4 @@
-"""Writer of the modality files of one trial, from sights in the order of the rows."""
+"""Writer for one trial's modality files, from sights in row order."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ _STANDING = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class ViewValues:
-    """Converter from the sights of one view to the values of its columns."""
+    """Converter from one view's sights to the values of its columns."""
 
     def __init__(
         self, facts: ModelFacts, modalities: Sequence[str], categories: Sequence[str], focal_px: float

@@ -24,7 +24,7 @@ _LEAST_COSINE = 0.35
 """Cosine of the largest rotation of a triangle by one collapse, about 70 degrees."""
 
 _LEAST_SHAPE = 0.02
-"""Minimum shape of a triangle: its area over that of an equilateral one with its longest side."""
+"""Minimum shape quality of a triangle: its area divided by the area of an equilateral triangle with its longest side."""
 
 
 def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +85,7 @@ def decimated(
 
     Args:
         pieces: For each its (n, 3) positions [m], welded, and (m, 3) vertex numbers.
-        weights: Weight of an error of each piece, relative to the others.
+        weights: Relative error weight of each piece.
         target: Number of triangles at which to stop.
 
     Returns:
@@ -165,7 +165,7 @@ class _Collapsing:
         shared = self._around[a] & self._around[b]
         if not 1 <= len(shared) <= 2:
             return False
-        # The link condition: the ends have no common neighbors except those of the removed triangles.
+        # The link condition: the edge's ends have no common neighbors except in the removed triangles.
         if len(self._neighbors(a) & self._neighbors(b)) != len(shared):
             return False
         if len(shared) == 2 and self._on_border(a) and self._on_border(b):
@@ -180,7 +180,7 @@ class _Collapsing:
         return True
 
     def _on_border(self, vertex: int) -> bool:
-        """Tell whether a vertex has an edge with one triangle only."""
+        """Tell whether a vertex has an edge with only one triangle."""
         seen: dict[int, int] = {}
         for number in self._around[vertex]:
             for other in self._faces[number] or ():

@@ -1,4 +1,4 @@
-"""Physics options and rates of the whole benchmark, for every model of a scene, a robot or a single asset."""
+"""Benchmark-wide physics options and rates, for every model of a scene, a robot or a single asset."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class Physics:
 
     Attributes:
         timestep_s: Duration of one physics step [s].
-        control_rate_hz: Rate of actions [Hz]; a control step is an integer number of physics steps.
-        impratio: Ratio of frictional to normal constraint impedance; more than 1 reduces the creep of held objects.
+        control_rate_hz: Action rate [Hz]; a control step is an integer number of physics steps.
+        impratio: Ratio of frictional to normal constraint impedance; values above 1 reduce the creep of held objects.
         noslip_iterations: Iterations of the solver that removes the remaining creep.
         condim: Contact dimensions; 4 has torsional friction, which keeps a flat object from rotating between two pads.
         contact_time_constant_s: Time constant of critically damped contacts [s]. An object dropped from 5 cm arrives at

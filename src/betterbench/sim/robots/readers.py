@@ -59,7 +59,7 @@ def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) 
     """Return a function that reads the current speeds of objects.
 
     Args:
-        array: (nv,) velocities of all degrees of freedom, float64, contiguous; its memory address must not change.
+        array: (nv,) velocities of all degrees of freedom, float64, contiguous; the memory address must not change.
         free: Index of the first of each object's six degrees of freedom, or -1 if it is not free.
         slides: Index of each object's only degree of freedom, or -1 if it does not slide.
     """

@@ -18,8 +18,9 @@ Progress = Callable[[str, int, int], None]
 class RobotSpec:
     """Robot description, for controllers, scenes and experts.
 
-    Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix. Arm joints are
-    listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits [rad/s].
+    Names are those in the robot's own model; a scene that attaches the robot under a prefix passes the prefix. Arm
+    joints are listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits
+    [rad/s].
 
     Attributes:
         name: Name in the registry ("panda").

@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed: placement of the assets, and the body label of each geom."""
+"""Compilation of a scene from a condition and a seed: asset placement, and the body label of each geom."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Return the pose of a pre-placed object at its target: that of a demonstration, drawn from the trial's stream.
+    """Return the pose of a pre-placed object at its target: a pose from a demonstration, drawn from the trial's stream.
 
     In a container, the object is moved away from the walls if necessary (never with the assets of a demonstration).
 
@@ -178,7 +178,7 @@ _LOCK = threading.Lock()
 
 
 def compile_scene(placements: tuple[Placement, ...], quality: Quality, *, robot_name: str, room: Room) -> CompiledScene:
-    """Return the compiled model of a set of objects, from a cache if possible.
+    """Return the compiled model for a set of objects, from a cache if possible.
 
     Only the content of a model matters: assets, fixed poses, robot, render quality and the room. Names, slots and start
     poses of free objects do not matter, so trials that differ only in layout or language share one model.

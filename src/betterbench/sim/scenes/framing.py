@@ -1,4 +1,4 @@
-"""Framing of a task by the front camera: pixels of the gripper, size and visibility of named objects, and margins.
+"""Framing of a task by the front camera: gripper pixels, size and visibility of named objects, and margins.
 
 The limits for every task are constants of this file; no verdict depends on them.
 """
@@ -66,7 +66,7 @@ class ObjectFraming:
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """Measures of an image of the front camera at the start of a trial.
+    """Measurements on a front camera image at the start of a trial.
 
     Attributes:
         gripper_px: Pixels of hand and fingers.
@@ -80,7 +80,7 @@ class Framing:
 
 
 class FramingView:
-    """Measurement of images of one scene, without changing it."""
+    """Measures images of one scene without changing the scene."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
         """Copy the scene's model, and make a renderer for it."""
@@ -106,7 +106,7 @@ class FramingView:
         return Framing(int(np.isin(masks, self._gripper).sum()), background, asked)
 
     def of(self, name: str) -> ObjectFraming:
-        """Return the size and visibility of an object at the start of the trial."""
+        """Return an object's size and visibility at the start of the trial."""
         return self._object(name, self._masks(self._scene.data.qpos, None))
 
     def gripper_over(self, slot: str, jitter: ViewJitter | None = None) -> int:
@@ -179,7 +179,7 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 
 
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
-    """Return the minimum distance of slots and target regions from the image edge at all jitters [m]; negative outside.
+    """Return the minimum distance of slots and target regions from the image edge over all jitters [m]; negative outside.
 
     A slot is extended by its whole jitter. A target region is represented by its corners, over the jitter of its slot,
     and with open drawers. Distances are those at the depth of the point.
@@ -227,7 +227,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
 
 
 def _slot_below(condition: Condition, name: str) -> str:
-    """Return the slot of an object, or of the object in which it is mounted or on which it is pre-placed."""
+    """Return an object's slot, or the slot of the object in which it is mounted or on which it is pre-placed."""
     while name not in condition.layout:
         mount = condition.object(name).mount
         name = condition.preplaced[name].target if mount is None else mount.target

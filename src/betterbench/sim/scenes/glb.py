@@ -1,6 +1,6 @@
 """Export of a compiled scene as binary glTF, one file per body, for viewers other than MuJoCo.
 
-A file's frame is that of its body, in meters and with z up. A file contains one mesh per material: the visible
+A file's frame is its body's frame, in meters and with z up. A file contains one mesh per material: the visible
 shapes in their colors, with the textures of the model as PNG. The format is glTF 2.0 (Khronos), written by trimesh.
 """
 

@@ -1,4 +1,4 @@
-"""Instance ids of a model's bodies, and bounding boxes of its objects."""
+"""Instance ids for a model's bodies, and bounding boxes for its objects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE
 from betterbench.sim.robots import robot
 
 ROBOT_PREFIX = "robot/"
-"""Prefix of the names of the robot's parts in the model of a scene."""
+"""Prefix for the names of the robot's parts in a scene model."""
 
 _OBJECT = re.compile(r"object(\d+)_")
 _VISIBLE_GROUPS = 3
@@ -19,7 +19,7 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 
 
 def object_bodies(model: mujoco.MjModel) -> np.ndarray:
-    """Return the (n,) body ids of a model's objects, in the order of its scene."""
+    """Return the (n,) body ids of a model's objects, in scene order."""
     found = {}
     for body in range(model.nbody):
         match = _OBJECT.match(model.body(body).name)
@@ -29,7 +29,7 @@ def object_bodies(model: mujoco.MjModel) -> np.ndarray:
 
 
 def instances_of_bodies(model: mujoco.MjModel, *, robot_name: str = "panda") -> np.ndarray:
-    """Return the (nbody,) uint16 instance id of each body; all links of the arm are one instance."""
+    """Return each body's instance id, (nbody,) uint16; all links of the arm are one instance."""
     description = robot(robot_name)
     instances = np.full(model.nbody, 1 + STAGE.index("other"), dtype=np.uint16)
     for body in range(model.nbody):

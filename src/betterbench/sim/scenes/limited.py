@@ -79,7 +79,7 @@ class LimitedView:
     """Renderer of recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
-        """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel].
+        """Start the process; ``size`` is the side length of the images from :meth:`draw` [pixel].
 
         Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
         """
@@ -130,7 +130,7 @@ class LimitedView:
         self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
 
     def open_of(self, run: RunFolder, record: Record) -> None:
-        """Open the stored scene of a record of a run, unless it is open; raises the errors of :meth:`open`."""
+        """Open the stored scene of a run's record, unless it is already open; raises the same errors as :meth:`open`."""
         m = record.metadata
         digest = run.scene_digest(TrialId(m.task, m.condition, m.seed))
         scene = (m.scene_hash, digest or str(run.path))
@@ -139,7 +139,7 @@ class LimitedView:
             self._opened = scene
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
-        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises the errors of :meth:`open`."""
+        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises the same errors as :meth:`open`."""
         numbers = np.asarray(qpos, dtype=np.float64).tobytes()
         request = {"camera": camera, "jitter": jitter.to_json()}
         pixels = self._at_most_twice(lambda: self._ask(request, numbers))
@@ -237,7 +237,7 @@ class LimitedView:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended, or was asked to end."""
+        """Whether the process has ended, or was requested to end."""
         return self._process.is_closed
 
     def stop(self) -> None:
@@ -264,7 +264,7 @@ class LimitedView:
 
     @contextlib.contextmanager
     def _told_plainly(self) -> Iterator[None]:
-        """Turn the errors of the process into those of a stored scene."""
+        """Turn process errors into stored scene errors."""
         try:
             yield
         except RefusedError as problem:

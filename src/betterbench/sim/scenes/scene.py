@@ -202,7 +202,7 @@ class Scene:
         return self._simulator_state
 
     def body_poses(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return a copy of the positions (nbody, 3) [m] and quaternions (nbody, 4) of all bodies of the model."""
+        """Return a copy of the positions (nbody, 3) [m] and quaternions (nbody, 4) of all bodies in the model."""
         return self._data.xpos.copy(), self._data.xquat.copy()
 
     @property
@@ -303,7 +303,7 @@ class Scene:
         )
 
     def restore(self, snapshot: SceneSnapshot) -> WorldState:
-        """Restore a moment of this scene, any number of times, and return the state."""
+        """Restore a saved moment of this scene, any number of times, and return the state."""
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self.controller.restore(snapshot.controller)
         self._contacts.restore(snapshot.contacts)

@@ -1,4 +1,4 @@
-"""The base scene: the empty world of every task, and the quality presets of its images.
+"""The base scene: the empty world used by every task, and the quality presets for its images.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
 0``; the robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.

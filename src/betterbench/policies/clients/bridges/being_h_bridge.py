@@ -68,7 +68,7 @@ def encode(value: object) -> bytes:
 
 
 def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in openpi's variant of msgpack; raise ValueError if it is malformed."""
+    """Decode a frame in openpi's variant of msgpack; raise ValueError if it is malformed."""
     if isinstance(frame, str):
         raise TypeError("expected a binary frame, got a text")
     return msgpack.unpackb(frame, object_hook=_read, strict_map_key=True)

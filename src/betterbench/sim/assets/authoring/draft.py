@@ -130,8 +130,8 @@ def grip(
 ) -> Grasp:
     """Return a grasp at (x, y) by a jaw from straight above, with the center of its pads at ``height`` [m].
 
-    The fingers open along the axis ``across`` of the object, around a thickness of ``width`` [m]; for the other
-    arguments see :class:`Grasp`.
+    The fingers open along the object's axis ``across``, around a thickness of ``width`` [m]; for the other arguments
+    see :class:`Grasp`.
     """
     pose = Pose((x, y, height), JAW_OPENS_ALONG_X if across == "x" else JAW_OPENS_ALONG_Y)
     return Grasp(name, pose, width, clearance, symmetric_yaw, preference)
@@ -149,7 +149,7 @@ def grip_across(height: float, radius: float, *, clearance: float | None = None)
 def zone(
     name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
 ) -> Region:
-    """Return a rectangular region with half extents and a middle [m]; it is flat unless ``half_z`` is given."""
+    """Return a rectangular region with half extents and a center [m]; it is flat unless ``half_z`` is given."""
     return Region(name, (x, y, z), (half_x, half_y, half_z))
 
 

@@ -56,7 +56,7 @@ class Canvas:
         image[:] = image * (1.0 - weight) + np.asarray(color) * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
-        """Return the rows and columns of the samples within reach; speeds up textures with hundreds of pores."""
+        """Return the rows and columns of the samples within reach; this speeds up textures with hundreds of pores."""
         rows = np.abs(self.y[:, 0] - center[1]) <= reach_y
         return _run(rows), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 

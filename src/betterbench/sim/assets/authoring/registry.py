@@ -61,8 +61,8 @@ def generator(
     plates of a set) match.
 
     Raises:
-        InvalidInputError: If there is no color or no look of either kind, or if another function has registered the
-            category.
+        InvalidInputError: If there is no color, no seen look or no unseen look, or if another function has registered
+            the category.
     """
     if not category or not colors or looks < 1 or unseen_looks < 1:
         problem = "it needs a name, a color, a look and a held-out look"
@@ -162,7 +162,7 @@ def family_of(category: str) -> str:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
-    Without a color, the first color of the category is used, see :func:`colors`; the look is one of :func:`looks` or
+    Without a color, the category's first color is used, see :func:`colors`; the look is one of :func:`looks` or
     :func:`unseen_looks`.
 
     Raises:

@@ -15,8 +15,8 @@ class Turned:
     """A profile revolved about the vertical axis.
 
     Attributes:
-        radii: Radius of each point of the profile [m], from the bottom on the outside upward; a radius of zero closes
-            the surface.
+        radii: Radius at each profile point [m], from the bottom on the outside upward; a radius of zero closes the
+            surface.
         heights: Height of each point [m].
         crease_degrees: Angle above which an edge is drawn sharp.
         wrap: Whether to wrap the texture around each half of the circumference; otherwise the texture has one column.

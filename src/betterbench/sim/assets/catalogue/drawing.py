@@ -1,6 +1,6 @@
 """Pictures of mesh files, drawn from points on their surface without a simulator or a graphics library.
 
-The mesh is loaded with trimesh, which reads further files through a resolver that stays in the mesh folder.
+The mesh is loaded with trimesh, which reads additional files through a resolver that stays in the mesh folder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded
 
 MAX_BYTES = 64 << 20
-"""Largest mesh file that is drawn, and largest file that it may refer to [byte]."""
+"""Largest mesh file that is drawn, and largest file that it may reference [byte]."""
 MAX_FACES = 400_000
 """Largest number of triangles that are drawn."""
 _POINTS = 400_000

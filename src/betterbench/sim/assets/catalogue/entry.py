@@ -16,8 +16,8 @@ class CatalogueEntry:
         id: Unique name ("procedural/mug-red", "objaverse/UID").
         source: Source name ("procedural", "kenney_food").
         name: Common noun for the object ("coffee mug").
-        content_hash: SHA-256 of the bytes of its file (64 hex digits); of a generated asset, the asset hash;
-            empty for a file that has not been downloaded.
+        content_hash: SHA-256 of the file's bytes (64 hex digits); for a generated asset, the asset hash; empty for a
+            file that has not been downloaded.
         path: Absolute path of its file, empty for an asset without a file.
         description: Free text.
         category: Kind of object, empty if the source does not give it.

@@ -21,7 +21,7 @@ one two three few which who what can be used use something object thing item wan
 type piece sort model 3d put holding containing contains asset mesh like as has have
 """
 _SAYS_LITTLE = frozenset(_LITTLE.split())
-"""Words of a query that are ignored."""
+"""Query words that are ignored."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 _AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
 """Words that follow the head noun of a description: "with" after "mug" in "a blue mug with a handle"."""
@@ -72,7 +72,7 @@ class Query:
 
 @functools.cache
 def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
-    """Return, for each phrase of the list, the phrases that mean the same or are kinds of it, with their weights.
+    """Return, for each listed phrase, the phrases that mean the same or are kinds of it, with their weights.
 
     In a line ``a = b > c, d``, a and b are synonyms, and a query for either also finds c and d, but not the reverse.
     """

@@ -1,4 +1,4 @@
-"""The indexing job, which writes rows of sources and vectors of their texts. A killed job resumes where it stopped."""
+"""The indexing job, which writes source rows and text vectors. A killed job resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class IndexReport:
 def index_sources(
     folder: Path, sources: Sequence[AssetSource], *, encoder: TextEncoder | None = None, on_progress: OnProgress
 ) -> IndexReport:
-    """Bring the rows of some sources up to date; rows of other sources stay.
+    """Update the rows of some sources; the rows of other sources stay unchanged.
 
     Args:
         folder: Catalogue folder, created if it is missing.

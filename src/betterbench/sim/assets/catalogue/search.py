@@ -146,7 +146,7 @@ class Catalogue:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Names of the sources, in the order of their first indexing."""
+        """Source names, in the order of their first indexing."""
         return tuple(self._numbers)
 
     def entry(self, asset_id: str) -> CatalogueEntry:
@@ -273,7 +273,7 @@ class Catalogue:
 
 
 def _sealed(store: Store, folder: Path) -> str:
-    """Return whether a catalogue has words only or also vectors; raise InvalidInputError if indexing has not ended."""
+    """Return whether a catalogue has words only or also vectors; raise InvalidInputError if indexing is incomplete."""
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
         problem = "its indexing has not ended, or was interrupted"

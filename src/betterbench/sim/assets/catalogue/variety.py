@@ -42,8 +42,8 @@ def choose_different(
 ) -> list[Chosen]:
     """Return assets of the best-matching kind for a description, as different as the catalogue allows.
 
-    The first asset is drawn among the best; each further asset differs most from the previous assets in source, color,
-    look and proportions. If the description names a color, all assets have that color.
+    The first asset is drawn from the best results; each further asset differs most from the previous assets in source,
+    color, look and proportions. If the description names a color, all assets have that color.
 
     Args:
         catalogue: Catalogue to search.
@@ -107,7 +107,7 @@ def _color(entry: CatalogueEntry) -> str:
 
 
 def _distance(one: Chosen, others: Sequence[Chosen]) -> tuple[float, float]:
-    """Return the distance of an asset to the nearest of a list of others, and the sum of its distances to all."""
+    """Return an asset's distance to the nearest asset in a list, and the sum of its distances to all of them."""
     distances = [_between(one, other) for other in others]
     return min(distances, default=0.0), sum(distances)
 
@@ -121,7 +121,7 @@ def _between(one: Chosen, other: Chosen) -> float:
 
 
 def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
-    """Return how much the proportions of two boxes differ, as the largest logarithm of a ratio of sides."""
+    """Return how much the proportions of two boxes differ, as the largest logarithm of a side ratio."""
     if first.size_m is None or second.size_m is None or min(*first.size_m, *second.size_m) <= 0.0:
         return 0.0
     pairs = zip(first.size_m, second.size_m, strict=True)

@@ -152,7 +152,7 @@ class VectorIndex:
         return len(self._scales)
 
     def block(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the vectors and scales of a range of indices."""
+        """Return the vectors and scales for a range of indices."""
         return self._vectors[start:stop], self._scales[start:stop]
 
     def nearest(

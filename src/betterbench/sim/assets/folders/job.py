@@ -39,7 +39,7 @@ class ImportRequest:
         path: The file.
         wishes: Options of the import.
         name: Asset name in tasks; derived from the file name if not given.
-        color: Color word; by default, the color of most of the surface.
+        color: Color word; default: the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
 
@@ -86,7 +86,7 @@ def import_assets(
         requests: The files.
         out: The folder, created if it is missing.
         workers: Number of files imported in parallel.
-        overwrite: Whether files that betterbench did not write may be replaced.
+        overwrite: Whether to replace files that betterbench did not write.
         on_progress: Called at the start and after each file.
 
     Raises:

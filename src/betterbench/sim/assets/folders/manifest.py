@@ -1,4 +1,4 @@
-"""The manifest of a folder of imported assets."""
+"""The manifest of a folder with imported assets."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ _FORMS = {
 
 @generator("cup", colors=_COLORS, family="tea cup")
 def cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a low wide cup of tea on a narrow foot; its handle stands out along +x like an ear.
+    """Make a low wide cup of tea on a narrow foot; its handle protrudes along +x like an ear.
 
     A porcelain tea cup of 0.12 to 0.18 l is 65 to 90 mm wide, 50 to 65 mm high and weighs 0.13 to 0.2 kg. Its collision
     shape is filled: it already contains tea, and nothing is put into it.
@@ -80,7 +80,7 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _ear(rng: np.random.Generator, radius: float, loop: float, z: tuple[float, float], half: float) -> Mesh:
-    """Return a handle like an ear, between two heights, of half a width, that stands out by ``loop`` [m]."""
+    """Return an ear-shaped handle between two heights, with a half width, that protrudes by ``loop`` [m]."""
     (low, top), b, bevel = z, 0.0034, 0.0016
     droop, start = rng.uniform(0.0, 0.30) * (top - low), radius - 0.0035
     out = radius + loop - b

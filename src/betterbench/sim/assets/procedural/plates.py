@@ -1,4 +1,4 @@
-"""Dinner plates of one family of sizes that stack in any order, and a bowl of a plate's width."""
+"""Dinner plates from one family of sizes that stack in any order, and a bowl as wide as a plate."""
 
 import math
 
@@ -12,10 +12,9 @@ from betterbench.sim.assets.authoring.mesh import Mesh
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 FLOOR_M = 0.0105
-"""Height of a plate's floor, on which the next plate stands [m]; the same for all, so that stacks are equally high.
+"""Height of a plate's floor, on which the next plate rests [m]; the same for all, so that stacks are equally high.
 
-It is also the height at which the rim begins. In a stack, the rim of each plate therefore begins above the rim of the
-plate below, and plates of any two radii stack with room to the sides."""
+It is also the height at which the rim begins. In a stack, each plate's rim therefore begins above the rim of the plate below, and plates with any two radii stack with room to the sides."""
 
 RIM_M = 0.0205
 """Height of the rim [m]: pads that reach 9 mm down its upright edge of 10 mm hold a plate at half of their force with a
@@ -54,8 +53,8 @@ def _plate(
 ) -> Draft:
     """Make a flat plate with an upright rim and a radius in a range [m]; the density is in kg/m^3.
 
-    The collision shape of the floor is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for
-    the fingers that pinch it; it must be narrower than the edge of any object that may be put down there upside down.
+    The floor's collision shape is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for the
+    fingers that pinch it; it must be narrower than the edge of any object that may be put down there upside down.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
     raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)
@@ -91,7 +90,7 @@ def _plate(
 
 
 def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
-    """Indent the edge of a mesh between ``count`` scallops by a share ``depth`` of its distance from the center."""
+    """Indent the edge of a mesh between ``count`` scallops by a fraction ``depth`` of its distance from the center."""
     if not count:
         return mesh
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
@@ -151,7 +150,7 @@ def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
 
 
 class _Glaze:
-    """The color and the decoration of a piece of tableware."""
+    """Color and decoration of a piece of tableware."""
 
     def __init__(self, rng: np.random.Generator, color: str, *, edge: bool) -> None:
         """Draw a design; with an ``edge`` the rim has a dark or a pale line around it, as enameled ware has."""

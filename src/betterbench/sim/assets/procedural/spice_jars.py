@@ -33,7 +33,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a glass spice jar filled to its shoulder: white salt with an S, black pepper with a P, red paprika.
 
     The whole jar has the color of the spice. The cap has the same color or is made of steel, so that no cap has the
-    color word of another jar. The glass is drawn instead of transparent, because one transparent part doubles the
+    color word of another jar. The glass is painted instead of transparent, because one transparent part doubles the
     rendering time of depth images.
     """
     shape, steel = _Shape(rng), bool(rng.random() < 0.45)
@@ -42,7 +42,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     canvas = shape.wrap(content)
     canvas.grain(rng, cells=(50, 64), amount=0.30 if color == "black" else 0.03)
     up = canvas.height_on_wall
-    # The thick foot of the glass, the empty neck, and the gleam of its round sides.
+    # The thick glass base, the empty neck, and the highlights on its round sides.
     glass = mixed((0.66, 0.73, 0.73), content, 0.45)
     canvas.paint((up < 0.003) | (up > shape.body - 0.0015), glass)
     for share, thick, strength in ((0.10, 0.0012, 0.40), (0.88, 0.0008, 0.30)):
@@ -92,8 +92,8 @@ def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
 def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, of a spice jar's size.
 
-    Vials of 8 to 13 drams have diameters of 38 to 44 mm; filled they weigh 60 to 120 g. The upper value is used, so
-    that its weight is similar to that of a jar.
+    Vials with 8 to 13 drams have diameters of 38 to 44 mm; filled, they weigh 60 to 120 g. The upper value is used, so
+    that its weight is similar to a jar's weight.
     """
     shape = _Shape(rng)
     white, amber, r = PALETTE[color], bool(rng.random() < 0.5), shape.radius
@@ -226,7 +226,7 @@ def _bottle(
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """Colors of a label: of letters and lines, and of the picture of a pepper pod."""
+    """Label colors: letters and lines, and the picture of a pepper pod."""
 
     ink: Rgb
     pod: Rgb

@@ -24,8 +24,7 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb, jittered, mixed,
 from betterbench.sim.assets.procedural.spice_jars import JAR_RADIUS_M
 
 CLEARANCE_M = 0.0027
-"""Clearance between a mean jar and its hole on each side [m]; the task requires 3 mm a side or less, and the jars of
-all looks have 2.4 to 3.0 mm."""
+"""Clearance between a mean jar and its hole on each side [m]; the task requires 3 mm per side or less, and the jars in all looks have 2.4 to 3.0 mm."""
 
 PITCH_M = 0.085
 """Distance between the holes [m]: an open jaw (80 mm and the fingers) fits around one jar beside another."""
@@ -169,7 +168,7 @@ def _grain(rng: np.random.Generator, wood: Rgb, length: float, *, stripe: bool) 
 
 
 def _top(rng: np.random.Generator, wood: Rgb, plan: tuple[float, float, float]) -> Canvas:
-    """Draw the top face; the holes lie in their own shadow."""
+    """Draw the top face; the holes are in their own shadow."""
     lit = shaded(wood, 1.10)
     width, depth = 2.0 * (plan[1] - plan[2]), 2.0 * (plan[0] - plan[2])
     canvas = Canvas(width, depth, (256, 80), lit)

@@ -21,7 +21,7 @@ _IDEOGRAPHS = (
 
 
 class WordPieces:
-    """Splitter of texts into the numbers of their word pieces.
+    """Splitter that turns texts into word piece numbers.
 
     Args:
         vocabulary: The pieces in the order of their numbers in the model.

@@ -1,4 +1,4 @@
-"""Interface of asset sources, and the registry of all kinds of sources."""
+"""Interface for asset sources, and the registry of all source kinds."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def register(kind: SourceKind) -> SourceKind:
 
 
 def open_source(address: str, options: SourceOptions | None = None) -> AssetSource:
-    """Open the source of an address; the path of an existing folder is enough for a folder.
+    """Open the source at an address; for a folder, the path of an existing folder is enough.
 
     Raises:
         UnknownNameError: If no kind has such addresses.
