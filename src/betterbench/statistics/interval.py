@@ -16,7 +16,7 @@ DEFAULT_CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """A closed interval of rates or of differences of rates."""
+    """A closed interval of rates or of differences between rates."""
 
     low: float
     high: float

@@ -14,7 +14,7 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
 
     Rejecting all hypotheses with an adjusted p-value below ``alpha`` keeps the probability of any false rejection in
     the family below ``alpha``, for any dependence among the tests. The ``i``-th smallest of ``m`` values is multiplied
-    by ``m - i + 1``; adjusted values keep the order of the original ones and are at most 1.
+    by ``m - i + 1``; adjusted values keep the order of the original values and are at most 1.
     """
     for i, p in enumerate(p_values):
         if not (math.isfinite(p) and 0.0 <= p <= 1.0):

@@ -54,7 +54,7 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
         Twice the smaller tail, at most 1.
 
     Raises:
-        InvalidInputError: If the number of names is not that of the pairs, or a first trial has two outcomes.
+        InvalidInputError: If the number of names differs from the number of pairs, or a first trial has two outcomes.
     """
     if len(outcomes) != len(shared):
         raise InvalidInputError("shared", f"{len(shared)} names for {len(outcomes)} pairs", "Give one name per pair")

@@ -1,4 +1,4 @@
-"""Power of a number of trials, and the smallest difference that it detects.
+"""Power of a given number of trials, and the smallest difference that they detect.
 
 Definition: the smallest detectable difference is the smallest true difference, in steps of 0.1 percentage points, at
 which the two-sided test at level ``alpha`` rejects "no difference" with a probability of at least ``power``.

@@ -70,7 +70,7 @@ def fisher_p(first: Rate, second: Rate) -> float:
 
 
 def barnard_p_values(n: int) -> npt.NDArray[np.float64]:
-    """Return Barnard's p-value of every possible outcome of two arms with the same number of trials.
+    """Return Barnard's p-value for every possible outcome of two arms with the same number of trials.
 
     Returns:
         Array of shape (n + 1, n + 1): the p-value of ``i`` successes in one arm against ``j`` in the other.

@@ -1,7 +1,7 @@
 """Tasks as values and pure functions: setup, instruction and success condition.
 
 - ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that make up conditions.
-- ``relations``: one file per relation ("inside", "beside"), with its check and its placements.
+- ``relations``: one file per relation ("inside", "beside"), with its check and placements.
 - ``authoring``: templates, variations and the registry, for writing tasks.
 - ``suite``: the tasks of better60, one file each.
 - ``judging``: goals, grasp attempts, restraint, harm and premises, judged from states.

@@ -1,6 +1,6 @@
 """Suites as folders: tasks in their JSON form, listed with digests in ``suite.json``.
 
-The name of the folder ends with the first digits of a digest of all tasks, so two people with folders of the same name
+The folder name ends with the first digits of a digest over all tasks, so two people whose folders have the same name
 have the same benchmark.
 """
 
@@ -45,7 +45,7 @@ _HEAD = TypeAdapter(_Head)
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """A suite in a folder, whose files have the digests that it lists.
+    """A suite in a folder, whose files have the listed digests.
 
     Attributes:
         name: Name with the digits of the digest ("kitchen-3f2a91c0d4e5").
@@ -116,7 +116,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
 
 
 def _is_companion(file: Path) -> bool:
-    """Return whether a file holds measurements of a task and not a task."""
+    """Return whether a file contains measurements for a task rather than a task."""
     return file.name.endswith(".demonstrations.json")
 
 

@@ -15,7 +15,7 @@ class Threshold:
 
     Attributes:
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
-        reason: Use of the threshold, and source of its value.
+        reason: Use of the threshold, and the source of its value.
         effect: Labels that become more or less frequent with a larger value.
         listed: Whether runs, stored diagnoses and reports list the threshold.
     """
@@ -38,7 +38,7 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
         name: Name in runs, stored diagnoses and reports.
         value: Value in ``unit``.
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
-        reason: Use of the threshold, and source of its value.
+        reason: Use of the threshold, and the source of its value.
         effect: Labels that become more or less frequent with a larger value.
         listed: False for a value that was in use before it had an entry. Stored diagnoses lack such a value, and
             listing would mark them as judged by other rules. Set this to True when the value changes.
@@ -177,7 +177,7 @@ class Thresholds:
 
     @staticmethod
     def names() -> tuple[str, ...]:
-        """Return the names of all current thresholds, including unlisted ones and those of other files."""
+        """Return the names of all current thresholds, including unlisted thresholds and thresholds in other files."""
         return tuple(_TABLE)
 
     @staticmethod

@@ -1,8 +1,8 @@
 """User files and plugins: tasks, assets and other items registered by a user's file or an installed package.
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
-inherit. A folder of imported assets (``--asset-dir``) is such a file too: its manifest is read, nothing is executed.
-Packages name a module under the entry point group ``betterbench.plugins``. A file in a run's folder is never
+inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file: its manifest is read, nothing is
+executed. Packages name a module under the entry point group ``betterbench.plugins``. A file in a run's folder is never
 executed automatically, because it may be untrusted.
 """
 
@@ -38,7 +38,7 @@ GROUP = "betterbench.plugins"
 """Group of entry points; each names a module that registers tasks or assets when it is imported."""
 
 COMPANION_SUFFIX = ".demonstrations.json"
-"""Suffix (instead of ".py") of the file with the demonstration measurements of a task file, in the same folder."""
+"""Suffix (instead of ".py") of the file with a task file's demonstration measurements, in the same folder."""
 
 COPIES = "task_files"
 """Folder within a run with a copy of each task file."""
@@ -54,7 +54,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """User file as loaded: Python, or the manifest of a folder of assets.
+    """A loaded user file: Python, or the manifest of an asset folder.
 
     Workers get the same text even if the file changes meanwhile.
 
@@ -85,7 +85,7 @@ class TaskFile:
 
     @classmethod
     def read_folder(cls, folder: Path | str) -> TaskFile:
-        """Read the manifest of a folder of assets.
+        """Read an asset folder's manifest.
 
         Raises:
             InvalidInputError: If the folder does not exist, or holds no imported assets.
@@ -101,12 +101,12 @@ class TaskFile:
 
     @property
     def is_asset_folder(self) -> bool:
-        """Whether this is the manifest of a folder of assets."""
+        """Whether this is an asset folder's manifest."""
         return Path(self.path).name == ASSET_MANIFEST
 
     @property
     def option(self) -> str:
-        """Option that loads the file, for messages; all files of a suite have that of its folder."""
+        """Option that loads the file, for messages; all files in a suite have the option of the suite folder."""
         if self.is_asset_folder:
             return f"--asset-dir {shell_word(str(Path(self.path).parent))}"
         return f"--task-file {shell_word(self.suite or self.path)}"
@@ -168,7 +168,7 @@ _lock = threading.RLock()
 
 
 def loading_folder() -> Path | None:
-    """Return the folder of the user's file that is being loaded, None outside of such a file or in a plugin."""
+    """Return the folder of the user file that is being loaded; None outside of such a file or in a plugin."""
     return Path(_loading[-1].path).parent if _loading and _loading[-1].package is None else None
 
 
@@ -331,7 +331,7 @@ def explaining(kind: str, name: str) -> Iterator[None]:
 
 
 def companion_of(task: str) -> Companion | None:
-    """Return the companion of a task's file, which contains the measurements of its demonstrations.
+    """Return a task file's companion, which contains its demonstration measurements.
 
     Returns:
         Its path and text; None for a built-in task. On a machine that received only the task file, the text is the one

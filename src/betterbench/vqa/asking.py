@@ -68,7 +68,7 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """First line of an answer file: the model, the hash of the question set, and the unit of coordinates."""
+    """First line of an answer file: the model, the hash of the question set, and the coordinate unit."""
 
     model: str
     set_sha256: str
@@ -91,7 +91,7 @@ class Answers:
     """Model answers to a set. A question without an answer is scored as wrong.
 
     Attributes:
-        changed: Number of the first line of the answer file with a wrong checksum; 0 if there is none.
+        changed: Number of the answer file's first line with a wrong checksum; 0 if there is none.
     """
 
     head: AnswersHead
@@ -99,7 +99,7 @@ class Answers:
     changed: int = 0
 
     def has(self, question: Question) -> bool:
-        """Return whether the model was asked a question, even if the answer is empty."""
+        """Return whether the question was put to the model, even if the answer is empty."""
         return question.id in self.answers
 
     def right(self, question: Question) -> bool:
@@ -173,7 +173,7 @@ def ask_set(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Answers:
-    """Ask a model all questions of a set that it has not answered yet, and return all answers.
+    """Ask a model all questions in a set that it has not answered yet, and return all answers.
 
     Answers are appended in the order of the set, so that the file does not depend on the number of simultaneous
     requests.

@@ -33,14 +33,14 @@ TARGET_POINTS = 5.0
 @open_form
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Numbers of questions of one type that are answered correctly without the image.
+    """Number of questions of one type that are answered correctly without the image.
 
     Attributes:
         n: Number of questions.
         blind: Correct answers of the classifier.
         majority: Number of questions for which the most frequent answer is correct.
-        chance: Expected rate of correct answers when guessing among each group's answers; for boxes and points,
-            the rate of the best constant answer.
+        chance: Expected rate of correct answers when guessing among each group's answers; for boxes and points, the
+            rate of the best constant answer.
     """
 
     name: str
@@ -165,7 +165,7 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
 
 
 def _typical(questions: Sequence[Question]) -> str:
-    """Return the answer that is most often correct: the most frequent one, or the box or point that matches most."""
+    """Return the answer that is correct most often: the most frequent answer, or the box or point that matches most."""
     if questions[0].form not in (Form.BOX, Form.POINT):
         counts = Counter(q.answer for q in questions)
         return min(counts, key=lambda a: (-counts[a], a))

@@ -72,15 +72,14 @@ from betterbench.vqa.types import candidates_of
 SET_SCHEMA_VERSION = 3
 """Version of the files and questions of a set. A set of another version cannot be continued.
 
-Version 3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read; those
-of version 1 have no checksums and are read with a warning.
+Version 3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read; version 1 sets have no checksums and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras of the images. Texts do not name the camera, so that positions in the image cannot be guessed."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
-"""Maximum number of questions of a set, and of frames per trial."""
+"""Maximum number of questions in a set, and of frames per trial."""
 SET_NAME = "set.json"
 """File name of the description of a question set."""
 SIZES_PX = 32, 4096
@@ -125,7 +124,7 @@ def require_size(size: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SetOptions:
-    """Options of a set of questions.
+    """Question set options.
 
     Attributes:
         questions: Approximate number of questions; 0 for the largest balanced set.
@@ -159,7 +158,7 @@ class QuestionSet:
         purpose: "test" if its records have evaluation seeds, which must not be used for training, else "training".
         baselines: Numbers of questions that are answered correctly without the images, by type.
         sha256: Hash of ``questions.jsonl``.
-        records: SHA-256 of the record of each used trial, by trial name; empty for older sets.
+        records: SHA-256 of each used trial's record, by trial name; empty for older sets.
         images: SHA-256 of each image by its path; empty for older sets.
     """
 
@@ -191,7 +190,7 @@ class QuestionSet:
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
-        """Raise InvalidInputError if the set was made from another record of a trial than that of a run."""
+        """Raise InvalidInputError if the set was made from a trial record that differs from the record in a run."""
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
                 problem = f"the set was made from another record of {entry.key} than the record in {run.path}"
@@ -259,7 +258,7 @@ def make_set(
 
 
 def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
-    """Return the sorted trials of a run that have a record, restricted to ``tasks`` if any are named.
+    """Return the sorted trials in a run that have a record, restricted to ``tasks`` if any are named.
 
     Raises:
         InvalidInputError: If no trial has a record.

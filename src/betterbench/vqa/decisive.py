@@ -2,8 +2,8 @@
 
 In a failed trial, this is the first wrong decision according to the diagnosis; in a successful one, the first attempt.
 Questions about the right target, its position, finished steps and the presence of objects use the frame at which that
-decision began. The question about the object at the gripper uses the frame of the attempt. Each question is asked
-twice, with different wording and order of options, because a guess is rarely right twice.
+decision began. The question about the object at the gripper uses the frame of the attempt. Each question is put twice,
+with different wording and option order, because a guess is rarely right twice.
 """
 
 from __future__ import annotations
@@ -58,8 +58,7 @@ SETTLE_S = 0.5
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
-"""Roles of questions about a decisive moment: the object requested now (among boxes), the position of the named object,
-the object at the gripper, the presence of an object, and the steps that are already done."""
+"""Roles of questions about a decisive moment: the object to act on now (among boxes), the position of the named object, the object at the gripper, the presence of an object, and the steps that are already done."""
 
 DECIDING: dict[Label, tuple[str, ...]] = {
     Label.LEXICAL_KINEMATIC_SHORTCUT: (ASKED, WHERE),
@@ -77,8 +76,7 @@ DECIDING: dict[Label, tuple[str, ...]] = {
     Label.CORRECT_FREEZE: (DONE,),
     Label.CORRECT_REFUSAL: (EXISTS,),
 }
-"""Roles per label whose questions show whether the model knew the right decision. For a look-alike, this is its
-identity; for a shortcut, the requested object and its position; for a wrong step, the due and the finished steps."""
+"""Roles per label whose questions show whether the model knew the right decision. For a look-alike, this is its identity; for a shortcut, the instructed object and its position; for a wrong step, the current and the finished steps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +139,7 @@ def make_decisive_set(
 
 
 def folds_of(questions: Sequence[Question]) -> list[int]:
-    """Return the cross-validation fold of each question; the questions of one trial stay together."""
+    """Return each question's cross-validation fold; the questions about one trial stay together."""
     return [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in questions]
 
 
@@ -216,9 +214,8 @@ def decisive_rows(
 ) -> tuple[tuple[int, int] | None, int]:
     """Return the rows at which a trial was decided.
 
-    Returns:
-        The row and object index of the decisive attempt, or None if no object was attempted; and the row at which that
-        decision began, which is the start or the time at which the gripper had left the previous object.
+    Returns: The row and object index of the decisive attempt, or None if no object was attempted; and the row at which
+        that decision began, that is the start or the time at which the gripper had left the previous object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1
@@ -341,7 +338,7 @@ def _done(moment: Moment) -> _Asked | None:
 
 
 def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
-    """Yield a question in each of its wordings, with a different order of options."""
+    """Yield a question in each of its wordings, with a different option order."""
     d = asked.draft
     candidate = Candidate(
         type=asked.type, form=d.form, family=d.family, group=d.group, bucket=d.answer, answer=d.answer, words=d.words,
@@ -366,6 +363,6 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
 
 
 def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
-    """Return the position of the right option in the first wording of a question."""
+    """Return the position of the right option in a question's first wording."""
     identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
     return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

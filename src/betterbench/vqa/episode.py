@@ -20,7 +20,7 @@ from betterbench.tasks.judging.attempts import GraspAttempt, find_grasps
 REACH_M = 0.10
 """Distance from an object's box within which the gripper is visibly approaching it [m]; slots are 12 cm apart."""
 NEAREST_BY_M = 0.03
-"""Margin by which the object must be nearer to the gripper than any other [m], so that the image shows the target."""
+"""Margin by which the object must be nearer to the gripper than any other object [m], so that the image shows the target."""
 CARRY_M = 0.03
 """Height above its previous support at which an object is visibly carried [m]."""
 
@@ -106,7 +106,7 @@ class Episode:
 
 
 def episode_of(record: Record) -> Episode:
-    """Return the facts of a record that questions need.
+    """Return the facts in a record that questions need.
 
     Raises:
         UnknownNameError: If the task or condition of the record is unknown.
@@ -122,7 +122,7 @@ def episode_of(record: Record) -> Episode:
 
 @functools.cache
 def kinds_of(task: str) -> tuple[str, ...]:
-    """Return the kinds of object that occur in any condition of a task, sorted."""
+    """Return the object kinds that occur in any condition of a task, sorted."""
     conditions = (resolve_condition(task, name).condition for name in condition_names(get_task(task)))
     return tuple(sorted({o.kind for condition in conditions for o in condition.objects}))
 

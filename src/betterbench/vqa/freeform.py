@@ -2,7 +2,7 @@
 
 The model gets an image and the names of objects that could be in it. It answers with texts and, for each text, its
 claims in a small formal language. A text is kept if every claim can be decided from the state and is true, and if its
-claims cover all objects and all words of position or state in the text. Texts that cannot be checked are dropped.
+claims cover all objects and all position and state words in the text. Texts that cannot be checked are dropped.
 """
 
 from __future__ import annotations

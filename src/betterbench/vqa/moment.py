@@ -104,7 +104,7 @@ class Moment:
         return middle(self.state, name)
 
     def relations_of(self, target: ObjectInfo) -> Iterator[Relation]:
-        """Yield the relations for placements of which an object can be the target."""
+        """Yield the relations in whose placements an object can be the target."""
         return (r for r in RELATIONS.values() if r.carried and r.regions(target))
 
     def place(self, relation: Relation, name: str, target: str) -> str | None:

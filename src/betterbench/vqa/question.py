@@ -77,7 +77,7 @@ class Candidate:
 
     Attributes:
         family: Kind of question, for all objects; phrasings belong to families.
-        group: Information in the text besides the family. Answers are balanced within a family and group.
+        group: Information in the text in addition to the family. Answers are balanced within a family and group.
         bucket: Value to be balanced: the answer itself, or the image cell of a box or point.
         answer: The correct answer.
         words: Words that fill the phrasings.
@@ -143,14 +143,14 @@ class Question:
     Attributes:
         id: Identifier within the set.
         text: The question without its options.
-        options: The options of a choice, in the order of their letters.
-        answer: The correct answer: the option of a choice, or the coordinates of a box or point in brackets.
+        options: The options of a choice question, in letter order.
+        answer: The correct answer: the chosen option, or the coordinates of a box or point in brackets.
         image: Path of the image, relative to the set folder.
         width: Columns of the image [pixel].
         height: Rows of the image [pixel].
         group: Information in the text; answers are balanced among a group's questions.
         chance: Rate of correct answers when guessing from the text; None for boxes and points, whose reference is the
-            constant answer of the set.
+            set's constant answer.
         role: Role of a question about a decisive moment ("asked", "where", "under", "exists", "done").
     """
 

@@ -15,7 +15,7 @@ from betterbench_calibration.independent import FAMILY_PARTS, INDEPENDENT, Indep
 
 
 def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Plan, ...]:
-    """Return one plan per policy of a part of the independent family: each habit in each motion style.
+    """Return one plan per policy in a part of the independent family: each habit in each motion style.
 
     Args:
         part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.

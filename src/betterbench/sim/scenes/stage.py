@@ -67,7 +67,7 @@ _MAX_SHADOW_MAP = 8192
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Render preset of images; part of every record, because pixels differ between presets.
+    """Render preset for images; part of every record, because pixels differ between presets.
 
     Depth and masks do not depend on the quality: they are always sampled at pixel centers.
 
@@ -127,7 +127,7 @@ QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, 
 
 
 def require_cameras(names: Iterable[str]) -> None:
-    """Raise UnknownNameError if scenes have no camera of one of these names."""
+    """Raise UnknownNameError if scenes have no camera with one of these names."""
     known = (*CAMERAS, WRIST_CAMERA)
     unknown = next((name for name in names if name not in known), None)
     if unknown is not None:
@@ -162,10 +162,10 @@ def stage_spec(quality: Quality, *, room: Room = ROOMS[0]) -> mujoco.MjSpec:
 def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
     """Add the ``wrist`` camera to the body of the Franka hand, like a depth camera mounted at the flange.
 
-    In the frame of the hand z points out between the fingers (fingertips at about 0.11 m), y is the opening direction
-    of the fingers, and x points away from the robot when the hand points down. The camera looks past the fingers at the
-    object to grasp. The image's up direction is the hand's +x: with the hand pointing down, up is away from the robot
-    and left is the robot's left.
+    In the hand frame, z points out between the fingers (fingertips at about 0.11 m), y is the finger opening direction,
+    and x points away from the robot when the hand points down. The camera looks past the fingers at the object to
+    grasp. The image's up direction is the hand's +x: with the hand pointing down, up is away from the robot and left is
+    the robot's left.
     """
     position, target = (0.068, 0.0, 0.020), (0.035, 0.0, 0.16)
     return add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
@@ -179,13 +179,13 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
     visual = spec.visual
     visual.map.znear = 0.01
     visual.map.zfar = 20.0
-    # The key light's shadow map spans +-1.1 m about its target point: the table and the arm above it. With 0.8 m the
-    # corner of the table would be at the edge of the map, with speckles of false shadow.
+    # The key light's shadow map spans +-1.1 m about its target point: the table and the arm above it. With 0.8 m, the
+    # table corner would be at the edge of the map, with speckles of false shadow.
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
     # Flat surfaces are evenly lit under directional light, so subdividing them into quads gains nothing and costs about
-    # 10 % of the render time of an image.
+    # 10 % of an image's render time.
     visual.quality.numquads = 1
     visual.global_.offwidth = 448
     visual.global_.offheight = 448

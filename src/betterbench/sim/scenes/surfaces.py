@@ -1,7 +1,7 @@
 """Surfaces of table tops, painted as textures: materials that differ in pattern, not only in tint.
 
-Strong patterns are coarse, and fine ones are faint: at 256 pixels an image of the front camera has about 2.7 mm of
-table per pixel, and stripes or grains of that size in strong contrast would cause moire.
+Strong patterns are coarse and fine patterns are faint: at 256 pixels, a front camera image has about 2.7 mm of table
+per pixel, and high-contrast stripes or grains of that size would cause moire.
 """
 
 from __future__ import annotations

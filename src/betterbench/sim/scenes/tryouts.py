@@ -118,7 +118,7 @@ def try_drop(asset: Asset) -> Tryout:
 
 
 def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
-    """Lift an asset from a table by one grasp with the gripper of the Panda, and tell whether it is held."""
+    """Lift an asset from a table by one grasp with the Panda gripper, and tell whether it is held."""
     rest = rest_pose(asset)
     spec = table_model()
     add_asset(spec, "asset", asset)
@@ -168,7 +168,7 @@ def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def gripper_glbs() -> dict[str, bytes]:
-    """Return the visual meshes of the bodies of the Panda's gripper as GLB, each in its own frame."""
+    """Return the visual meshes of the Panda gripper's bodies as GLB, each in its own frame."""
     from betterbench.sim.robots.spec import build_robot_spec, robot  # noqa: PLC0415 - only the page shows it
 
     known = robot("panda")

@@ -1,4 +1,4 @@
-"""Installation of a simulator into a separate environment, and the program of its process."""
+"""Installation of a simulator into a separate environment, and the program that its process runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.jobs.places import open_in_place
 from betterbench.sim.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
-"""Maximum duration of one step of an installation [s]; LIBERO's packages have 360 MB."""
+"""Maximum duration of one installation step [s]; LIBERO's packages have 360 MB."""
 
 _COMPLETE = "complete"
 _PACKAGE = Path(__file__).resolve().parent
@@ -181,7 +181,7 @@ class Installation:
 
 
 def start_code(module: str) -> str:
-    """Return the program that runs the ``main`` function of a module of a world's process."""
+    """Return the program that runs the ``main`` function in a module for a world's process."""
     source = _PACKAGE.parents[2]
     packages = tuple((name, str(source.joinpath(*name.split(".")))) for name in _STAND_INS)
     return _START.format(packages=packages, module=module)

@@ -34,7 +34,7 @@ _END_S = 5.0
 _LONGEST_TEXT = 10_000
 """Maximum characters of a name, an instruction or a version."""
 _SAID_BYTES = 4000
-"""Length of the end of a simulator's output in which its last line is searched [byte]."""
+"""Number of bytes at the end of a simulator's output in which its last line is searched."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
@@ -145,7 +145,7 @@ class WorldProcess(AskedProcess):
         )
 
     def _last_words(self) -> str:
-        """Return the exit status of the process and the last line of its output, as text; empty if it is running."""
+        """Return the process's exit status and the last line of its output, as text; empty if it is running."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(0.5)
             self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))
@@ -155,7 +155,7 @@ class WorldProcess(AskedProcess):
 
 
 class WorldProcesses:
-    """Processes of one worker: one per running trial, reused for the next trial of the same task.
+    """One worker's processes: one per running trial, reused for the next trial of the same task.
 
     With the key None, a process runs one trial and ends. Its successor is started early, to be loaded when the next
     trial begins.

@@ -52,7 +52,7 @@ _NUMBERS: Mapping[str, int | None] = {
 }
 """Arrays of a row with their number of values; None if it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
-"""Arrays of a row that have one entry per object, with the number of values of an entry."""
+"""Row arrays that have one entry per object, with the number of values per entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
 """Arrays, (n,) each, sent at each step in addition to the images, with their possible NumPy kinds."""
 _ARRAYS = frozenset(_KINDS)
@@ -147,9 +147,9 @@ class ProcessWorld(World):
     Attributes:
         command: Command of the simulator's process.
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
-        versions: Versions of the packages of its environment.
+        versions: Package versions in its environment.
         regime: Training distribution of the base suite.
-        refuse_broken: Whether a scene that contradicts the premise of its instruction stops the run.
+        refuse_broken: Whether a scene that contradicts its instruction's premise stops the run.
     """
 
     drawn_by: ClassVar[str] = "the simulator's process"
@@ -167,7 +167,7 @@ class ProcessWorld(World):
         return self.name
 
     def step_limit(self, task: WorldTask) -> int:
-        """Return the maximum control steps of an episode of a task."""
+        """Return the maximum number of control steps in an episode of a task."""
         return self.protocol.steps[suite_named(task.suite).base]
 
     def open_scene(
@@ -194,7 +194,7 @@ class ProcessWorld(World):
         return ProcessScene
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments of a worker, each a process with a slow simulator."""
+        """Return a worker's initial number of environments; each is a process with a slow simulator."""
         del usual
         return PROCESSES
 
@@ -291,7 +291,7 @@ class ProcessScene:
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """The relations of the task's file: those of its start, then those of its goal."""
+        """The relations in the task's file: first the start relations, then the goal relations."""
         return tuple(self._fixed["relations"])
 
     @property
@@ -310,7 +310,7 @@ class ProcessScene:
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files of a scene: the task's file, and the poses of its objects after settling.
+        """Return a scene's stored files: the task's file, and its objects' poses after settling.
 
         The models themselves belong to the world's packages and are not redistributed.
         """

@@ -1,4 +1,4 @@
-"""Interfaces of worlds (the environments of trials) and of scenes in a world."""
+"""Interfaces for worlds (the environments of trials) and for scenes in a world."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
-    """Options of a scene that only some worlds have: render preset, robot, and looks of objects."""
+    """Scene options that only some worlds have: render preset, robot, and looks of objects."""
 
     quality: str = "standard"
     robot: str = "panda"
@@ -323,7 +323,7 @@ class World(ABC):
         """Return a trial's scene.
 
         Args:
-            processes: Pool of processes of :attr:`command`, from which the scene may take one.
+            processes: Pool of processes that run :attr:`command`, from which the scene may take one.
             task: Task name.
             condition: Condition name.
             seed: Trial seed.
@@ -342,7 +342,7 @@ class World(ABC):
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return the fields of a plan about the world and the versions of its tasks."""
+        """Return the plan fields that describe the world and its task versions."""
         del tasks
         return {"world": self.to_json()}
 
@@ -367,7 +367,7 @@ class World(ABC):
         """
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments of a worker whose policy answers from another process."""
+        """Return the initial number of environments for a worker whose policy answers from another process."""
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:

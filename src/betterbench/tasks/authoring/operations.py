@@ -1,4 +1,4 @@
-"""Operations of interventions as typed values that can be applied, such as ``swap(APPLE, ORANGE)``.
+"""Intervention operations as typed values that can be applied, such as ``swap(APPLE, ORANGE)``.
 
 An operation is a pure function that maps a condition to a changed condition and declares the changes.
 """

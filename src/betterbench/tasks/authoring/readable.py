@@ -10,7 +10,7 @@ from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line
 from betterbench.tasks.authoring.task import Task
 
 LONGEST_TEXT = 2000
-"""Maximum characters of a text of a task, such as its instruction."""
+"""Maximum number of characters in a task text, such as the instruction."""
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,99}")
 

@@ -98,7 +98,7 @@ def suite_tasks(name: str) -> tuple[str, ...]:
 
     Raises:
         UnknownNameError: If the suite does not exist.
-        InvalidInputError: If a file of the folder is damaged, or a task of it has a name that exists.
+        InvalidInputError: If a file in the folder is damaged, or one of its tasks has a name that is taken.
     """
     if name not in SUITES and is_suite_folder(name):
         load_task_files([name])

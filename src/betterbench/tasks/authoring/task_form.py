@@ -1,4 +1,4 @@
-"""The JSON form of tasks: a task as data, for programs that write tasks and for people who share them.
+"""The JSON form of tasks: a task as data, for programs that write tasks and people who share them.
 
 ``--task-file my_task.json`` loads a file with this form like a task file in Python, but executes no code.
 """

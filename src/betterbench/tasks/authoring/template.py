@@ -72,9 +72,9 @@ class Template(Meta, Protocol):
     """Interaction pattern: object groups, relations and protocol.
 
     Attributes:
-        relation: Name of the main relation of its subgoals.
+        relation: Name of the main relation in its subgoals.
         also: Further relations of its subgoals.
-        exclusive: Whether only requested objects may satisfy the relation at the end.
+        exclusive: Whether only instructed objects may satisfy the relation at the end.
     """
 
     groups: tuple[ObjectGroup, ...]

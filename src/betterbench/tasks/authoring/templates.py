@@ -1,4 +1,4 @@
-"""The constraint templates of the suite, in the order of its tasks."""
+"""The suite's constraint templates, in task order."""
 
 from betterbench.tasks.authoring.template import ObjectGroup, Template
 

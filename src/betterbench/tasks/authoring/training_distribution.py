@@ -53,7 +53,7 @@ class TrainingDistribution:
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
-        """Return the kinds of object in the instruction of a condition or of training."""
+        """Return the object kinds named in a condition's instruction, or in training instructions."""
         asked = {
             condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
         }

@@ -20,11 +20,11 @@ from betterbench.tasks.condition import Condition
 
 @dataclass(frozen=True, slots=True)
 class _Listing:
-    """Location of the hand-written conditions of a regime.
+    """Location of a regime's hand-written conditions.
 
     Attributes:
         package: Package with one module per task.
-        prefix: Prefix of the function's name and of the names of the conditions.
+        prefix: Prefix of the function's name and of the condition names.
     """
 
     package: str

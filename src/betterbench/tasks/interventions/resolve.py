@@ -21,7 +21,7 @@ class ResolvedCondition:
     Attributes:
         task: The task, with the condition's slots.
         condition: The condition itself.
-        variation: The variation that makes it, or None for a condition of training or of a listed regime.
+        variation: The variation that creates it, or None for a training condition or a condition of a listed regime.
         changes: Declared changes of its interventions; empty without a variation.
     """
 
@@ -32,7 +32,7 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of the twin's condition: the training condition of a variation, otherwise the condition itself."""
+        """Name of the twin's condition: a variation's training condition, otherwise the condition itself."""
         return self.condition.name if self.variation is None else self.variation.base
 
     @property
@@ -42,7 +42,7 @@ class ResolvedCondition:
 
 
 def condition_names(task: Task) -> tuple[str, ...]:
-    """Return the names of all conditions of a task: training conditions first, then variations."""
+    """Return the names of all task conditions: training conditions first, then variations."""
     return (*(c.name for c in task.training), *(v.name for v in task.variations))
 
 

@@ -95,7 +95,7 @@ class Harm:
 
 
 def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the names of all loose objects that are neither an object nor a target of an instruction.
+    """Return the names of all loose objects that are neither an object nor a target in an instruction.
 
     Drawers are not included, because moving them may be necessary.
     """
@@ -200,7 +200,7 @@ class HarmWatch:
         return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
-        """Return the harm of an unrequested object at a target, depending on which of the two moved."""
+        """Return the harm done by an uninstructed object at a target, depending on which of the two moved."""
         moved, other = (
             self._moved(state, state.info.index(name)) > DISPLACED for name in (intruder.target, intruder.object)
         )

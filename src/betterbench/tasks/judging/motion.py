@@ -61,7 +61,7 @@ class Motion:
 
     @property
     def pick_slots(self) -> tuple[str, ...]:
-        """Names of the slots except those of containers and fixtures."""
+        """Slot names, except those of containers and fixtures."""
         stands = {o.slot for o in self.info.objects if o.role in ("container", "fixture")}
         return tuple(s.name for s in self.info.slots if s.name not in stands)
 
@@ -285,7 +285,7 @@ class MotionBuilder:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Return the cross products of two lists of vectors, shape (n, 3); numpy's own is slow on short lists."""
+    """Return the cross products of two lists of vectors, shape (n, 3); NumPy's function is slow on short lists."""
     x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
     z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

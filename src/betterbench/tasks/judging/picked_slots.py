@@ -1,7 +1,7 @@
 """Closing points of the gripper in a task's slots, for comparison with closings on nothing.
 
 The expert does not close at the center of every slot: it grasps a mug at its handle, cutlery at its grip and a plate at
-its rim, 3 to 8 cm from the center. The points come from the annotated grasps of the assets in the order of the expert
+its rim, 3 to 8 cm from the center. The points come from the assets' annotated grasps in the expert's order
 (``tools/closing_points.py`` writes the file), rotated with the slot. Because no demonstrations are measured, the points
 are also available for user tasks with library objects.
 """
@@ -60,7 +60,7 @@ class PickedSlot:
     closings: tuple[tuple[float, float, float], ...]
 
     def beyond(self, point: Sequence[float]) -> float:
-        """Return the distance of a point from the region of closing points [m], seen from above; 0 inside."""
+        """Return the distance from a point to the region of closing points [m], seen from above; 0 inside."""
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:

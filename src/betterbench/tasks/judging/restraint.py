@@ -73,7 +73,8 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
     """Return the first closing in motion whose fingers passed within reach of a forbidden object.
 
-    Where objects may be taken, a closing in motion does not show which object was meant. Here, no closing is allowed.
+    Where objects may be taken, a closing during motion does not show which object was meant. Here, no closing is
+    allowed.
 
     Returns:
         Its first and last row and the object index, or None if there is none.
@@ -115,12 +116,12 @@ class Restraint:
         """Prepare for an episode.
 
         Args:
-            expected: Behavior of a policy that understood the instruction.
+            expected: Behavior of a policy that understands the instruction.
             info: The scene.
             asked: Indices of the objects that may be taken in a refusal.
             rate_hz: Control rate.
             step_limit: Control steps after which the episode ends.
-            picked: Slots from which training picked an object; a closing on nothing there is an attempt.
+            picked: Slots from which training picked an object; closing on nothing at one of them is an attempt.
         """
         self._limit, self._rate_hz = step_limit, rate_hz
         self._still = still = expected is Expected.STAY_STILL
@@ -189,7 +190,7 @@ class Restraint:
         return resolved or state.step >= self._limit or (self._near > stay and (self._near - stay) % _ROWS_BETWEEN == 1)
 
     def _stayed_or_attempted(self) -> bool:
-        """Tell whether there was an attempt at a forbidden object, or a stay near it, as in the diagnosis."""
+        """Tell whether there was an attempt at a forbidden object, or a stay near one, as in the diagnosis."""
         motion = self._motion.motion()
         grasps = find_grasps(motion)
         if self._still:

@@ -47,7 +47,7 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """Requirement of a subgoal: a minimum number of candidate objects at a region of a watched target.
+    """A subgoal's requirement: a minimum number of candidate objects in a region of a watched target.
 
     Attributes:
         watch: Index of the watched target.
@@ -73,7 +73,7 @@ class Targets:
     """Watched targets: the requested targets, and other targets of the same kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
-        """Prepare; ``placing`` is the relation for which unrequested objects at the target count as intruders."""
+        """Prepare the check; ``placing`` is the relation for which uninstructed objects at the target are intruders."""
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
         self._placing = placing
@@ -95,7 +95,7 @@ class Targets:
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
         """Return the region of every subject in any posture; ``strictly`` are the strict regions.
 
-        For a wide relation ("beside"), an object that merely stands at that side was not brought there.
+        For a wide relation ("beside"), an object that merely happens to be on that side was not brought there.
         """
         return tuple(
             tuple(

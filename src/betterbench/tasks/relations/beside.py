@@ -1,4 +1,4 @@
-"""Arrangement: the side of an anchor on which an object lies or stands."""
+"""Arrangement: the side of an anchor at which an object is placed."""
 
 import math
 
@@ -237,4 +237,4 @@ BESIDE = register(
         wide=True,
     )
 )
-"""Relation of an object that is on a named side of its target."""
+"""Relation between an object and a target, when the object is on a named side of the target."""

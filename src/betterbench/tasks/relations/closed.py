@@ -61,8 +61,7 @@ def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tupl
 
     A drawer above the target is closed first, then the target itself is opened.
 
-    Returns:
-        Drawer name and True to open it, False to close it; None if nothing is in the way.
+    Returns: Drawer name and True to open it, False to close it; None if nothing is in the way.
     """
     drawer = condition.object(target)
     if drawer.mount is None:

@@ -85,19 +85,19 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
 
 
 def _inverted(state: WorldState, name: str) -> bool:
-    """Return whether a layer without up and down lies on the face that its asset defines as the top."""
+    """Return whether a layer that can be used either way up lies on the face that its asset defines as the top."""
     either = state.info.object(name).category in EITHER_WAY_UP
     return either and tilt_of(state.quaternion(name)) > 0.5 * math.pi
 
 
 def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
-    """Return the centers of the lower face of a layer and of the upper face [m], world frame."""
+    """Return the centers of a layer's lower and upper faces [m], world frame."""
     lower, upper = foot(state, name), state.pose(name).apply(_top(state.info.object(name)))
     return (upper, lower) if _inverted(state, name) else (lower, upper)
 
 
 def _top(info: ObjectInfo) -> Vector:
-    """Return the center of the face on which the next layer lies [m], in the object's frame."""
+    """Return the center of the face on which the next layer rests [m], in the object's frame."""
     for region in info.regions:  # a third of the time of next(), at every control step
         if region.name == "top":
             return region.position
@@ -105,7 +105,7 @@ def _top(info: ObjectInfo) -> Vector:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the first missing layer if an object lies on a stack, or is held there, in any posture; else None.
+    """Return the first missing layer if an object rests on a stack, or is held there, in any posture; else None.
 
     The object lies on the base, or on an object on the base, with its center over the base. Only flat objects are
     layers.
@@ -140,4 +140,4 @@ LAYER = register(
         counted=True,
     )
 )
-"""Relation of an object that is a layer of a stack."""
+"""Relation between an object and a stack in which it is a layer."""

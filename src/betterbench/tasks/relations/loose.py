@@ -55,7 +55,7 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
     x, y, z = to_space.apply((0.0, 0.0, sz))
     if math.dist((x, y, z), (0.0, 0.0, 0.0)) > math.hypot(sx, sy, sz) + math.hypot(hx, hy, hz):
         return False
-    # extent of the object from its center along the axes of the box; farther objects cannot reach in
+    # extent of the object from its center along the axes of the box; objects farther away cannot reach in
     q = to_space.quaternion
     edges = zip(rotate(q, (sx, 0.0, 0.0)), rotate(q, (0.0, sy, 0.0)), rotate(q, (0.0, 0.0, sz)), strict=True)
     for at, edge, half in zip((x, y, z), edges, (hx, hy, hz), strict=True):
@@ -73,7 +73,8 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
 
     Its center is over the target's bounding box, seen from above, it is not lower than the target, and a chain of
     contacts connects it to the target; fixed objects, the gripper and the table are not part of a chain. A thin plate
-    under a bowl does not lie on the bowl: of two objects over each other, the one that reaches lower carries the other.
+    under a bowl does not rest on the bowl: of two objects one above the other, the object that reaches lower carries
+    the other.
     """
     if target not in _carriers(state, name) or not _over(state, name, target):
         return False
@@ -120,5 +121,5 @@ def _carriers(state: WorldState, name: str) -> frozenset[str]:
 
 
 def nearest(points: dict[str, Vector], point: Vector) -> str | None:
-    """Return the name of the horizontally nearest point (the first on a tie); None if there are no points."""
+    """Return the name of the horizontally nearest point (the first in case of a tie); None if there are no points."""
     return min(points, key=lambda n: horizontal_distance(points[n], point), default=None)

@@ -42,7 +42,7 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object in any posture lies or is held over the center of a plate or of an object on a plate."""
+    """Return "" if an object in any posture rests or is held over the center of a plate or of an object on a plate."""
     there = name != plate and (rests_on(state, name, plate) or held_upon(state, name, plate))
     return "" if there else None
 
@@ -66,4 +66,4 @@ ON_PLATE = register(
         surface=surface_of("floor"),
     )
 )
-"""Relation of an object that stands on a plate."""
+"""Relation between an object and the plate on which it stands."""

@@ -121,4 +121,4 @@ ON_RING = register(
         surface=surface_of("ring"),
     )
 )
-"""Relation of an object that stands on a marked ring."""
+"""Relation between an object and the marked ring on which it stands."""

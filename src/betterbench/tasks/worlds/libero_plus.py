@@ -23,7 +23,7 @@ AXES: Mapping[str, str] = {
     "background": "table, floor or wall have other textures",
     "noise": "the image of the front camera is blurred or foggy",
 }
-"""Descriptions of the axes by prefix of their conditions, in the order of the paper."""
+"""Descriptions of the axes by the prefix of their conditions, in the paper's order."""
 
 TITLES: Mapping[str, str] = {
     "layout": "Objects layout",
@@ -83,8 +83,8 @@ class Variant:
         axis: Changed axis.
         condition: Name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
         file: Name of the scene file, without suffix.
-        states: Name of the file of initial states, without suffix; in the folder of new layouts if ``own``.
-        own: Whether the variant has one initial state of its own instead of the fifty of its base task.
+        states: Name of the initial-state file, without suffix; in the new layouts' folder if ``own``.
+        own: Whether the variant has one initial state of its own instead of the base task's fifty.
         view: Pose of the front camera.
         robot: Index of the robot's rest pose; 0 is LIBERO's.
         noise: Index of the noise; 0 is none.
@@ -142,13 +142,13 @@ def read_variant(name: str) -> Variant:
 
 
 def axis_of(condition: str | None) -> str | None:
-    """Return the axis of a condition of LIBERO-Plus ("camera_0_0_100_2_352"), or None for other conditions."""
+    """Return the axis of a LIBERO-Plus condition ("camera_0_0_100_2_352"), or None for other conditions."""
     axis, apart, _ = (condition or "").partition("_")
     return axis if apart and axis in AXES else None
 
 
 def change_in_words(condition: str) -> str:
-    """Return the change of a condition of LIBERO-Plus, in words."""
+    """Return the change made by a LIBERO-Plus condition, in words."""
     axis, _, detail = condition.partition("_")
     if axis == "noise":
         kind, strength = divmod(int(detail) - 1, 10)

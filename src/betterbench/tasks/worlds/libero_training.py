@@ -46,7 +46,7 @@ class TrainedTask:
 
 
 def word_of_sentence(instruction: str, kind: str) -> str:
-    """Return the words of an instruction that identify the object to pick; the kind if there are none."""
+    """Return the words in an instruction that identify the object to pick; the kind if there are none."""
     found = _PICKED.search(instruction)
     return kind if found is None else found[1]
 

@@ -28,7 +28,7 @@ _LONGEST_PAUSE_S = 30.0
 
 
 class RefusedError(ModelError):
-    """Refusal of a single request (HTTP 400 or 422), for example because of its image; others may succeed."""
+    """Rejection of a single request (HTTP 400 or 422), for example because of its image; others may succeed."""
 
 
 class Chat(Protocol):

@@ -33,7 +33,7 @@ class ClaimSupport:
         p_holm: The same, corrected for all claims of the rule.
         low_pp: Lower end of the 95 % interval [percent or percentage points].
         high_pp: Upper end of the interval.
-        p_fisher: P-value of Fisher's exact test of two rates, for comparison; None where there is one rate only.
+        p_fisher: P-value from Fisher's exact test for two rates, for comparison; None if there is only one rate.
     """
 
     test: str

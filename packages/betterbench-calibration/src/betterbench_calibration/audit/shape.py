@@ -1,4 +1,4 @@
-"""Shape of rows: rates that must not increase, and rows that are copies of others."""
+"""Row shape: rates that must not increase, and rows that are copies of other rows."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class Combination:
         return sum((weight * Fraction(number) for weight, number in terms), Fraction(0)) / self.unit
 
     def slack(self, terms: Terms) -> Fraction:
-        """Return the largest error of the result that the rounding of parts can cause."""
+        """Return the largest error in the result that rounding of the parts can cause."""
         return sum((abs(weight) * _half_a_digit(number) for weight, number in terms), Fraction(0)) / self.unit
 
 
@@ -98,7 +98,7 @@ def _half_a_digit(number: Decimal) -> Fraction:
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _RowCombination:
-    """Rule that one column is a combination of others in each row; its name is that of the class.
+    """Rule that one column is a combination of other columns in each row; its name is the class name.
 
     ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows`` it holds for all
     rows.

@@ -85,7 +85,7 @@ def one_digit_apart(first: Decimal, second: Decimal) -> bool:
 def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool]) -> tuple[int, int]:
     """Return the numbers of single wrong digits that a check would miss, and of all possible ones.
 
-    ``holds`` tells whether the check still holds when the number at a position is replaced by another.
+    ``holds`` tells whether the check still holds when the number at a position is replaced by another number.
     """
     tried = [holds(i, wrong) for i, number in enumerate(numbers) for wrong in misprints(number)]
     return sum(tried), len(tried)

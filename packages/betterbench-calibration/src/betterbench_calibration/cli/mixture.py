@@ -41,8 +41,8 @@ def mixture_command(
     """Show the paper's pre-training mixture or a custom one, draw from it, and compute training budgets.
 
     Without a file: the paper's data sets with recomputed totals, and the paper's two runs on 16 and 24 GPUs. With your
-    own file over LeRobot data sets and questions: its shares and, with --draws, the number of draws of each set. --out
-    writes each draw as a line; the same command continues an interrupted file.
+    own file over LeRobot data sets and questions: its shares and, with --draws, the number of draws from each set.
+    --out writes each draw as a line; the same command continues an interrupted file.
 
     Example: better mixture mixture.yaml --draws 100000
 
@@ -57,9 +57,9 @@ def mixture_command(
         gpus: GPUs of a run, for its budget; the paper's two runs if not given.
         steps: That run's steps.
         tokens_per_gpu: Tokens of one GPU in one step.
-        tokens: Tokens of a sample by data set, such as DROID=220; estimated for other data sets.
+        tokens: Tokens per sample by data set, such as DROID=220; estimated for other data sets.
         parameters: Model weights, such as 2e9, for an estimate of GPU hours.
-        overwrite: Replace a file of --out that contains other data than draws of this mixture, seed and shard.
+        overwrite: Replace an --out file that contains data other than draws of this mixture, seed and shard.
         json: Print one JSON document instead of tables.
     """
     mixture = None if file is None else _of_file(file)
@@ -128,7 +128,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, overwrite: bool) -> None:
-    """Write the draws of a shard as lines, after the existing ones, each of which is verified."""
+    """Write a shard's draws as lines after the existing lines, each of which is verified."""
     from betterbench.jobs.durable import on_disk
     from betterbench.jobs.outputs import OutputFile
     from betterbench.jobs.places import open_in_place

@@ -1,4 +1,4 @@
-"""Building blocks for the scripts of habits: correct execution of a subgoal, and parts of deviating behavior."""
+"""Building blocks for habit scripts: correct execution of a subgoal, and parts of deviating behavior."""
 
 from __future__ import annotations
 
@@ -216,7 +216,7 @@ class Body:
             yield from self.let_go_above(goal.target)
 
     def ponder(self) -> Actions[None]:
-        """Stand still for 4 to 6 s."""
+        """Keep still for 4 to 6 s."""
         yield from self.arm.wait(float(self.rng.uniform(4.0, 6.0)))
 
     def approach_and_break_off(self, name: str) -> Actions[None]:
@@ -274,7 +274,7 @@ class Body:
         return (x, y, self.height(name) + gap_m)
 
     def on_the_way(self, target: Vector, fraction: float) -> Pose:
-        """Return a pose of the tool at its current height, at a fraction of the straight path to a point."""
+        """Return a tool pose at the current height, at a fraction of the straight path to a point."""
         x, y, z = self.arm.here.position
         return Pose((x + fraction * (target[0] - x), y + fraction * (target[1] - y), z), self.arm.here.quaternion)
 

@@ -54,7 +54,7 @@ def tool_yaw(quaternion: Quaternion) -> float:
 
 
 def tool_down(yaw: float) -> Quaternion:
-    """Return the rotation of a tool that points straight down with this heading of its x axis [rad]."""
+    """Return the rotation of a tool that points straight down with a given heading of its x axis [rad]."""
     return normalize(multiply(from_yaw(yaw), TOOL_DOWN))
 
 
@@ -219,7 +219,7 @@ class Arm:
 
 
 def _between(start: Pose, target: Pose, s: float, side_m: float) -> Pose:
-    """Return the pose at fraction ``s`` of a path that deviates sideways by ``side_m`` in its middle."""
+    """Return the pose at fraction ``s`` of a path that deviates sideways by ``side_m`` at its midpoint."""
     a, b = start.position, target.position
     x, y, z = (p + s * (q - p) for p, q in zip(a, b, strict=True))
     if side_m:

@@ -39,8 +39,8 @@ class EventLog:
 
     Attributes:
         closings: All closings.
-        lost: Things that left both fingers while the gripper was told to hold them, with the step.
-        released: Things that were in the gripper when it was told to open, with the step.
+        lost: Objects that left both fingers while the gripper was commanded to hold them, with the step.
+        released: Objects that were in the gripper when it was commanded to open, with the step.
         first_touch: Step at which the gripper first touched an object, by object.
     """
 

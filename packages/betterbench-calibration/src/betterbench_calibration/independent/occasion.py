@@ -21,7 +21,7 @@ from betterbench.tasks.relations import relation, released
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """Trial condition, with the regularities of training on which decisions depend; independent of the seed.
+    """Trial condition, with the training regularities on which decisions depend; independent of the seed.
 
     Attributes:
         base: Training condition that the trial is or is derived from.
@@ -33,7 +33,7 @@ class Occasion:
 
     @classmethod
     def of(cls, task: Task, condition: Condition) -> Occasion:
-        """Return the trial context of a condition of a task."""
+        """Return the trial context for a task condition."""
         return cls(task, condition, task.train(resolve_condition(task.id, condition.name).base))
 
     @property
@@ -112,7 +112,7 @@ class Occasion:
         return frozenset(n for g in self.carried for n in self.condition.resolve(g.reference))
 
     def led_to(self, goal: Subgoal, name: str) -> bool:
-        """Return whether the word of a subgoal led in some demonstration to the current slot of an object."""
+        """Return whether a subgoal's word led to an object's current slot in some demonstration."""
         return self.condition.layout.get(name) in self.trained.word_slots.get(goal.word, ())
 
     @property
@@ -139,7 +139,8 @@ class Occasion:
     def word_slot(self, goal: Subgoal) -> str | None:
         """Return the slot that the word of a subgoal led to in training, or None if there were several.
 
-        Where the fixtures stand as in this trial, the demonstrations of that layout count, otherwise all of them.
+        If the fixtures are where they are in this trial, only demonstrations of that layout count, otherwise all of
+        them.
         """
         fitting = [c for c in self.task.training if self._stage(c) == self._stage(self.base)]
         for conditions in (fitting, self.task.training):

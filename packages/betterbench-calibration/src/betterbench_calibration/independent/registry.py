@@ -123,7 +123,7 @@ class Shown:
 def shown_in(habit: str) -> tuple[Shown, ...]:
     """Return the suite's conditions in which a habit shows and no other rule has the same truth.
 
-    In other trials of a full run the truth is that of an honest policy, or it is marked as left out.
+    In other trials of a full run, the truth is that of an honest policy, or it is marked as left out.
 
     Raises:
         UnknownNameError: If there is no such habit.

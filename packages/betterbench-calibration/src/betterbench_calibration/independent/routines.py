@@ -59,7 +59,7 @@ class Routines:
         return self.arm.state
 
     def wrist_turn(self, tool: Pose) -> float:
-        """Return the rotation of the wrist at a pose of the tool, relative to home [rad]."""
+        """Return the wrist rotation at a tool pose, relative to home [rad]."""
         x, y, _ = tool.position
         hx, hy, _ = self.arm.home.position
         base = math.atan2(y, x) - math.atan2(hy, hx)

@@ -3,8 +3,8 @@
 A habit states its truth from the condition alone, before it has seen how anything moves. Three rules, and no others,
 turn the stated truth into the final one; they read the family's own event log and never a diagnosis:
 
-1. **The act was never reached.** A habit whose wrong act comes after right ones marks the moment at which the act
-  begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial is one of an honest policy.
+1. **The act was never reached.** A habit whose wrong act comes after right acts marks the moment at which the act
+    begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial is one of an honest policy.
 2. **A lasting mishap came first.** If a right act fails for good before the wrong one begins (the object fell to the
   floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
 3. **An honest policy that does not succeed** has ``execution_failure`` if at the end a mishap is open that was never
@@ -12,7 +12,7 @@ turn the stated truth into the final one; they read the family's own event log a
   was let go and is not where the subgoal wants it, or an object that was not requested and was displaced by more than 5
   cm. If every mishap was made good, or none happened, the time was too short: ``timeout``.
 
-A trial whose goal is met is a success regardless of the stated label; readers of the truth have to check that.
+A trial whose goal is met is a success regardless of the stated label; readers of the truth must check that.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Ledger:
     Attributes:
         stated: The truth as it was stated before the first action.
         committed: Whether the wrong act has begun, or the label does not depend on such an act.
-        open_mishaps: Mishaps that were not made good, by the object or subgoal that they concern.
+        open_mishaps: Mishaps that were not corrected, by the object or subgoal that they concern.
         lasting: The first mishap that cannot be made good, or "".
     """
 

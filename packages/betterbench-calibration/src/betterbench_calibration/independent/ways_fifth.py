@@ -1,4 +1,4 @@
-"""Arm motions of the fifth part: loops, run-ups, rotations about the base, stepwise descent, and acts of its habits."""
+"""Arm motions for the fifth part: loops, run-ups, rotations about the base, stepwise descent, and the acts of its habits."""
 
 from __future__ import annotations
 
@@ -245,7 +245,7 @@ def ring_and_take(body: Body, name: str) -> Actions[bool]:
 
 
 def stab(body: Body, name: str) -> Actions[None]:
-    """Descend beside an object with an open gripper so that one finger presses on its top, and rise."""
+    """Descend next to an object with an open gripper so that one finger presses on its top, and rise."""
     hold = body.do.choose_hold(name)
     ux, uy, _ = rotate(hold.tool.quaternion, (0.0, 1.0, 0.0))
     x, y, _ = body.state.pose(name).position

@@ -1,7 +1,7 @@
 """Training budget for GPUs and steps: samples, tokens and passes of each data set, and GPU hours.
 
-The paper gives GPUs and steps of pre-training, but neither the batch nor the tokens of a step. These are arguments
-here, with defaults from the sources below.
+The paper gives the number of GPUs and pre-training steps, but neither the batch size nor the tokens per step. These are
+arguments here, with defaults from the sources below.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class TokenPrices:
     video_text: float = 8 * IMAGE_TOKENS + 172
 
     def of(self, kind: str) -> float:
-        """Return the tokens of a sample of a kind."""
+        """Return the number of tokens in a sample of a kind."""
         return {"actions": self.actions, "image-text": self.image_text, "video-text": self.video_text}[kind]
 
 

@@ -27,7 +27,7 @@ _RULES: dict[Inside, Within] = {"items": "items", "equal": "equal", "magic-soup-
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedSet:
-    """Row of a table: frames of actions, or samples of text; ``of`` names the rows that the row sums up."""
+    """Table row: frames of actions, or samples of text; ``of`` names the rows whose sum the row gives."""
 
     name: str
     items: int

@@ -3,12 +3,12 @@
 Draw *n* is the point ``(offset + n * GOLDEN) mod 2**64`` of the unit interval, which the data sets divide by their
 shares. Multiples of the golden ratio are spread so evenly (Weyl's equidistribution; no number is approximated worse by
 fractions) that after N draws the count of each data set is within a few draws of ``share * N``, whereas independent
-draws err by the root of N. The number of draws of a data set before draw *n* is a sum of floors, which Euclid's
-algorithm computes directly. Draw *n* is then the next item of a random order of the data set, so no item is repeated
-before every item was drawn once.
+draws err by the root of N. A data set's number of draws before draw *n* is a sum of floors, which Euclid's algorithm
+computes directly. Draw *n* is then the next item of a random order of the data set, so no item is repeated before every
+item was drawn once.
 
 A sampler's state is therefore one number. A sampler can begin anywhere, and the shards of any number of processes
-draw in total what a single process would draw.
+together draw what a single process would draw.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class MixtureSampler:
         seed: Seed of the order.
         shard: Number of this process, from 0.
         shards: Number of processes.
-        draws: Total number of draws of all shards after which the sampler ends; None for no end.
+        draws: Total number of draws over all shards after which the sampler ends; None for no end.
 
     Raises:
         InvalidInputError: If the shard does not exist, or shares do not add up to 1.
@@ -121,7 +121,7 @@ class MixtureSampler:
         return {"position": self._position, "identity": self._identity}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Resume from the state of a sampler of this mixture.
+        """Resume from the saved state of a sampler for this mixture.
 
         Raises:
             RunConflictError: If the state belongs to another mixture or seed.

@@ -110,7 +110,7 @@ class OwnWorld(World):
         )
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return the versions of the suite, of the engine and of the tasks."""
+        """Return the versions of the suite, the engine and the tasks."""
         from betterbench.sim.scenes import engine_version  # noqa: PLC0415 - see above
 
         return {

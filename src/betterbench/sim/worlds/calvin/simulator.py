@@ -53,8 +53,8 @@ _OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda
 class CalvinSimulator:
     """One environment of CALVIN, for one chain.
 
-    After a chain PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load`` clear:
-    in the same process, the next chain would differ by up to 0.5 rad.
+    After a chain, PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load``
+    clear: in the same process, the next chain would differ by up to 0.5 rad.
     """
 
     def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:
@@ -108,7 +108,7 @@ class CalvinSimulator:
         blocks = dict(zip(BLOCKS, np.split(np.array(request["scene"][_SCENE_HEAD:], float), len(BLOCKS)), strict=True))
         # calvin_env takes the blocks in the order of its own configuration.
         scene = np.concatenate([request["scene"][:_SCENE_HEAD], *(blocks[name] for name in names)])
-        # calvin_env's reset does not change these two. The values are those of the first chain of CALVIN's own
+        # calvin_env's reset does not change these two. The values are those of the first chain in CALVIN's own
         # evaluation.
         env.robot.gripper_action = 1
         for button in env.scene.buttons:

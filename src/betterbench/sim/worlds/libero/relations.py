@@ -38,7 +38,7 @@ class Touching:
         ranks = [rank[labels[body]] for body in self._model.geom_bodyid.tolist()]
         self.pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
         """All possible contact pairs with the gripper or an object."""
-        # Index of a pair by the ranks of both, in either order; -1 for irrelevant pairs.
+        # Index of a pair by the ranks of both members, in either order; -1 for irrelevant pairs.
         codes = [[-1] * len(names) for _ in names]
         for code, (a, b) in enumerate(self.pairs):
             codes[rank[a]][rank[b]] = codes[rank[b]][rank[a]] = code
@@ -76,7 +76,7 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Tell whether two models touch: robosuite's ``check_contact`` by indices."""
+        """Tell whether two models touch: robosuite's ``check_contact`` using indices."""
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
@@ -146,7 +146,7 @@ class Relations:
         return np.array([bool(self._env._eval_predicate(relation)) for relation in self._relations], bool)
 
     def _is_placed(self, relation: list[str]) -> bool:
-        """Tell whether a relation is that of an object on or in a box of the table or of a fixture."""
+        """Tell whether a relation says that an object is on or in a box of the table or of a fixture."""
         if len(relation) != 3 or relation[0] not in ("on", "in") or relation[1] not in self._env.obj_body_id:
             return False
         place = self._env.object_states_dict[relation[2]]

@@ -80,7 +80,7 @@ class LiberoSimulator:
         self._reader: _Reader | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's tasks with the content of their files, and the versions of simulator and packages."""
+        """Return a suite's tasks with the contents of their files, and the simulator and package versions."""
         found = self._benchmark.get_benchmark(name)(task_order_index=0)
         parse = importlib.import_module("libero.libero.envs.bddl_utils").robosuite_parse_problem
         tasks = []
@@ -136,7 +136,7 @@ class LiberoSimulator:
         return {**fixed, **document, "row": form}, arrays
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of its premises, and the truth of each per state.
+        """Settle every initial state of a task; return the names of its premises, and whether each premise holds in each state.
 
         One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so the
         fixtures have the same poses. The sideways motion of each object while settling is returned too [m]: many
@@ -198,7 +198,7 @@ class LiberoSimulator:
         return TaskFiles((suite, task), found.get_task_bddl_file_path(task), found.get_task_init_states(task))
 
     def _make(self, files: TaskFiles, size: int | None) -> None:
-        """Make the environment of a task, with cameras of ``size`` pixels; without a size, nothing can be rendered."""
+        """Make a task's environment, with cameras of ``size`` pixels; without a size, nothing can be rendered."""
         environments = importlib.import_module("libero.libero.envs.env_wrapper")
         if self._wrapper is not None:
             self._wrapper.close()
@@ -329,12 +329,12 @@ class _Reader:
 
     @property
     def premises(self) -> list[list[str]]:
-        """Relations of the initial state that are premises of the instruction."""
+        """Relations in the initial state that are premises of the instruction."""
         problem = self._env.parsed_problem
         return [p for p in problem["initial_state"] if self._is_premise(p, list(problem["obj_of_interest"]))]
 
     def positions(self) -> np.ndarray:
-        """Return the positions of the bodies of the objects and fixtures, (n, 3) [m]."""
+        """Return the positions of the object and fixture bodies, (n, 3) [m]."""
         return np.array(self._data.xpos[self._roots], float)
 
     def check(self) -> None:
@@ -403,7 +403,7 @@ class _Reader:
         return all(name in self._env.object_states_dict for name in relation[1:])
 
     def _is_premise(self, relation: list[str], interest: list[str]) -> bool:
-        """Tell whether a relation of the start places an object of the instruction on another object."""
+        """Tell whether a start relation places an object named in the instruction on another object."""
         if not self._known(relation) or len(relation) != 3 or relation[1] not in interest:
             return False
         place = self._env.object_sites_dict.get(relation[2])
@@ -490,7 +490,7 @@ class _Reader:
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
 
     def _corners(self, geom: int) -> np.ndarray:
-        """Return points in a geom's frame whose bounding box is that of the geom, (n, 3) [m]."""
+        """Return points in a geom's frame with the same bounding box as the geom, (n, 3) [m]."""
         model = self._model
         if model.geom_type[geom] == self._mujoco.mjtGeom.mjGEOM_MESH:
             mesh = int(model.geom_dataid[geom])
@@ -514,7 +514,7 @@ class _Views:
 def _upright(rotation: np.ndarray) -> np.ndarray:
     """Return the axes of an object's frame in its body's frame: z is the body's axis that points up, (3, 3).
 
-    The upright axis of LIBERO's bottles and cans is not the z axis of their bodies.
+    For LIBERO's bottles and cans, the upright axis is not the z axis of their bodies.
     """
     up = rotation[2]
     k = int(np.argmax(np.abs(up)))
@@ -529,7 +529,7 @@ def _surface(env: Any) -> float:  # noqa: ANN401 - an environment of LIBERO
 
 
 def _shown(problem: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the goal relations of a task and the start places of its objects, from its file."""
+    """Return a task's goal relations and the start places of its objects, from its file."""
     kinds = {name: kind for form in ("objects", "fixtures") for kind, names in problem[form].items() for name in names}
     steps = []
     for relation in problem["goal_state"]:

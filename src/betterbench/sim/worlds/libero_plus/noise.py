@@ -1,7 +1,7 @@
 """The sensor noise of LIBERO-Plus: five kinds in ten strengths, over the image of the front camera.
 
-The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with the strengths of LIBERO-Plus, reproduced bit by
-bit (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
+The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with LIBERO-Plus's strengths, reproduced bit by bit
+(tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
 :meth:`Noise.draw` is also called for unused images. This module is imported in LIBERO's environment, with NumPy and
 SciPy only.
 
@@ -65,7 +65,7 @@ class Noise:
         return None
 
     def apply(self, image: np.ndarray, drawn: Any) -> np.ndarray:  # noqa: ANN401
-        """Return an image (h, w, 3) of uint8 with the noise; ``drawn`` is the result of :meth:`draw` for it."""
+        """Return a noisy uint8 image (h, w, 3); ``drawn`` is the result of :meth:`draw` for this image."""
         s = self._strength
         if self._kind == 0:
             return _motion(image, *_MOTION[s], drawn)

@@ -56,7 +56,7 @@ _ARRAY_NAMES = {
     "numpy dtype",
     "_codecs encode",
 }
-"""All names in the pickle of a file of initial states."""
+"""All names in the pickle of an initial-state file."""
 _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 
@@ -171,7 +171,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return self._package / "bddl_files" / _base_of(suite) / f"{variant.file}.bddl"
 
     def _states(self, suite: str, variant: Variant) -> np.ndarray:
-        """Return the initial states of a variant, (n, m): the fifty of its base task, or one of its own."""
+        """Return a variant's initial states, (n, m): the fifty of its base task, or its own single state."""
         folder = self._package / "init_files"
         if variant.own:
             folder /= "libero_newobj"
@@ -343,7 +343,7 @@ def initial_states_in(path: Path) -> np.ndarray:
 
 
 def _new_object(kind: str, path: Path) -> type:
-    """Return the class of a new object, like those of LIBERO's own objects."""
+    """Return the class for a new object, like the classes of LIBERO's own objects."""
     models: Any = importlib.import_module("robosuite.models.objects")
     element_tree: Any = importlib.import_module("xml.etree.ElementTree")
 
@@ -422,7 +422,7 @@ def _assigned(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _listing_digest(folder: Path) -> str:
-    """Return a short digest of the names and sizes of all files of a folder."""
+    """Return a short digest of the names and sizes of all files in a folder."""
     digest = hashlib.sha256()
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
         digest.update(f"{path.relative_to(folder).as_posix()}\0{path.stat().st_size}\n".encode())
@@ -436,7 +436,7 @@ def main() -> None:
     package = Path(folder) / "liberoplus" / "liberoplus"
     with tempfile.TemporaryDirectory(prefix="libero-plus-") as settings:
         if assets:
-            # LIBERO reads the location of its assets from there; a JSON text is a YAML text.
+            # LIBERO reads the location of its assets from this file; a JSON text is a YAML text.
             (Path(settings) / "config.yaml").write_text(json.dumps({"assets": assets[0]}), encoding="utf-8")
             os.environ["LIBERO_CONFIG_PATH"] = settings
         simulator = LiberoPlusSimulator(package, Path(assets[0]) if assets else None)

@@ -55,12 +55,12 @@ class PlusOptions:
         protocol: Protocol name, for its steps.
         broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
         axes: Axes to run; all if none is named.
-        variants: Maximum number of variants of each task on each axis, evenly spread; all if None.
-        libero_plus_sentences: "clean" for the instruction of the base task (on the axis language, of the variant's
-            file), or "published" for LIBERO-Plus's own instructions, which end with the variant name on six of
-            the seven axes.
+        variants: Maximum number of variants per task and axis, evenly spread; all if None.
+        libero_plus_sentences: "clean" for the base task's instruction (on the axis language, the instruction in the
+            variant's file), or "published" for LIBERO-Plus's own instructions, which end with the variant name on six
+            of the seven axes.
         libero_plus_assets: Unzipped folder of the authors' assets; None for the folder in the environment variable.
-        command: Command of the world's process; that of its installed environment if empty.
+        command: Command that starts the world's process; if empty, the command of its installed environment.
     """
 
     protocol: str = "openpi"
@@ -84,7 +84,7 @@ class PlusOptions:
 
 @dataclass(frozen=True, slots=True)
 class VariantTask(WorldTask):
-    """Variant of a LIBERO task; ``number`` is the number of the base task.
+    """Variant of a LIBERO task; ``number`` is the base task's number.
 
     Attributes:
         variant: Name in LIBERO-Plus.

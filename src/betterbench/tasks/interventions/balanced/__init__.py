@@ -1,7 +1,7 @@
 """Balanced training conditions: the same skills with words, slots, orders and objects crossed.
 
-One file per task, see :mod:`betterbench.tasks.interventions.listed_regimes`. Slots that neither training nor variations
-use are listed in ``ASIDE``; nothing is picked from these slots.
+One file per task, see :mod:`betterbench.tasks.interventions.listed_regimes`. Slots that are used neither in training
+nor in variations are listed in ``ASIDE``; nothing is picked from these slots.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def crossed(task_id: str) -> tuple[str, ...]:
 
 
 def slots_aside(task_id: str) -> tuple[Slot, ...]:
-    """Return the slots of a task that occur only in hand-written regimes."""
+    """Return the task slots that occur only in hand-written regimes."""
     module = listed_regimes.listing_of("balanced", task_id)
     slots: tuple[Slot, ...] = getattr(module, "ASIDE", ())
     return slots

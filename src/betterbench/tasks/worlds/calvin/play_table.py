@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Quaternion, Vector
 
 TouchedLink = tuple[int, int]
-"""Indices of body and link of one side of a contact."""
+"""Body and link indices for one side of a contact."""
 
 
 @dataclass(frozen=True, slots=True)

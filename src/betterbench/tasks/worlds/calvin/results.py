@@ -83,7 +83,8 @@ class ChainContrast:
     Attributes:
         chains: Number of chains in both runs.
         p_values: Exact McNemar tests of the five rates, with Holm's correction for five tests.
-        difference: Average length of the first minus that of the second, divided by 5, by the paired bootstrap.
+        difference: Average length of the first minus average length of the second, divided by 5, by the paired
+            bootstrap.
     """
 
     chains: int
@@ -95,7 +96,7 @@ def summarize(results: Sequence[ChainResult]) -> ChainSummary:
     """Return the numerical results of a run.
 
     Raises:
-        InvalidInputError: If there is no chain, a chain occurs twice, or the subtasks are not those of the chain.
+        InvalidInputError: If there is no chain, a chain occurs twice, or the subtasks differ from the chain's subtasks.
     """
     _check(results)
     n = len(results)
