@@ -3,16 +3,16 @@
 Rules of counting:
 
 - A line is a physical line of a ``.py`` file, blank lines and comments included.
-- A docstring line is a line of a string that stands as a statement by itself: the docstrings of modules, classes and
+- A docstring line is a line in a string that is a statement of its own: the docstrings of modules, classes and
   functions, and the strings below fields and constants.
 - The length of a function runs from its ``def`` to its last line, docstring included. A nested function counts by
   itself and also as lines of the function around it.
-- A function is pure data if its body, after the docstring, is one ``return`` or one assignment whose value is made of
-  literals, names, attributes, containers, f-strings and calls only. Arithmetic, comparisons, conditions, comprehensions
-  and lambdas make it code, except for the sign of a number. Pure data may be of any length.
-- The nesting of a function is the largest number of ``if``, ``for``, ``while``, ``with``, ``try`` and ``match``
-  statements around one of its statements. An ``elif`` is as deep as its ``if``, and so is an ``else`` that holds one
-  ``if`` and nothing else. A nested function is measured by itself.
+- A function is pure data if its body, after the docstring, is one ``return`` or one assignment whose value consists
+  only of literals, names, attributes, containers, f-strings and calls. Arithmetic, comparisons, conditions,
+  comprehensions and lambdas make it code, except for the sign of a number. Pure data may be of any length.
+- A function's nesting is the largest number of ``if``, ``for``, ``while``, ``with``, ``try`` and ``match`` statements
+  around one of its statements. An ``elif`` is as deep as its ``if``, and so is an ``else`` that holds one ``if`` and
+  nothing else. A nested function is measured by itself.
 - A public name is a function, class or type alias at the top level of a file, without a leading underscore. A type
   alias is ``type Name = ...`` or an assignment to a name in CamelCase, type variables included. Constants and variables
   are not counted. Every further file that defines the name counts, scripts with a ``main`` included.
@@ -87,7 +87,7 @@ class SourceFile:
 
     @property
     def module(self) -> str:
-        """Dotted name without the package's own, such as ``tasks.goal``; empty for the package's ``__init__``."""
+        """Dotted name without the package name, such as ``tasks.goal``; empty for the package's ``__init__``."""
         return ".".join(part for part in self.path.with_suffix("").parts if part != "__init__")
 
     @property
@@ -106,7 +106,7 @@ class Package:
         files: Number of files.
         lines: Number of lines.
         imports: Subpackages that it imports, inside functions too, from the top layer down.
-        upward: Those of ``imports`` that the layers forbid.
+        upward: Imports in ``imports`` that the layers forbid.
     """
 
     name: str
@@ -128,7 +128,7 @@ class Shape:
         functions: All functions and methods.
         repeated: Public names that several files define, with those files.
         tasks: Lines of each task file of the suite.
-        assets: Lines of each file named like one of ``ASSETS``.
+        assets: Number of lines in each file with a name in ``ASSETS``.
         packages: Subpackages from the top layer down; those that no layer names come last.
     """
 
@@ -183,7 +183,7 @@ def read_files(root: Path) -> list[SourceFile]:
 
 
 def docstring_lines(tree: ast.Module) -> int:
-    """Count the lines of strings that stand as statements."""
+    """Count the lines of strings that are statements of their own."""
     return sum(_length(node) for node in ast.walk(tree) if isinstance(node, ast.stmt) and _is_docstring(node))
 
 
@@ -222,7 +222,7 @@ def _depth(node: ast.AST) -> int:
 
 
 def _is_elif(otherwise: Sequence[ast.stmt]) -> bool:
-    """Tell whether an ``else`` holds exactly one ``if``, which the syntax tree does not tell from an ``elif``."""
+    """Tell whether an ``else`` contains exactly one ``if``; the syntax tree does not distinguish this from an ``elif``."""
     return len(otherwise) == 1 and isinstance(otherwise[0], ast.If)
 
 
@@ -312,7 +312,7 @@ def _package(name: str, names: Sequence[str], files: Sequence[SourceFile], level
 
 
 def _is_upward(name: str, target: str, level: dict[str, int]) -> bool:
-    """Tell whether the layers forbid an import; a package that no layer names may neither import nor be imported."""
+    """Tell whether the layers forbid an import; a package that is not in any layer may neither import nor be imported."""
     return name not in level or target not in level or level[target] <= level[name]
 
 

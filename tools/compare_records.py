@@ -1,4 +1,4 @@
-"""Compare the records of two runs bit for bit: whether a change of the code has changed what a trial is.
+"""Compare the records of two runs bit for bit, to see whether a code change has altered the trials.
 
     python tools/compare_records.py BEFORE AFTER [--rename "OLD=>NEW" ...]
 
@@ -26,13 +26,13 @@ METADATA_KEY = b"betterbench"
 
 @dataclass
 class Findings:
-    """What a comparison has found.
+    """Result of a comparison.
 
     Attributes:
         same: Number of records whose columns hold the same bytes.
         missing: Records of the first run that the second lacks.
         changed: Records whose columns differ, with the first such column.
-        keys: How often each metadata key differs after renaming, with one example.
+        keys: Number of differences per metadata key after renaming, with one example each.
     """
 
     same: int = 0
@@ -122,7 +122,7 @@ def renamed(text: str, renames: Sequence[tuple[str, ...]]) -> str:
 
 
 def flat(value: object, path: str) -> Iterator[tuple[str, object]]:
-    """Yield the leaves of a JSON value with their paths; the index of a list is left out of the path."""
+    """Yield the leaves of a JSON value with their paths; list indices are left out of the path."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from flat(inner, f"{path}.{key}" if path else str(key))

@@ -1,4 +1,4 @@
-"""What the study of learned policies showed of a variation, as its card says it.
+"""Section of a variation's card with the results of the study of learned policies.
 
 The numbers are those of ``docs/study/study.json``, which ``better study`` wrote.
 """
@@ -15,7 +15,7 @@ from betterbench.tasks import get_task
 
 STUDY = Path(__file__).resolve().parents[1] / "docs" / "study" / "study.json"
 LEAST = -1.0
-"""Shares whose interval reaches below this say nothing: the gap that they are of is hardly apart from none."""
+"""Shares whose interval extends below this value are not reported: the underlying gap is too close to zero."""
 LINK = "[study](../learned.md#what-the-study-showed)"
 
 

@@ -1,4 +1,4 @@
-"""The page of the documentation about what the cameras show, with the numbers of every task and a picture of rooms."""
+"""The documentation page about what the cameras show, with each task's figures and a picture of the rooms."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def write(tasks: Sequence[Task], out: Path) -> None:
 
 
 def page(tasks: Sequence[Task]) -> str:
-    """Return the page, with the worst value of each number over all conditions of a task and some seeds."""
+    """Return the page, with the worst value of each figure over all conditions of a task and several seeds."""
     rows = [f"| {' | '.join((f'`{task.id}`', *_worst(task)))} |" for task in tasks]
     seen, unseen = (", ".join(room.name for room in rooms) for rooms in (ROOMS, UNSEEN_ROOMS))
     return "\n".join(
@@ -159,7 +159,7 @@ def editions_picture(tasks: Sequence[Task], before: Image.Image) -> Image.Image:
 
 
 def rooms_picture(tasks: Sequence[Task]) -> Image.Image:
-    """Return the front view of tasks in every room, the first of which a seed of a task draws."""
+    """Return the front view of tasks in every room, starting with the room that a seed of a task draws."""
     shown: tuple[tuple[Looks, tuple[str, ...]], ...] = (
         ("seen", tuple(room.name for room in ROOMS)),
         ("unseen", tuple(room.name for room in UNSEEN_ROOMS)),

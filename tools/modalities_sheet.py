@@ -1,6 +1,6 @@
 """A contact sheet of modalities: colors with boxes, instances, semantics and depth of some recorded states.
 
-Each row of the sheet is one view of the middle of a trial::
+Each row of the sheet is one view halfway through a trial::
 
     MUJOCO_GL=egl python tools/modalities_sheet.py RUN --trial fast_food/T1/0 --out docs/pictures/modalities.jpg
 """

@@ -8,9 +8,9 @@ folder (``*.glb``, and ``NAME/*.obj``). A bad asset is a good asset with one fau
 the file, in the options of the import, or in the asset after the import. The plan is ``plan.json``; each result is a
 line of ``journal.jsonl``, and the same command goes on after an interruption.
 
-False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs the fault of
-a file, the result is a good asset; the known up axis and volume of the original show whether it did. These items are
-listed separately. Accepted assets are dropped once more, in a separate simulation, to check that they lie still.
+False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs a file's
+fault, the result is a good asset; the original's known up axis and volume show whether it did. These items are listed
+separately. Accepted assets are dropped once more, in a separate simulation, to check that they come to rest.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Item:
     Attributes:
         id: Number and name of the item.
         origin: "made", "library" or "mesh".
-        name: Name that a user would give, which determines the kind.
+        name: Name that a user would give; it determines the kind.
         file: Mesh file, or category and look of the library.
         fault: Planted fault, None for a good item.
         stage: Stage at which the fault is planted: "file" or "asset".
@@ -212,7 +212,7 @@ class Judged:
         outcome: "refused" by the importer, "rejected" by the certificate, or "accepted".
         failed: Names of the failed checks, or the message of the importer.
         mended: Whether the importer made a good asset from a bad file.
-        still: Whether an accepted asset lies still in the separate simulation of this script.
+        still: Whether an accepted asset comes to rest in this script's separate simulation.
     """
 
     id: str
@@ -260,7 +260,7 @@ def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
 
 
 def _is_mended(item: Item, asset: Asset) -> bool:
-    """Return whether the import of a bad file is a good asset, from the known properties of the original."""
+    """Return whether a bad file was imported as a good asset, judged by the original's known properties."""
     if item.fault in ("leaking", "far parts"):
         return False
     if item.fault == "inverted faces":

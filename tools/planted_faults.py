@@ -310,7 +310,7 @@ FILE_FAULTS = (
     "wrong size given",
     "wrong axis given",
 )
-"""Faults that are planted in the file or in the options of the import of a mesh that this script makes."""
+"""Faults planted in a file or in its import options, for a mesh that this script makes."""
 
 OPEN_KINDS = frozenset({"mug", "bowl", "glass", "lunchbox"})
 VICTIMS: dict[str, frozenset[str]] = {

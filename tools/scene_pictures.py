@@ -31,8 +31,8 @@ def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Imag
 
     Args:
         task_id: Task id.
-        condition: Name of a training condition; ``VARIATION`` for the test scene of a variation, and
-            ``VARIATION/before`` for the training scene it is derived from.
+        condition: Name of a training condition; ``VARIATION`` for a variation's test scene, and ``VARIATION/before``
+            for the training scene from which it is derived.
         seed: Seed.
         size: Side of the picture [pixel].
     """
@@ -49,7 +49,7 @@ def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Imag
 
 
 def pair(task: Task, variation: Variation, *, seed: int, size: int) -> Image.Image:
-    """Return a variation's training scene beside its test scene, same seed, each with sides of ``size`` pixels."""
+    """Return a variation's training scene next to its test scene with the same seed, each with a side length of ``size`` pixels."""
     return row(_before_and_after(task, variation, seed=seed, size=size, shown=size))
 
 

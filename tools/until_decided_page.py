@@ -37,7 +37,7 @@ TABLE = Path(__file__).with_name("until_decided_outcomes.json")
 MOST = 20
 """Trials per variation of the fixed design, and the most of the other one."""
 STRENGTHS = (1.0, 0.6, 0.3)
-"""Shares of trials in which the rule of a faulty policy applies, as in the calibration."""
+"""Fractions of trials in which a faulty policy's rule applies, as in the calibration."""
 REPEATS = 20
 """Runs of each faulty policy at each strength."""
 RULE = StoppingRule()
@@ -48,7 +48,7 @@ Counts = dict[str, dict[str, tuple[int, int]]]
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """The variations of the suite and their twins; ``planned`` is the number of trials of a plain ``better eval``."""
+    """The suite's variations and their twins; ``planned`` is the number of trials in a plain ``better eval``."""
 
     questions: tuple[Question, ...]
     planned: int
@@ -69,7 +69,7 @@ def whole_suite() -> Suite:
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """One run: by condition, whether each of the seeds was solved, and what was run of it until it was decided."""
+    """One run: by condition, whether each seed was solved, and which part of it was run until decided."""
 
     outcomes: Mapping[str, Sequence[bool]]
     verdicts: Mapping[str, Verdict]
@@ -198,7 +198,7 @@ class Tally:
     trials: int = 0
 
     def add(self, suite: Suite, rates: Rates, run: Simulated) -> None:
-        """Count one run beside the fixed design on the same trials."""
+        """Compare one run with the fixed design on the same trials."""
         fixed = fixed_verdicts(suite, run.outcomes)
         self.runs += 1
         self.trials += run.trials
