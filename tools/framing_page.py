@@ -97,9 +97,9 @@ def page(tasks: Sequence[Task]) -> str:
             "## Rooms, looks and jitter",
             "",
             (
-                "The seed of a trial draws its room (table, wall, floor and light), the look of every kind of object, "
-                "the places of the cameras (± 1 cm and ± 1° per axis), the direction of the key light (± 4° per axis) "
-                "and the start of the arm (± 2 cm per axis, ± 5° about the tool). A trial and its twin share all these "
+                "A trial's seed draws its room (table, wall, floor and light), the look of every object kind, the "
+                "camera poses (± 1 cm and ± 1° per axis), the key light direction (± 4° per axis) and the arm's start "
+                "(± 2 cm per axis, ± 5° about the tool). A trial and its twin share all these "
                 "values, and training and test draw from the same distribution."
             ),
             "",

@@ -13,8 +13,8 @@ from betterbench.tasks.thresholds import THRESHOLDS, threshold
 # fmt: off
 # Between a grasp and its target.
 DOUBT = threshold("doubt", 0.03, "m",
-    "When a gripper closes on nothing, the requested object is the missed object if it is at most this much "
-    "farther away than another object: poor aim does not prove a wrong choice.",
+    "When a gripper closes on nothing, the instructed object is the missed object if it is at most this much farther "
+    "away than another object: poor aim does not prove a wrong choice.",
     "Larger: more misses are attributed to the requested object; more execution_failure, fewer wrong_object and "
     "behavioral_inertia.")
 BETWEEN = threshold("between", 0.02, "m",
@@ -23,12 +23,12 @@ BETWEEN = threshold("between", 0.02, "m",
     "Larger: more misses are ambiguous; more execution_failure without a first attempt that counts, fewer "
     "wrong_object.")
 SQUEEZES = threshold("squeezes", 3, "1",
-    "Number of times that the fingers must partly close around a requested object and open again to count as an "
+    "Number of times that the fingers must partly close around an instructed object and open again to count as an "
     "attempt; one or two may be flicker of the command.",
     "Larger: fewer partial closings are attempts; fewer execution_failure with a weak grip, more timeout.")
 TRIES_IN_VAIN = threshold("tries_in_vain", 3, "1",
-    "Number of failed or prematurely released grasps of the right object from which the trial is an execution "
-    "failure, even if the gripper holds the object at the step limit; honest policies had at most two.",
+    "Number of failed or prematurely released grasps of the right object that make the trial an execution failure, "
+    "even if the gripper holds the object at the step limit; honest policies had at most two.",
     "Larger: more failed grasps are tolerated if the last one holds the object; fewer execution_failure, more "
     "timeout.")
 MEMORIZED_SPOT = threshold("memorized_spot", 0.04, "m",
@@ -80,7 +80,7 @@ RETURNS = threshold("returns", 3, "1",
 COMES_DOWN = threshold("comes_down", 0.035, "m",
     "Maximum height above the base of a flat object at which a gripper has come down to it. Plates, slices and "
     "cutlery are lower than the fingers, so the tool center point is above their top during a grasp.",
-    "Larger: the gripper has come down to flat objects earlier; more timeout of a gripper that does not close, fewer "
+    "Larger: the gripper has come down to flat objects earlier; more timeout for grippers that do not close, fewer "
     "phase_conflict.")
 FLICKER_TIME = threshold("flicker_time", 0.25, "s",
     "Interruptions of a contact, a stay or a grip that are shorter than this are ignored, because contacts and "
@@ -138,7 +138,7 @@ RISEN_AGAIN = threshold("risen_again", 0.03, "m",
 
 # To and fro.
 TO_AND_FRO = threshold("to_and_fro", 5.0, "1",
-    "Minimum ratio of the path length of an empty gripper to the diameter of its region for motion to and fro. A "
+    "Minimum ratio between an empty gripper's path length and the diameter of its region for motion to and fro. A "
     "straight path has 1; 99 % of the paths of honest policies between two grasps have less than 4.4.",
     "Larger: fewer paths are to and fro; fewer phase_conflict, more timeout.")
 TO_AND_FRO_TRAVEL = threshold("to_and_fro_travel", 0.4, "m",
@@ -149,8 +149,8 @@ LEAST_REGION = threshold("least_region", 0.02, "m",
     "Larger: fewer small motions are to and fro; fewer phase_conflict, more timeout and early_halt.",
     listed=False)
 COMES_NEARER = threshold("comes_nearer", 0.15, "1",
-    "Minimum share of its distance to the right object by which the center of a path must come nearer from each "
-    "quarter to the next for the path to lead there. The center of undecided motion to and fro does not come nearer.",
+    "Minimum fraction of its distance to the right object by which a path's center must come nearer from each quarter "
+    "to the next for the path to lead there. The center of undecided motion to and fro does not come nearer.",
     "Larger: fewer paths lead to a requested object; more phase_conflict, fewer timeout.")
 
 # Halts.
@@ -176,7 +176,7 @@ TREMBLE_TIME = threshold("tremble_time", 8.0, "s",
 OVER_GOAL = threshold("over_goal", 0.06, "m",
     "Maximum horizontal distance between a held object and the center of its target region for the object to have "
     "been brought there; wider regions count up to their edge.",
-    "Larger: more objects are held at their target region; more timeout of a gripper that never opens, fewer "
+    "Larger: more objects are held at their target region; more timeout for grippers that never open, fewer "
     "early_halt.")
 SEARCH_STEP = threshold("search_step", 0.5, "s",
     "Interval at which starts of a halt, or of motion to and fro, are searched; a shorter interval finds the same "
@@ -187,7 +187,7 @@ SEARCH_STEP = threshold("search_step", 0.5, "s",
 
 # Other worlds.
 RESTS_ON_GAP = threshold("rests_on_gap", 0.01, "m",
-    "Maximum gap between an object and the support surface of a target in LIBERO at which the object is on it: "
+    "Maximum gap between an object and a target's support surface in LIBERO for the object to be on the surface: "
     "surfaces are uneven, and contacts are not required.",
     "Larger: more objects are on their targets; more causal_confusion of finished steps, fewer execution_failure.",
     listed=False)

@@ -38,7 +38,7 @@ LOOSE_PACKING = Template(
         "The named objects are inside the container, at rest and released, packed in the named order "
         "where the instruction gives one; nothing else is inside."
     ),
-    premise="The named objects stand in their slots; objects already inside are part of the setup.",
+    premise="The named objects are in their slots; objects already inside are part of the setup.",
     groups=(
         ObjectGroup(
             "container",
@@ -62,7 +62,7 @@ CONSTRAINED_POSITIONING = Template(
     description="Put the named object on the marked region of the fixture, aligned with it.",
     challenge="High-precision alignment with a static fixture of the environment.",
     goal="The named object stands centered on the marked region, upright, with its handle clear, at rest and released.",
-    premise="The named object stands in its slot and the marked region is free, unless nothing is left to do.",
+    premise="The named object is in its slot and the marked region is free, unless nothing is left to do.",
     groups=(
         ObjectGroup(
             "fixture", "Fixture with the marked region.", ("coffee machine", "scale", "charger"), (1, 1), role="fixture"
@@ -85,7 +85,7 @@ CONTAINER_LOADING = Template(
         "The named objects are in the named drawers, nothing else is in a drawer, and the named drawers "
         "are closed, all at rest and released."
     ),
-    premise="The named objects stand in their slots, and each drawer is open as far as the condition says.",
+    premise="The named objects are in their slots, and each drawer is open as far as the condition says.",
     groups=(
         ObjectGroup("cabinet", "Cabinet of the drawers.", ("cabinet",), (1, 1), role="fixture"),
         ObjectGroup(
@@ -113,8 +113,8 @@ LOGICAL_ASSEMBLY = Template(
     description="Stack the named layers on the base, from below, in the order in which they are named.",
     challenge="Strict order: a layer below cannot be added later.",
     goal=(
-        "The named layers lie on each other in the named order, centered over the base and flat, at rest "
-        "and released; nothing else lies there."
+        "The named layers lie on each other in the named order, centered over the base and flat, at rest and "
+        "released; nothing else is there."
     ),
     premise="The named layers lie in their slots; layers already on the base are part of the setup.",
     groups=(
@@ -155,8 +155,8 @@ RECURSIVE_STACKING = Template(
     description="Put the named plate on the named plate or stack.",
     challenge="Targets that are moved themselves: a stacked object may carry the next one.",
     goal=(
-        "Each named plate stands in the middle of the named one, flat and touching it, at rest and "
-        "released; nothing else was put on a requested plate."
+        "Each named plate is at the center of the target plate, flat and touching it, at rest and released; nothing "
+        "else was put on an instructed plate."
     ),
     premise="The named plates stand in their slots or on another plate as the condition says.",
     groups=(

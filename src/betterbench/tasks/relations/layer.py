@@ -16,7 +16,7 @@ OFFSET = threshold(
     "layer_offset",
     0.024,
     "m",
-    "Distance from the center of the base up to which a layer is centered; two thirds of the base's radius, within "
+    "Maximum distance from the base's center for a layer to be centered; two thirds of the base's radius, within "
     "which a layer cannot topple and people accept it as stacked (docs/sides.md).",
     "Larger: layers may lie off center; more success, fewer execution_failure and timeout.",
 )
@@ -24,14 +24,14 @@ GAP = threshold(
     "layer_gap",
     0.006,
     "m",
-    "Height up to which a layer lies on the layer below; leaves and buns are uneven.",
+    "Maximum gap at which a layer rests on the layer below; leaves and buns are uneven.",
     "Larger: layers may lie unevenly; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
     "layer_tilt",
     0.175,
     "rad",
-    "Tilt up to which a layer lies flat; 10 degrees.",
+    "Maximum tilt at which a layer lies flat; 10 degrees.",
     "Larger: layers may lie at an angle; more success, fewer execution_failure and timeout.",
 )
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})

@@ -15,14 +15,14 @@ OVERLAP = threshold(
     "loose_overlap",
     0.005,
     "m",
-    "Depth by which a part of an object must reach into a target to be in the target at all; an object that only "
-    "leans against the outside is not.",
+    "Minimum depth to which part of an object must reach into a target for the object to be in the target at all; an "
+    "object that only leans against the outside is not.",
     "Larger: objects that reach in by less are not in the target; more success, fewer execution_failure with harm, "
     "fewer behavioral_inertia of badly placed objects.",
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _HIGHER_M = 0.001
-"""Difference of the lowest points from which an object is above another one [m]."""
+"""Minimum height difference between the lowest points of two objects for one object to be above the other [m]."""
 _ROUNDING_M = 1e-9
 """Margin above the rounding error of a distance [m]."""
 

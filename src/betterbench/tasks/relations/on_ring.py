@@ -14,15 +14,16 @@ RADIUS = threshold(
     "ring_radius",
     0.015,
     "m",
-    "Distance up to which a mug is centered in its ring; people accept 11 mm, and are unsure up to 16 (docs/sides.md).",
-    "Larger: mugs may stand off center; more success, fewer execution_failure and timeout.",
+    "Maximum distance at which a mug is centered in its ring; people accept 11 mm, and are unsure up to 16 "
+    "(docs/sides.md).",
+    "Larger: mugs may be off center; more success, fewer execution_failure and timeout.",
 )
 HEIGHT = threshold(
     "ring_height",
     0.006,
     "m",
-    "Height above the ring's plane up to which a mug stands on the ring.",
-    "Larger: mugs may stand higher, for example on an edge; more success, fewer execution_failure and timeout.",
+    "Maximum height above the ring's plane for a mug to stand on the ring.",
+    "Larger: mugs may be higher, for example on an edge; more success, fewer execution_failure and timeout.",
 )
 SPOUT = threshold(
     "spout_margin",
