@@ -222,7 +222,10 @@ def _depth(node: ast.AST) -> int:
 
 
 def _is_elif(otherwise: Sequence[ast.stmt]) -> bool:
-    """Tell whether an ``else`` contains exactly one ``if``; the syntax tree does not distinguish this from an ``elif``."""
+    """Tell whether an ``else`` contains exactly one ``if``.
+
+    The syntax tree does not distinguish this from an ``elif``.
+    """
     return len(otherwise) == 1 and isinstance(otherwise[0], ast.If)
 
 
@@ -312,7 +315,10 @@ def _package(name: str, names: Sequence[str], files: Sequence[SourceFile], level
 
 
 def _is_upward(name: str, target: str, level: dict[str, int]) -> bool:
-    """Tell whether the layers forbid an import; a package that is not in any layer may neither import nor be imported."""
+    """Tell whether the layers forbid an import.
+
+    A package that is not in any layer may neither import nor be imported.
+    """
     return name not in level or target not in level or level[target] <= level[name]
 
 

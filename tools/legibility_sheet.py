@@ -125,7 +125,9 @@ REFUSED: dict[str, str] = {
     "upper_drawer": "lower|bottom",
     "waste_bin": "plant|flower|pot|planter|soda|coke|crushed",
 }
-"""Words that an answer must not contain, by category or by category and color: objects for which it must not be mistaken."""
+"""Words that an answer must not contain, by category or by category and color: objects for which it must not be
+mistaken.
+"""
 
 REQUIRED_TOO: dict[str, str] = {
     "coffee_machine": "machine|maker|coffeemaker|espresso",
@@ -245,7 +247,7 @@ def sheets(found: list[Crop]) -> list[Image.Image]:
 
 
 def is_right(answer: str, category: str, color: str) -> bool:
-    """Tell whether a free answer names an object: it contains an accepted word, no rejected word, and the object's color if there is one.
+    """Tell whether a free answer names an object: by an accepted word, no rejected word, and its color if any.
 
     Of several colors ("blue and white") one has to be its own. Words behind a comma, "with", "on" or "in" are about a
     part ("jam jar, white lid") and are not judged, unless they are a color alone ("mug, blue").

@@ -106,7 +106,10 @@ def teleop_page(run: Path, profile: Path) -> bytes:
 
 
 def review_page(folder: Path, profile: Path) -> bytes:
-    """Return the page of ``better review`` as PNG: a grasp of an upright mug is being moved; the files go to a folder."""
+    """Return the page of ``better review`` as PNG: a grasp of an upright mug is being moved.
+
+    The files go to a folder.
+    """
     folder.mkdir(parents=True)
     write_leaning_mug(folder / "mug.glb")
     command = [sys.executable, "-m", "betterbench.cli", "review", str(folder), "--author", "ada", "--port", "0"]

@@ -49,7 +49,7 @@ def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Imag
 
 
 def pair(task: Task, variation: Variation, *, seed: int, size: int) -> Image.Image:
-    """Return a variation's training scene next to its test scene with the same seed, each with a side length of ``size`` pixels."""
+    """Return a variation's training scene next to its test scene with the same seed, each ``size`` pixels wide."""
     return row(_before_and_after(task, variation, seed=seed, size=size, shown=size))
 
 

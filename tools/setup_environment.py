@@ -683,7 +683,7 @@ def relock(*, upgrade: bool) -> None:
 
 
 def locked_extra(extra: str, folder: Path, resolve: Callable[[Path, Sequence[str | Path]], None]) -> str:
-    """Returns the text of an extra's lock: the packages that it needs in addition to ``runtime.lock``, or in another version.
+    """Returns the text of an extra's lock: packages missing from ``runtime.lock`` or needed in another version.
 
     It is resolved together with the developers' packages, so that both fit into one environment.
 

@@ -73,7 +73,9 @@ def _encoding_of(letter: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- files
 LONGEST_NAME = 100
-"""Maximum characters of a default name, including the digest of a longer text. A file system allows 255 bytes; suffixes and part file names need some of them."""
+"""Maximum characters of a default name, including the digest of a longer text. A file system allows 255 bytes; suffixes
+and part file names need some of them.
+"""
 _DIGEST_LETTERS = 8
 
 

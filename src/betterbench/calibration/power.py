@@ -31,12 +31,15 @@ RULE_TRIALS = 6
 GUESS_TRIALS = 14
 """Minimum number of trials without language.
 
-A guess with a one-in-three chance is then right in more than half of the trials in 6 % of the cells (with 7 trials, in 17 %).
+A guess with a one-in-three chance is then right in more than half of the trials in 6 % of the cells (with 7 trials, in
+17 %).
 """
 STILL_TRIALS = 2
 """Trials of the policy that never moves, which are all alike."""
 MOST_CHANCE = 0.9
-"""Largest chance level for which the number of trials is computed; if only one instruction is possible, guessing it always succeeds."""
+"""Largest chance level for which the number of trials is computed; if only one instruction is possible, guessing it
+always succeeds.
+"""
 ALPHA = 0.05
 
 _NO_LANGUAGE = BLIND[0]

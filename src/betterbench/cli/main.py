@@ -279,7 +279,10 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give a verb's wrapper the options, type hints and help of both functions; ``texts`` has the help texts by option."""
+    """Give a verb's wrapper the options, type hints and help of both functions.
+
+    ``texts`` has the help texts by option.
+    """
     added = inspect.signature(verb).parameters
     hints: dict[str, Any] = get_type_hints(function, include_extras=True)
     signature = inspect.signature(function)

@@ -1,4 +1,4 @@
-"""Cues that may decide the behavior of a policy that ignores the instruction: slot, kind, color or distance of an object."""
+"""Cues that a policy that ignores the instruction may follow: an object's slot, kind, color or distance."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode reached its step limit with a subgoal that was not done, or was done only in the last rows."""
+        """Whether the episode reached its step limit with a subgoal not done, or done only in the last rows."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])

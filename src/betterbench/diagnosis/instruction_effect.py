@@ -28,7 +28,8 @@ SAME_TARGET = "same_target_whatever_the_instruction"
 """Evidence rule of a wrong first attempt by a policy that does not use the instruction."""
 
 SAME_THING = "same_thing_whatever_the_instruction"
-"""Evidence rule for a wrong first attempt at a policy's favorite object kind (:mod:`betterbench.diagnosis.favorite_thing`).
+"""Evidence rule for a wrong first attempt at a policy's favorite object kind
+(:mod:`betterbench.diagnosis.favorite_thing`).
 """
 
 _PLACE_DIGITS = 4
@@ -50,7 +51,7 @@ def scene_of(record: Record) -> str:
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials whose only difference is the instruction and whose instructions name different first targets.
+    """Return pairs of trials that differ only in the instruction and have different first targets.
 
     A trial is in at most one pair, which keeps pairs independent. A variation is paired with its counterfactual twin if
     possible, otherwise with the first remaining trial of the same scene. Trials without a first grasp attempt, and
@@ -85,7 +86,9 @@ def changes_target(pair: Pair) -> bool:
 
 
 def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
-    """Yield the instruction effect over all trials and per task; training conditions and variations are treated the same.
+    """Yield the instruction effect over all trials and per task.
+
+    Training conditions and variations are treated the same.
 
     The p-value is the probability of at most this many changes for a policy that picks one of two objects at random
     (exact).

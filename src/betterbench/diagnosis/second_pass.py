@@ -127,7 +127,10 @@ def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return the summed cost of the best rules of one kind in several tasks; a task without such a rule has the cost of confusion."""
+    """Return the summed cost of the best rules of one kind in several tasks.
+
+    A task without such a rule has the cost of confusion.
+    """
     return sum(_least_cost(family, task, otherwise=task.confusion) for task in tasks)
 
 

@@ -14,7 +14,7 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """Stopping rule for a run that stops adding trials to a variation once its verdict is certain, and the rule's decisions.
+    """Stopping rule for a run that adds trials to a variation until its verdict is certain, and its decisions.
 
     Attributes:
         rule: Rule by which a variation is decided.

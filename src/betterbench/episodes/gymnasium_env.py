@@ -25,7 +25,9 @@ _BOUNDS = {
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Size and bound of each measurement, wider than all possible values: the joint limits are within 3.8 rad and 2.7 rad/s, the reach is within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m."""
+"""Size and bound of each measurement, wider than all possible values: the joint limits are within 3.8 rad and 2.7
+rad/s, the reach is within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m.
+"""
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):

@@ -65,7 +65,7 @@ def require_same(
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the path of the first difference between two JSON values in sorted order, with both values as text, or None."""
+    """Return the path of the first difference between two sorted JSON values, with both values as text, or None."""
     if isinstance(there, dict) and isinstance(asked, dict):
         for key in sorted(set(there) | set(asked)):
             if key not in there or key not in asked:

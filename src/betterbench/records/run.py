@@ -434,7 +434,10 @@ class RunFolder:
         return digest
 
     def load_scene(self, scene_hash: str, *, digest: str | None = None) -> dict[str, bytes]:
-        """Return the files of a stored scene by name, without writing to disk; raises the same errors as ``read_scene``."""
+        """Return the files of a stored scene by name, without writing to disk.
+
+        Raises the same errors as ``read_scene``.
+        """
         return read_scene(self.scene_path(scene_hash), digest=digest)
 
     def scene_digest(self, trial: TrialId) -> str | None:

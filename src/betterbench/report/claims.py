@@ -18,7 +18,9 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Fraction of failed trials that a kind of failure must exceed to be a conclusion if no illusion gap shows it, as in training or without training twins (exact binomial test at the usual level)."""
+"""Fraction of failed trials that a kind of failure must exceed to be a conclusion if no illusion gap shows it, as in
+training or without training twins (exact binomial test at the usual level).
+"""
 
 FEW = 3
 """Minimum number of trials for a policy's habit, for a task's habit (if failures are rare) or for an axis."""

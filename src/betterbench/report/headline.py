@@ -388,7 +388,7 @@ def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
 
 
 def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
-    """Return the sentence, family and test for a failure that is rare overall but frequent in some conditions of a task.
+    """Return the sentence, family and test for a failure that is rare overall but frequent in some task conditions.
 
     Training conditions are included, for a policy that fails one task from the beginning. A failure that is scattered
     over other tasks too is not a habit.

@@ -1,4 +1,4 @@
-"""Differences between rates with intervals: between two rates, and between a novel condition and the mean of seen conditions."""
+"""Rate differences with intervals: between two rates, and between a novel condition and the mean of seen ones."""
 
 from __future__ import annotations
 

@@ -33,7 +33,8 @@ FIRST_PAIRS = 5
 """Pairs of the first round: the smallest number after which unanimous pairs give a verdict."""
 
 TWIN_SHARE = 0.5
-"""Minimum share of pairs in which the twin must succeed; with a smaller share, a drop by the margin could hardly show."""
+"""Minimum share of pairs in which the twin must succeed; with a smaller share, a drop by the margin could hardly show.
+"""
 
 
 class Verdict(StrEnum):

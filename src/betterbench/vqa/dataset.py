@@ -72,7 +72,8 @@ from betterbench.vqa.types import candidates_of
 SET_SCHEMA_VERSION = 3
 """Version of the files and questions of a set. A set of another version cannot be continued.
 
-Version 3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read; version 1 sets have no checksums and are read with a warning.
+Version 3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read;
+version 1 sets have no checksums and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")

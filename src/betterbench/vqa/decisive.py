@@ -58,7 +58,9 @@ SETTLE_S = 0.5
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
-"""Roles of questions about a decisive moment: the object to act on now (among boxes), the position of the named object, the object at the gripper, the presence of an object, and the steps that are already done."""
+"""Roles of questions about a decisive moment: the object to act on now (among boxes), the position of the named object,
+the object at the gripper, the presence of an object, and the steps that are already done.
+"""
 
 DECIDING: dict[Label, tuple[str, ...]] = {
     Label.LEXICAL_KINEMATIC_SHORTCUT: (ASKED, WHERE),
@@ -76,7 +78,9 @@ DECIDING: dict[Label, tuple[str, ...]] = {
     Label.CORRECT_FREEZE: (DONE,),
     Label.CORRECT_REFUSAL: (EXISTS,),
 }
-"""Roles per label whose questions show whether the model knew the right decision. For a look-alike, this is its identity; for a shortcut, the instructed object and its position; for a wrong step, the current and the finished steps."""
+"""Roles per label whose questions show whether the model knew the right decision. For a look-alike, this is its
+identity; for a shortcut, the instructed object and its position; for a wrong step, the current and the finished steps.
+"""
 
 
 @dataclass(frozen=True, slots=True)

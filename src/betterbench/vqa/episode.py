@@ -20,7 +20,9 @@ from betterbench.tasks.judging.attempts import GraspAttempt, find_grasps
 REACH_M = 0.10
 """Distance from an object's box within which the gripper is visibly approaching it [m]; slots are 12 cm apart."""
 NEAREST_BY_M = 0.03
-"""Margin by which the object must be nearer to the gripper than any other object [m], so that the image shows the target."""
+"""Margin by which the object must be nearer to the gripper than any other object [m], so that the image shows the
+target.
+"""
 CARRY_M = 0.03
 """Height above its previous support at which an object is visibly carried [m]."""
 

@@ -30,7 +30,7 @@ def replay_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Simulate a record's actions again and compare every state, or write a video of the record, alone or next to its twin.
+    """Replay a record's actions and compare every state, or write a video of the record, alone or next to its twin.
 
     Example: better replay runs/expert/records/fast_food/T1/0.parquet --check
 

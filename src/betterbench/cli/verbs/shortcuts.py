@@ -1,4 +1,4 @@
-"""``better shortcuts``: the shortcuts that a dataset offers, and the variations that a learner would fail because of them."""
+"""``better shortcuts``: shortcuts in a dataset, and the variations that a learner would fail because of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table 4 of the paper computed from runs: four LIBERO suites and their average, and CALVIN's five rates and average length."""
+"""The paper's Table 4 from runs: four LIBERO suites and their average, CALVIN's five rates and average length."""
 
 from __future__ import annotations
 

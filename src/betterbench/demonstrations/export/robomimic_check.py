@@ -63,7 +63,7 @@ class RobomimicCheck:
         return read
 
     def finish(self) -> None:
-        """Compare the data that belongs to the complete file, such as its demonstrations and masks, after the last episode."""
+        """Compare file-level data, such as the lists of demonstrations and masks, after the last episode."""
         with intact(f"{self._path}: data"):
             data, where = self._file["data"], f"{self._path}: data"
             names = [demo_name(number) for number in range(len(self._expected.dataset.episodes))]

@@ -393,7 +393,10 @@ class Amplifier:
             yield _WayIn(found[0], True, begin), found[1]
 
     def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
-        """Return the first obstacle in a skill before its gripper change, or in the way of the opening gripper; None if there is none."""
+        """Return the first obstacle in a skill before its gripper change, or in the way of the opening gripper.
+
+        Returns None if there is none.
+        """
         hand, points = skill.hand, skill.moved.checkpoints(begin, skill.moved.change)
         held, T_tcp_object = hand.held, hand.T_tcp_object
         blocked, joints = self._planner.check_way(

@@ -194,7 +194,7 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return the first problem that puts an episode outside its task's certified training regime, from the episode's states.
+    """Return the first way in which an episode's states leave its task's certified training regime.
 
     None if everything is inside, or if the variation declares that it is outside.
     """

@@ -173,7 +173,7 @@ class VariedSkills(Skills):
         return state, grasp
 
     def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:
-        """On the way down to an object's grasp, close the gripper above the object and open it again, unless it would touch something."""
+        """Close and reopen the gripper above an object on the way down to a grasp, unless it would touch anything."""
         info = state.info.object(name)
         top = state.pose(name).position[2] + info.size_m[2] + MISS_GAP_M
         low, high = grasp.position[2], start.position[2]

@@ -76,7 +76,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of a training condition's starts: slots of the instructed objects, then of the targets."""
+    """Return the random factors in a training condition's starts: slots of instructed objects, then of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),

@@ -148,7 +148,10 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return the differences between demonstrations in the same conditions, by task; empty for a single demonstration."""
+        """Return the differences between demonstrations in the same conditions, by task.
+
+        The result is empty for a single demonstration.
+        """
         found: dict[str, list[MotionVariety]] = {}
         for (task, condition), motions in sorted(self._found.items()):
             for (subgoal, skill), same in motions.items():

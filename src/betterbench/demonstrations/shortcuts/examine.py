@@ -567,7 +567,7 @@ equally frequent places, in steps of :data:`~betterbench.demonstrations.shortcut
 
 
 def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
-    """Return, for each question, the smallest rule that would have been found, corrected for the tests in its family."""
+    """Return each question's smallest rule that would have been found, corrected for the tests in its family."""
     rules = []
     for asked in group.planted:
         units = int(asked.planted.block.max()) + 1

@@ -114,7 +114,10 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
 
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
-    """Return the facts of a correct episode in a condition; if a word can mean several objects, the first one is used."""
+    """Return the facts of a correct episode in a condition.
+
+    If a word can mean several objects, the first one is used.
+    """
     steps = []
     taken: set[str] = set()
     for goal in condition.instruction.subgoals:

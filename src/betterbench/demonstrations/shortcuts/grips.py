@@ -20,7 +20,9 @@ AGREEING = 0.9
 WIDTH_M = (0.005, 0.15)
 """Range of gripper openings that count as a width in meters [m]."""
 IDLE_SHARE = 0.1
-"""Relative range of a gripper, compared with the largest range in the same column, below which it is noise from an idle arm."""
+"""Relative range of a gripper, compared with the largest range in the same column, below which it is noise from an idle
+arm.
+"""
 _BETWEEN = 0.1
 """Share of the frames in the middle third of a range below which a gripper is in two positions, not at rest."""
 _LEAST_RANGE = 1e-6
@@ -196,7 +198,7 @@ def _between(values: _Floats, low: float, high: float) -> float:
 
 
 def held(values: _Floats) -> _Floats:
-    """Return commands (T,) in which a 0 is replaced by the previous command, if the only values are -1, 0 and 1 and 0 thus means no change."""
+    """Return commands (T,) with each 0 replaced by the previous command, if the only values are -1, 0 and 1."""
     if not np.isin(values, (-1.0, 0.0, 1.0)).all() or not (values == 0.0).any() or not (values < 0.0).any():
         return np.array(values)
     last = np.maximum.accumulate(np.where(values != 0.0, np.arange(len(values)), -1))

@@ -53,7 +53,8 @@ WEIGHTS = {
     "bystander_place": 0.2,
     COUNT: 0.3,
 }
-"""Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules about two words or complete instructions have the same weight as rules about single words.
+"""Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules about two
+words or complete instructions have the same weight as rules about single words.
 
 A rule about the word or object of a pick costs the whole trial; a rule about bystanders rarely matters."""
 

@@ -163,7 +163,9 @@ They are not associations and need no test.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
 FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
-"""Questions about every instruction word: first and last position of the gripper's actions, its first direction, the first object, the order of objects, and the arm."""
+"""Questions about every instruction word: first and last position of the gripper's actions, its first direction, the
+first object, the order of objects, and the arm.
+"""
 
 WORDS, PAIRS, WHOLE = "", "_together", "_whole"
 """Name suffixes for questions about single words, word pairs and complete instructions."""
@@ -197,5 +199,8 @@ WORD_OUTCOMES = {
 
 
 def base_of(question: str) -> str:
-    """Return the single-word question for a question about pairs or complete instructions; others are returned unchanged."""
+    """Return the single-word question for a question about pairs or complete instructions.
+
+    Others are returned unchanged.
+    """
     return question.removesuffix(PAIRS).removesuffix(WHOLE)

@@ -167,7 +167,7 @@ class Planted:
         return float(np.partition(self.null, place)[place])
 
     def share_found(self, share: float, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float:
-        """Return the fraction of planted data sets in which the audit finds a rule that decides a given fraction of the units."""
+        """Return the fraction of planted data sets in which the audit finds a rule for a fraction of the units."""
         replicates = 1 if share >= 1.0 else REPLICATES
         at_once = max(1, _CHUNK // max(len(self.y), self.sizes[0] * self.sizes[1]))
         found = 0

@@ -99,7 +99,10 @@ class Page:
 
     @property
     def view_yaw(self) -> float:
-        """Viewing direction of the page that controls the robot [rad], seen from above; 0 is away from the robot's base."""
+        """Viewing direction of the page that controls the robot [rad], seen from above.
+
+        A value of 0 points away from the robot's base.
+        """
         client = self._server.get_clients().get(self._controls.driver if self._controls.driver is not None else -1)
         if client is None:
             return 0.0

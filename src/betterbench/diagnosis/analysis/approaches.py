@@ -224,7 +224,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first span, after a given row, in which a gripper that closed on nothing is within reach of an object."""
+    """Return the first span after a row in which a gripper that closed on nothing is within reach of an object."""
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]

@@ -449,7 +449,9 @@ class EpisodeAnalysis:
         return f"the instruction asks for {self.asked_words(step.goal)}"
 
     def intended(self) -> tuple[int, ...]:
-        """Return the objects for which the first attempt would be right; if the attempt was right, its object comes first.
+        """Return the objects for which the first attempt would be right.
+
+        If the attempt was right, its object comes first.
 
         The others are ordered by subgoal and then by slot, so that neither their names nor their order in the scene
         matters.

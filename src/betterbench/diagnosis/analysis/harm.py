@@ -1,4 +1,4 @@
-"""Harm in a record: changes to objects that the instruction does not involve, which rule out success, with their times."""
+"""Harm in a record: changes to uninstructed objects, which rule out success, with their times."""
 
 from __future__ import annotations
 

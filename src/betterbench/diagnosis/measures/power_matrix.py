@@ -168,7 +168,7 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation claims to expose: rules that fail the variation by decisions with a claimed label.
+        """Return the rules that a variation claims to expose: they fail it by decisions with a claimed label.
 
         A rule that passes with a needless step is not exposed by its success rate, so it is not claimed.
         """
@@ -185,7 +185,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether all pretenders succeed on a variation, as they should, except for the rule that always fails."""
+        """Return whether all pretenders except the rule that always fails succeed on a variation, as they should."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )

@@ -114,7 +114,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt is at the kind with which most demonstrations begin, although it is not the current step."""
+    """Return evidence if an attempt is at the kind with which most demonstrations begin, out of turn."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None

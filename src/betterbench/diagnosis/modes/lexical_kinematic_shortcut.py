@@ -68,7 +68,7 @@ def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
 
 
 def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
-    """Return the words that may lead a policy during an attempt: first the current subgoal's word, then the words of earlier subgoals.
+    """Return the words that may lead a policy during an attempt: the current subgoal's word, then earlier ones.
 
     An earlier subgoal of an ordered instruction is done by then, but its word is still in the text: a policy may follow
     the first word that it reads. Without an attempt, the first subgoal is due.

@@ -32,7 +32,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.PHASE_CONFLICT,
     short="phase",
-    definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the empty gripper moves to and fro until the end, displaces nothing, and does not approach an instructed object.",
+    definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
+    "empty gripper moves to and fro until the end, displaces nothing, and does not approach an instructed object.",
     conclusion="It does not recognize the due step: it freezes in half-finished scenes, or moves to and fro.",
     sharper=sharper_by_rule(
         {

@@ -65,7 +65,10 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return the first difference between a policy's declaration and the declaration in a run; None if no difference is known."""
+    """Return the first difference between a policy's declaration and the declaration in a run.
+
+    Returns None if no difference is known.
+    """
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):

@@ -35,7 +35,9 @@ LEAST_RANGE = {"m": 0.02, "rad": 0.05}
 """Minimum range of a demonstration along an axis for computing a factor [m, rad]."""
 
 FOLLOWS = 0.7
-"""Minimum agreement for a policy that follows the demonstration: the cosine between its steps and the demonstration's steps, on each axis."""
+"""Minimum agreement for a policy that follows the demonstration: the cosine between its steps and the demonstration's
+steps, on each axis.
+"""
 
 PROVEN = 0.02
 """Maximum distance of a factor from 1 that proves the conventions of its axis."""

@@ -49,7 +49,10 @@ class PreflightView:
 
 
 def preflight_view(found: PreflightCheck) -> PreflightView:
-    """Return the content of a check's sheet; MissingDependencyError if off-screen OpenGL does not work on this machine."""
+    """Return the content of a check's sheet.
+
+    Raises MissingDependencyError if off-screen OpenGL does not work on this machine.
+    """
     condition = resolve_condition(found.trial.task, found.trial.condition)
     space, quality = action_space(found.info.action_space), quality_preset(found.quality)
     scene = Scene(condition.task, condition.condition, seed=found.trial.seed, action_space=space, quality=quality)

@@ -1,1 +1,1 @@
-"""Policies served with the openpi protocol: server, sessions, a run's policy host, and shadow simulations for experts."""
+"""Policies served with the openpi protocol: server, sessions, policy host, and shadow simulations for experts."""

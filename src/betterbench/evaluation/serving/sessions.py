@@ -86,7 +86,7 @@ class ShadowSession:
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return a client's control step: the step that was sent, the end of the last chunk, or an earlier step of this chunk.
+        """Return a client's control step: as sent, the end of the last chunk, or an earlier step of this chunk.
 
         Many clients execute only some of the received actions, or none before they repeat a request. For a client that
         does not send its step, the state relative to the start of the episode determines the step in the chunk.

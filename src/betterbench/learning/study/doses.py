@@ -68,7 +68,7 @@ def doses_of(
 def _matching(
     learner: LearnerOutcome, prediction: Prediction | None
 ) -> Iterator[tuple[TrialOutcome, str, frozenset[str]]]:
-    """Yield the trials of variations that break a planted confound, with the predicted label and the labels on the card."""
+    """Yield trials of variations that break a planted confound, with the predicted label and the card's labels."""
     for forecast in () if prediction is None else prediction.variations:
         if forecast.risk > 0.0 and forecast.label in CROSSED:
             known = frozenset(label.value for label in exposed_labels(learner.learner.task, forecast.variation))

@@ -43,7 +43,9 @@ DROPPED = 0.5
 CONTRAST = "balanced against confounded"
 """Name of the contrasts of a page."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
-"""Names of the contrasts that separate coverage from decorrelation. The arms in the first contrast differ in the number of shown conditions; the arms in the second differ in whether each word is tied to its place."""
+"""Names of the contrasts that separate coverage from decorrelation. The arms in the first contrast differ in the number
+of shown conditions; the arms in the second differ in whether each word is tied to its place.
+"""
 
 GapVerdict = Literal[
     "no gap",

@@ -15,7 +15,7 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def never_shown(regimes: Iterable[Regime], task: str, variation: str) -> tuple[str, ...]:
-    """Return the words, categories and colors in a variation that do not occur in any condition of some regimes, in this order."""
+    """Return a variation's words, categories and colors, in this order, that no condition of some regimes has."""
     return _missing(regimes, task, [resolve_condition(task, variation).condition])
 
 

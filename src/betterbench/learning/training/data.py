@@ -243,7 +243,7 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
 
 
 def moving_rows(record: Record, most: int | None) -> np.ndarray:
-    """Return the rows of a record used for training, int64: all rows except those after the first ``most`` rows of a pause.
+    """Return the rows of a record used for training, int64: all but those beyond the first ``most`` of a pause.
 
     A demonstrator pauses while the commanded pose and the fingers do not change. The elapsed time of a pause is not
     visible in a state, so a learner would prolong pauses, possibly forever.

@@ -43,7 +43,9 @@ from betterbench.policies.protocols.wire import decode_gr00t, encode_gr00t
 logger = logging.getLogger(__name__)
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
-"""Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front`` (N1.6 and N1.7 with the simulation wrapper), or that map as the request data, without options (N1.5)."""
+"""Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front``
+(N1.6 and N1.7 with the simulation wrapper), or that map as the request data, without options (N1.5).
+"""
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
 """Arrays of one environment at a single time step, (1, 1, ...), by modality and name."""

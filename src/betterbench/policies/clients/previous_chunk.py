@@ -11,7 +11,10 @@ import numpy as np
 
 
 def rows_left(asked_at: int, chunk: np.ndarray, *, step: int) -> int:
-    """Return the number of rows of a chunk, (..., horizon, dim), that remain at a control step; 0 before the chunk starts."""
+    """Return the number of rows of a chunk, (..., horizon, dim), that remain at a control step.
+
+    Returns 0 before the chunk starts.
+    """
     passed = step - asked_at
     return 0 if passed < 0 else max(0, chunk.shape[-2] - passed)
 

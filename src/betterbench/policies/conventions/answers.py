@@ -36,7 +36,9 @@ AnswerKind = Literal[
 ]
 """Meaning of some answer columns: a complete action in betterbench's format, or one part of it.
 
-The translation of an absolute pose is its position. A translation, or a rotation with three numbers, may be given axis by axis: ``rotation_x`` is the first number of the rotation format, that is the x of a rotation vector or the roll."""
+The translation of an absolute pose is its position. A translation, or a rotation with three numbers, may be given axis
+by axis: ``rotation_x`` is the first number of the rotation format, that is the x of a rotation vector or the roll.
+"""
 
 Polarity = Literal[
     "close_positive",

@@ -130,7 +130,8 @@ GR00T_NEW_EMBODIMENT = Adapter(
 )
 """GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
 
-A new embodiment gets its keys and slices from the ``meta/modality.json`` used for its fine-tuning; this preset uses those of our export. The server declares its keys at connection, and the handshake compares them.
+A new embodiment gets its keys and slices from the ``meta/modality.json`` used for its fine-tuning; this preset uses
+those of our export. The server declares its keys at connection, and the handshake compares them.
 """
 
 _XYZ = ("x", "y", "z")

@@ -21,7 +21,9 @@ MAX_BODY_BYTES = 4 * 1024 * 1024
 """Largest accepted body [byte]: empty lists take 20 times as much in memory, and 100 actions about 15 kB."""
 
 ArrayCoding = Literal["map", "text", "png"]
-"""Encoding of arrays in a body: as a map (OpenVLA), as a text with the map's JSON (X-VLA), or as a list of numbers, with images as base64-encoded PNG files (Dexbotic)."""
+"""Encoding of arrays in a body: as a map (OpenVLA), as a text with the map's JSON (X-VLA), or as a list of numbers,
+with images as base64-encoded PNG files (Dexbotic).
+"""
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:

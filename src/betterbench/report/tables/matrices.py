@@ -41,8 +41,7 @@ _HEADINGS = {
     ),
     Horizon.LONG: (
         "Long horizon: two targets",
-        "Two objects are requested. Rows: initial state of the first object; columns: initial state of the second "
-        "object.",
+        "Two objects are requested. Rows: initial state of the first object; columns: that of the second object.",
         ("first target", "second target"),
     ),
 }

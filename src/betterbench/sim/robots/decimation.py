@@ -24,7 +24,8 @@ _LEAST_COSINE = 0.35
 """Cosine of the largest rotation of a triangle by one collapse, about 70 degrees."""
 
 _LEAST_SHAPE = 0.02
-"""Minimum shape quality of a triangle: its area divided by the area of an equilateral triangle with its longest side."""
+"""Minimum shape quality of a triangle: its area divided by the area of an equilateral triangle with its longest side.
+"""
 
 
 def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -68,7 +68,8 @@ _FAR = 1.01 / APPROACH
 SECOND_ITERATION_RAD = 0.03
 """Joint step above which a control step takes a second iteration, with the new error and the first Jacobian [rad].
 
-Below this error (about 2 cm at the tool), the first iteration leaves less than 0.4 mm, which the next control step corrects; after 3 cm, the second iteration reduces the error to 0.1 mm.
+Below this error (about 2 cm at the tool), the first iteration leaves less than 0.4 mm, which the next control step
+corrects; after 3 cm, the second iteration reduces the error to 0.1 mm.
 """
 
 _REACH_STEP_RAD = 0.3
@@ -228,7 +229,7 @@ class ArmIK:
         iterations: int = 60,
         restarts: bool = True,
     ) -> IKResult:
-        """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best result overall.
+        """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best result.
 
         The search starts at ``q``, shape (n,) [rad], and with ``restarts`` continues from fixed postures around home;
         it takes at most ``iterations`` per start. Raises InvalidInputError if ``q`` has the wrong shape or is not

@@ -21,7 +21,9 @@ from betterbench.sim.scenes.stage import CAMERAS, WRIST_CAMERA
 from betterbench.tasks import Looks, ObjectSpec, stream
 
 LOOK_SETS = 16
-"""Number of look sets per task. A trial draws one set, with one look for each object kind and for the room, so that runs compile and store a few scenes instead of one per trial."""
+"""Number of look sets per task. A trial draws one set, with one look for each object kind and for the room, so that
+runs compile and store a few scenes instead of one per trial.
+"""
 
 UNSEEN_LOOK_SETS = 12
 """Number of held-out look sets per task: a multiple of the four held-out looks and of the three rooms."""

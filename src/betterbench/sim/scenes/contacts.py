@@ -195,7 +195,7 @@ class ContactReader:
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
-        """Find the contacts of the sleeping objects, unless the objects and their poses are the same as in the last call."""
+        """Find the contacts of sleeping objects, unless the objects and their poses are as in the last call."""
         sleeping = self._sleep.sleeping
         state = (sleeping, self._sleep.places(positions))
         if state == self._kept_for:

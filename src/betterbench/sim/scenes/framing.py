@@ -179,7 +179,9 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 
 
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
-    """Return the minimum distance of slots and target regions from the image edge over all jitters [m]; negative outside.
+    """Return the minimum distance of slots and target regions from the image edge over all jitters [m].
+
+    The distance is negative outside.
 
     A slot is extended by its whole jitter. A target region is represented by its corners, over the jitter of its slot,
     and with open drawers. Distances are those at the depth of the point.

@@ -130,7 +130,10 @@ class LimitedView:
         self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
 
     def open_of(self, run: RunFolder, record: Record) -> None:
-        """Open the stored scene of a run's record, unless it is already open; raises the same errors as :meth:`open`."""
+        """Open the stored scene of a run's record, unless it is already open.
+
+        Raises the same errors as :meth:`open`.
+        """
         m = record.metadata
         digest = run.scene_digest(TrialId(m.task, m.condition, m.seed))
         scene = (m.scene_hash, digest or str(run.path))
@@ -139,7 +142,10 @@ class LimitedView:
             self._opened = scene
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
-        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises the same errors as :meth:`open`."""
+        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8.
+
+        Raises the same errors as :meth:`open`.
+        """
         numbers = np.asarray(qpos, dtype=np.float64).tobytes()
         request = {"camera": camera, "jitter": jitter.to_json()}
         pixels = self._at_most_twice(lambda: self._ask(request, numbers))

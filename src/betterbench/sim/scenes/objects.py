@@ -15,7 +15,11 @@ from betterbench.sim.robots.physics import PHYSICS
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 
 ROLLING_DAMPING = 3e-4
-"""Angular damping of a free object [N m s/rad], used instead of rolling friction: without any damping, a pushed orange rocks for a minute. The rolling resistance of fruit on wood, about 2 % of its weight at its radius, has the same effect on an orange that rolls at 4 rad/s. The same number as linear damping [N s/m] takes less than 1 % of the speed per second."""
+"""Angular damping of a free object [N m s/rad], used instead of rolling friction: without any damping, a pushed orange
+rocks for a minute. The rolling resistance of fruit on wood, about 2 % of its weight at its radius, has the same effect
+on an orange that rolls at 4 rad/s. The same number as linear damping [N s/m] takes less than 1 % of the speed per
+second.
+"""
 
 _TYPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,

@@ -28,7 +28,10 @@ class Simulator(Protocol):
         """Return a suite's tasks: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of the premises and whether each holds in each state."""
+        """Settle every initial state of a task.
+
+        Return the names of the premises and whether each holds in each state.
+        """
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and settle; return the constant properties and the first row."""

@@ -15,7 +15,7 @@ SLIM_M, SLIM_OPENING_M = 0.05, 0.022
 
 
 def foot_offset(info: ObjectInfo) -> Vector:
-    """Return the center of an object's base in the object frame [m]: the center of the region "base", or of the bounding box."""
+    """Return the base center in the object frame [m]: the center of the region "base", or of the bounding box."""
     for region in info.regions:  # cached: computing this took a third of the time of next() at every control step
         if region.name == "base":
             return region.position

@@ -192,7 +192,7 @@ def offers_each(*names: str) -> Regions:
 
 
 def surface_of(*names: str) -> Surface:
-    """Return the ``surface`` function for a relation whose objects rest on the first of these asset regions that exists.
+    """Return the ``surface`` function for a relation whose objects rest on the first existing asset region.
 
     Without names, the target region itself is the surface.
     """

@@ -14,7 +14,9 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.grounding import chunks
 
 IMAGE_MARGIN = 0.08
-"""Minimum horizontal distance between two centers for "left of", as a fraction of the image width: 20 of 256 pixels, about the width of an object."""
+"""Minimum horizontal distance between two centers for "left of", as a fraction of the image width: 20 of 256 pixels,
+about the width of an object.
+"""
 CAMERA_MARGIN_M = 0.06
 """Minimum difference between two distances from the camera for "nearer" [m], the limit of what people can judge."""
 ROBOT_MARGIN_M = 0.05

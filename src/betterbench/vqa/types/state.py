@@ -14,7 +14,9 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 WIDELY_OPEN, SHUT = 0.75, 0.15
-"""Opening, as a fraction of the maximum, from which the empty gripper is open and up to which it is closed; people disagree about values in between."""
+"""Opening, as a fraction of the maximum, from which the empty gripper is open and up to which it is closed; people
+disagree about values in between.
+"""
 FALLEN_RAD = 1.0
 """Minimum tilt of a fallen object, about 60 degrees; leaning objects are excluded."""
 UPRIGHT_RAD = 0.1

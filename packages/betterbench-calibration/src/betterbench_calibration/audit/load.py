@@ -106,7 +106,10 @@ def paper_tables() -> PaperSource:
 
 
 def load_tables(path: Path) -> PaperSource:
-    """Return the tables in a JSON file with the same format as the packaged file; raises the same errors as :func:`read_source`."""
+    """Return the tables in a JSON file with the same format as the packaged file.
+
+    Raises the same errors as :func:`read_source`.
+    """
     try:
         text = read_bounded(path, max_bytes=MOST_BYTES, cure="Give a JSON file, or split it").decode("utf-8")
     except UnicodeDecodeError as error:

@@ -475,7 +475,7 @@ class LeftmostPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the leftmost slot, as seen from the robot, among those from which demonstrations of this layout picked."""
+        """Return the leftmost slot, seen from the robot, from which demonstrations of this layout picked."""
         return max(case.picked_slots, key=lambda s: (round(s.y, 3), -s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -502,7 +502,7 @@ class RightmostPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the rightmost slot, as seen from the robot, among those from which demonstrations of this layout picked."""
+        """Return the rightmost slot, seen from the robot, from which demonstrations of this layout picked."""
         return min(case.picked_slots, key=lambda s: (round(s.y, 3), s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:

@@ -1,4 +1,4 @@
-"""Arm motions for the fifth part: loops, run-ups, rotations about the base, stepwise descent, and the acts of its habits."""
+"""Arm motions for the fifth part: loops, run-ups, rotations about the base, stepwise descent, and its habits' acts."""
 
 from __future__ import annotations
 

@@ -25,7 +25,8 @@ BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "stripes": ((0.20, 0.29), (0.42, 0.51), (0.64, 0.73)),
     "two-tone": ((-0.05, 0.36),),
 }
-"""Painted bands of a decoration: lower and upper edge as fractions of the wall height; above 1 is the top of the rim."""
+"""Painted bands of a decoration: lower and upper edge as fractions of the wall height; above 1 is the top of the rim.
+"""
 
 
 def glazed(

@@ -29,7 +29,7 @@ def _round_collision(radius: float, height: float) -> tuple[CollisionPart, ...]:
 
 
 def _leaf(rng: np.random.Generator, length: float, width: float, lift: float, z: float) -> Mesh:
-    """Return a thin pointed leaf that sticks out from the axis at height ``z`` [m], with its blade folded up at the tip."""
+    """Return a thin pointed leaf that sticks out from the axis at height ``z`` [m], its blade folded up at the tip."""
     turn = rng.uniform(-0.9, 0.9)
     outline = [(0.0, 0.0), (0.30, -0.42), (0.62, -0.40), (1.0, 0.0), (0.62, 0.40), (0.30, 0.42)]
     low = np.array([(length * x, width * y, 0.004 * x * x) for x, y in outline])

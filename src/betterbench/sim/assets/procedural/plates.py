@@ -14,7 +14,9 @@ from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittere
 FLOOR_M = 0.0105
 """Height of a plate's floor, on which the next plate rests [m]; the same for all, so that stacks are equally high.
 
-It is also the height at which the rim begins. In a stack, each plate's rim therefore begins above the rim of the plate below, and plates with any two radii stack with room to the sides."""
+It is also the height at which the rim begins. In a stack, each plate's rim therefore begins above the rim of the plate
+below, and plates with any two radii stack with room to the sides.
+"""
 
 RIM_M = 0.0205
 """Height of the rim [m]: pads that reach 9 mm down its upright edge of 10 mm hold a plate at half of their force with a

@@ -33,7 +33,8 @@ from betterbench.sim.robots.spec import Progress, RobotSpec, register_robot
 VISUAL_GROUP = 2
 COLLISION_GROUP = 3
 FACE_BUDGET = 7600
-"""Triangles of arm and hand together, with two fingers counted once; the complete robot's budget is 8,000 (design, section 3).
+"""Triangles of arm and hand together, with two fingers counted once; the complete robot's budget is 8,000 (design,
+section 3).
 """
 
 PAD_HALF_SIZE = (0.010, 0.004, 0.012)
@@ -43,7 +44,8 @@ PAD_CENTER_Z = 0.042
 """Height of the pad's center in the finger frame [m]: its lower edge is flush with the finger tip at 54 mm."""
 
 PAD_FRICTION = (1.2, 0.01, 0.0001)
-"""Sliding friction of rubber on a smooth solid; torsional: two thirds of the radius of a 15 mm contact patch; rolling: solver default.
+"""Sliding friction of rubber on a smooth solid; torsional: two thirds of the radius of a 15 mm contact patch; rolling:
+solver default.
 """
 
 PAD_SOLREF = (0.006, 1.0)

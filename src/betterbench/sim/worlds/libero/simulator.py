@@ -136,7 +136,9 @@ class LiberoSimulator:
         return {**fixed, **document, "row": form}, arrays
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of its premises, and whether each premise holds in each state.
+        """Settle every initial state of a task.
+
+        Return the names of its premises, and whether each premise holds in each state.
 
         One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so the
         fixtures have the same poses. The sideways motion of each object while settling is returned too [m]: many

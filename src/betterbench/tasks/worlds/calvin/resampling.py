@@ -21,7 +21,9 @@ TRAINING_RANGE: dict[str, tuple[tuple[float, float], tuple[float, float], float]
     "slider_left": ((-0.32, -0.16), (0.05, 0.12), 0.46),
     "slider_right": ((-0.05, 0.13), (0.05, 0.12), 0.46),
 }
-"""Ranges of block positions during data collection: x, y and z [m] for each surface (``surfaces`` in calvin_env's scene, as in the ``merged_config.yaml`` of the published data)."""
+"""Ranges of block positions during data collection: x, y and z [m] for each surface (``surfaces`` in calvin_env's
+scene, as in the ``merged_config.yaml`` of the published data).
+"""
 
 APART_M = 0.09
 """Minimum distance between two block centers [m]: more than the extent of the largest two, whatever their yaws."""
