@@ -59,7 +59,7 @@ class Tracer:
     """Notes first calls between packages below a folder while it is the profile function of a thread.
 
     Calls while a module is imported are left out, and so are nested functions and methods that the language calls.
-    A call counts as first by the caller's package and by the callee's package and sub-package.
+    A call is first per caller's package and per callee's package and sub-package.
     """
 
     home: Path = HOME
@@ -140,7 +140,7 @@ class Way:
 
 
 def ways(folder: Path) -> Iterator[Way]:
-    """Yield the ways that the page shows; what the commands write goes into a folder."""
+    """Yield the paths that the page shows; the commands' output goes into a folder."""
     run, shown, asked = (str(folder / name) for name in ("run", "shown", "asked"))
     one = ("--tasks", "fast_food", "--workers", "1")
     yield Way(

@@ -188,7 +188,7 @@ NOT_MEASURED = "Not measured yet for this version of the suite.\n"
 
 
 def write(out: Path) -> None:
-    """Write ``calibration.md``, ``mistakes.md`` and pictures of the matrices into the folder of the documentation."""
+    """Write ``calibration.md``, ``mistakes.md`` and pictures of the matrices into the documentation folder."""
     parts, mistakes = [HEAD.replace("@USES@", _uses())], [MISTAKES]
     for family, title in SECTIONS.items():
         found = packaged_calibration(family)

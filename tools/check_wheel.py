@@ -72,7 +72,7 @@ def added(source: Path) -> list[str]:
 
 
 def content_problem(wheel: Path, tracked: Sequence[str]) -> str:
-    """Return how the package in a wheel differs from the tracked files that it is made of; empty if it does not."""
+    """Return how the package in a wheel differs from its tracked source files; empty if it does not."""
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
     wanted = {name.partition("src/")[2] for name in tracked}

@@ -11,8 +11,8 @@ Rules of counting:
   only of literals, names, attributes, containers, f-strings and calls. Arithmetic, comparisons, conditions,
   comprehensions and lambdas make it code, except for the sign of a number. Pure data may be of any length.
 - A function's nesting is the largest number of ``if``, ``for``, ``while``, ``with``, ``try`` and ``match`` statements
-  around one of its statements. An ``elif`` is as deep as its ``if``, and so is an ``else`` that holds one ``if`` and
-  nothing else. A nested function is measured by itself.
+  around one of its statements. An ``elif`` is as deep as its ``if``, and so is an ``else`` that contains only one
+  ``if``. A nested function is measured by itself.
 - A public name is a function, class or type alias at the top level of a file, without a leading underscore. A type
   alias is ``type Name = ...`` or an assignment to a name in CamelCase, type variables included. Constants and variables
   are not counted. Every further file that defines the name counts, scripts with a ``main`` included.
@@ -59,9 +59,9 @@ class Function:
     """A function or method.
 
     Attributes:
-        name: Module and qualified name without the package's own, such as ``tasks.goal.Goal.step``.
+        name: Module and qualified name without the package name, such as ``tasks.goal.Goal.step``.
         lines: Lines from ``def`` to the end.
-        nesting: Deepest nesting of its statements.
+        nesting: Deepest nesting among its statements.
         data: Whether the function is pure data.
     """
 
@@ -127,9 +127,9 @@ class Shape:
         docstring_lines: Number of lines that are docstrings.
         functions: All functions and methods.
         repeated: Public names that several files define, with those files.
-        tasks: Lines of each task file of the suite.
+        tasks: Number of lines in each of the suite's task files.
         assets: Number of lines in each file with a name in ``ASSETS``.
-        packages: Subpackages from the top layer down; those that no layer names come last.
+        packages: Subpackages from the top layer down; subpackages in no layer come last.
     """
 
     files: int
@@ -213,7 +213,7 @@ def _named_functions(node: ast.AST, prefix: str) -> Iterator[tuple[str, Function
 
 
 def _depth(node: ast.AST) -> int:
-    """Return how many blocks lie inside one another at ``node``, counting ``node`` itself."""
+    """Return how many blocks are nested at ``node``, including ``node`` itself."""
     if isinstance(node, FunctionNode | ast.ClassDef):
         return 0
     if isinstance(node, ast.If) and _is_elif(node.orelse):
@@ -283,7 +283,7 @@ def read_layers(root: Path) -> list[list[str]]:
     Packages of one line must not import each other.
 
     Raises:
-        FileNotFoundError: If there is no ``pyproject.toml``.
+        FileNotFoundError: If ``pyproject.toml`` does not exist.
         ValueError: If it holds no contract of type ``layers``.
     """
     settings = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))

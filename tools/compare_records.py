@@ -2,8 +2,8 @@
 
     python tools/compare_records.py BEFORE AFTER [--rename "OLD=>NEW" ...]
 
-Every column of every record has to hold the same bytes. Metadata may be renamed: ``--rename`` replaces words of the old
-metadata, and what still differs is counted by key. Folders that hold several runs are compared run by run, by name.
+Every column of every record has to hold the same bytes. Metadata may be renamed: ``--rename`` replaces words in the old
+metadata, and remaining differences are counted by key. Folders that hold several runs are compared run by run, by name.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def column_bytes(table: pa.Table, name: str) -> bytes:
 
 
 def metadata(table: pa.Table, renames: Sequence[tuple[str, ...]]) -> dict[str, Any]:
-    """Return the metadata of a record, flat: one entry per path of keys."""
+    """Return a record's metadata, flat: one entry per path of keys."""
     text = (table.schema.metadata or {}).get(METADATA_KEY, b"{}").decode()
     return dict(flat(json.loads(renamed(text, renames)), ""))
 

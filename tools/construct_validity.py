@@ -1,6 +1,6 @@
 """Section of a variation's card with the results of the study of learned policies.
 
-The numbers are those of ``docs/study/study.json``, which ``better study`` wrote.
+The numbers come from ``docs/study/study.json``, which ``better study`` wrote.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LINK = "[study](../learned.md#what-the-study-showed)"
 
 
 def validity_text(task: str, variation: str, study: Path = STUDY) -> str:
-    """Return the line of a card: who solved the variation, and how much of the gap balancing removed."""
+    """Return the card's line: who solved the variation, and how much of the gap balancing removed."""
     found = _read(study)
     row = next((v for v in found["variations"] if (v["task"], v["variation"]) == (task, variation)), None)
     if row is None:

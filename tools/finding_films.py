@@ -1,4 +1,4 @@
-"""The paper's findings as films: the same trial as learners of two arms of a study play it, one below the other.
+"""The paper's findings as films: the same trial played by learners from two arms of a study, one below the other.
 
 Names the study, the picture to be written, and trials::
 

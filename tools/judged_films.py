@@ -1,9 +1,9 @@
 """Failed trials of learned policies, judged by eye before anybody has seen their labels.
 
-The first command draws failed trials by seed from the runs of a study and writes numbered strips of frames, without
-labels. Somebody watches them and writes, for each number, the label that it shows and what was seen:
-``{"1": {"label": "lexical_kinematic_shortcut", "seen": "takes the blue mug"}, ...}``. The second command compares the
-answers with the labels of the diagnosis and prints the agreement with every disagreement::
+The first command draws failed trials by seed from a study's runs and writes numbered strips of frames, without labels.
+A person watches them and writes, for each number, the label that it shows and what was seen: ``{"1": {"label":
+"lexical_kinematic_shortcut", "seen": "takes the blue mug"}, ...}``. The second command compares the answers with the
+labels of the diagnosis and prints the agreement with every disagreement::
 
     python tools/judged_films.py draw STUDY SHEETS --count 100
     python tools/judged_films.py judge STUDY SHEETS/drawn.json ANSWERS.json
@@ -53,7 +53,7 @@ def failed_trials(study: Path) -> Iterator[tuple[Drawn, TrialOutcome]]:
 
 
 def moments(record: Record, count: int) -> list[int]:
-    """Return the rows to be shown: the start, when the gripper was told to close or to open, the end, and between."""
+    """Return the rows to be shown: the start, gripper commands to close or open, the end, and rows between."""
     last = len(record) - 1
     turns = np.flatnonzero(np.diff(np.sign(record.gripper_command)) != 0) + 1
     rows = {0, last, *(min(last, int(row) + 8) for row in turns[: count - 2])}

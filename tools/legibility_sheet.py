@@ -1,6 +1,6 @@
 """A blind test of whether objects are recognizable: crops of scenes without names, and scoring of the answers.
 
-The first command draws numbered crops as the front camera sees them, on sheets of 25. Somebody who knows neither the
+The first command draws numbered crops as the front camera sees them, on sheets of 25. A person who knows neither the
 list of categories nor this file writes what each marked object is, ``{"1": "red mug", "2": "fork", ...}``. The second
 command compares the answers and writes the page of the documentation::
 
@@ -249,8 +249,8 @@ def sheets(found: list[Crop]) -> list[Image.Image]:
 def is_right(answer: str, category: str, color: str) -> bool:
     """Tell whether a free answer names an object: by an accepted word, no rejected word, and its color if any.
 
-    Of several colors ("blue and white") one has to be its own. Words behind a comma, "with", "on" or "in" are about a
-    part ("jam jar, white lid") and are not judged, unless they are a color alone ("mug, blue").
+    If several colors are given ("blue and white"), one must be the object's own color. Words after a comma, "with",
+    "on" or "in" are about a part ("jam jar, white lid") and are not judged, unless they are only a color ("mug, blue").
     """
     said = re.sub(PART_COLORS[category], "", answer.lower()) if category in PART_COLORS else answer.lower()
     texts = re.split(r",| with | on | in ", said, maxsplit=1)
@@ -269,7 +269,7 @@ def _set(pattern: str) -> set[str]:
 
 
 def page(found: list[Crop], readings: list[dict[str, str]]) -> str:
-    """Return the page of the documentation with every answer of one or more readers."""
+    """Return the documentation page with every answer from one or more readers."""
     shares, rows = [], []
     for answers in readings:
         count = sum(is_right(answers.get(str(c.number), ""), c.category, c.color) for c in found)

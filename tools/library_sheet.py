@@ -25,12 +25,12 @@ from betterbench.sim.scenes.objects import add_asset
 
 # The front camera is at (1.6, 0, 0.9) m and looks at the table about 0.5 m from the robot: about 35 degrees down.
 _ELEVATION_DEGREES = -35.0
-_PITCH = 1.0  # distance of the assets in the common scene [m]; far enough for no two to share a picture
+_PITCH = 1.0  # distance between the assets in the common scene [m]; far enough that no two share a picture
 LOOKS = 3  # looks of a category that are shown in its default color
 
 
 def scene(assets: Sequence[Asset]) -> mujoco.MjModel:
-    """Return one model of all assets in a row; nothing in it collides or moves."""
+    """Return one model with all assets in a row; nothing in it collides or moves."""
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient = [0.32, 0.32, 0.32]
     spec.visual.headlight.diffuse = [0.30, 0.30, 0.30]

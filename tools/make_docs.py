@@ -1,4 +1,4 @@
-"""Make the generated part of the documentation: pages of tasks and templates with pictures, and the asset library."""
+"""Make the generated part of the documentation: task and template pages with pictures, and the asset library."""
 
 from __future__ import annotations
 

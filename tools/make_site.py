@@ -98,7 +98,7 @@ def module_file(name: str) -> Path:
 
 
 def documented_modules(page: Path) -> list[str]:
-    """Return the modules that a page of the reference documents whole."""
+    """Return the modules that a reference page documents completely."""
     names = re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return [name for name in names if module_file(name).exists()]
 

@@ -81,7 +81,7 @@ def with_sentence(image: Image.Image, text: str) -> Image.Image:
 
 
 def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.Image:
-    """Return pictures of one size side by side, in rows of ``columns``."""
+    """Return equally sized pictures side by side, in rows of ``columns``."""
     columns = columns or len(images)
     width, height = images[0].size
     rows = -(-len(images) // columns)
@@ -94,7 +94,7 @@ def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.I
 def contact_sheet(tasks: Sequence[Task], *, seed: int, size: int = 256, shown: int = 168) -> Image.Image:
     """Return the pairs of all variations, one row per task, each under its id and its title.
 
-    Scenes are rendered with sides of ``size`` pixels and shown with sides of ``shown`` pixels.
+    Scenes are rendered with a side length of ``size`` pixels and shown with ``shown`` pixels.
     """
     return Image.fromarray(
         image_sheet(

@@ -46,7 +46,7 @@ EXTRAS_NOTE = VENV / "betterbench-extras"
 """Names of the extras that ``.venv`` holds, one per line, so that later calls keep them."""
 
 OLDEST_PYTHON = (3, 11)
-# The oldest uv that this script was tried with; older ones have no `uv venv --clear`.
+# The oldest uv version with which this script was tried; older versions have no `uv venv --clear`.
 OLDEST_UV = (0, 8, 0)
 GL_PACKAGES = ("libegl1", "libgl1")
 
@@ -136,7 +136,7 @@ TIMINGS = 5
 
 
 class SetupError(Exception):
-    """The set-up cannot go on; the text says what to run."""
+    """The setup cannot continue; the message says what to run."""
 
 
 def say(message: str) -> None:
@@ -151,7 +151,7 @@ def run(
 
     Args:
         command: Program and arguments.
-        env: Environment of the program; this process's own where None.
+        env: The program's environment; None for this process's own.
         quiet: Keep the output, both streams in ``stdout``, instead of showing it.
     """
     words = [str(word) for word in command]
@@ -197,12 +197,12 @@ def pip_settings(environ: Mapping[str, str]) -> dict[str, str]:
 
 
 def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False) -> dict[str, str]:
-    """Returns the environment for uv and its pip, with pip's configuration; a UV_* variable that is set stays as it is.
+    """Returns the environment for uv and its pip, with pip's configuration; a UV_* variable that is set is kept.
 
     Args:
         environ: The process environment.
-        main_index_only: Leave further indexes and folders of wheels out: a lock is made from the main index alone,
-            where each release has the files of every platform.
+        main_index_only: Leave additional indexes and wheel folders out: a lock is made from the main index alone, where
+            each release has the files for every platform.
     """
     settings = pip_settings(environ)
     env = dict(environ)
@@ -234,7 +234,7 @@ def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False)
 
 
 def administrator() -> list[str] | None:
-    """Returns words to put in front of apt-get (none for root), or None where it is not possible or not wanted."""
+    """Returns words to put before apt-get (none for root), or None if that is not possible or not wanted."""
     if os.environ.get("BETTER_NO_APT") or not shutil.which("apt-get"):
         return None
     if os.geteuid() == 0:
@@ -381,7 +381,7 @@ def chosen_extras(words: str) -> tuple[str, ...]:
         words: Names between spaces or commas.
 
     Raises:
-        SetupError: There is no such extra.
+        SetupError: If no such extra exists.
     """
     known = extra_names()
     asked = [name.lower().replace("_", "-") for name in re.split(r"[\s,]+", words) if name]
@@ -418,7 +418,7 @@ def is_filled(lock: str, extras: Sequence[str] = ()) -> bool:
 
     Args:
         lock: "dev" or "runtime".
-        extras: Names of all extras that it is to hold.
+        extras: Names of all extras that ``.venv`` should contain.
     """
     if not STAMP.exists() or not VENV_PYTHON.exists():
         return False
@@ -429,7 +429,7 @@ def is_filled(lock: str, extras: Sequence[str] = ()) -> bool:
 
 
 def entries_of(lock: str) -> dict[str, list[str]]:
-    """Returns the entries of a lock by package; one that differs between platforms has several.
+    """Returns a lock's entries by package; a package that differs between platforms has several.
 
     Args:
         lock: Its text.
@@ -445,7 +445,7 @@ def merged(locks: Sequence[str]) -> str:
     """Returns one list of packages from several locks; if two of them pin a package, the later lock wins.
 
     Args:
-        locks: Their texts; each was resolved so that it fits the first one.
+        locks: Their texts; each was resolved to be compatible with the first.
     """
     entries: dict[str, list[str]] = {}
     for lock in locks:
@@ -481,7 +481,7 @@ def package_lists(lock: str, extras: Sequence[str]) -> list[str]:
 
 
 def for_processor(lock: str, local: str, digest: str) -> str:
-    """Returns the text of a lock with PyTorch's build for the processor and without the libraries of graphics cards.
+    """Returns the text of a lock with PyTorch's CPU build and without the GPU libraries.
 
     Args:
         lock: The text.
@@ -509,13 +509,13 @@ def measured(python: Path | str) -> tuple[str, float] | None:
 
 
 def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
-    """The interpreter of ``.venv``: this one, or another build of the same version that is clearly faster.
+    """The interpreter for ``.venv``: this one, or another build of the same version that is clearly faster.
 
     pyenv builds Python without optimizations by default, and such a build takes a third to a half longer.
     Distributions, uv and conda build with them. Not every build says how it was made, so they are timed.
 
     Args:
-        named: This one was asked for by name.
+        named: The user named this interpreter.
         places: Folders to search; if None, the PATH folders and /usr/bin.
     """
     name = f"python{sys.version_info.major}.{sys.version_info.minor}"
@@ -541,12 +541,12 @@ def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
 def fill(lock: str, extras: Sequence[str] = (), *, named: bool = False) -> None:
     """Makes ``.venv`` if it is missing and installs the locked packages and this clone's packages (editable) into it.
 
-    Packages that someone added by hand stay; ``make distclean setup`` gives exactly what the lock names.
+    Packages that someone added by hand stay; ``make distclean setup`` gives exactly the packages in the lock.
 
     Args:
         lock: "dev" or "runtime".
-        extras: Names of all extras that it is to hold.
-        named: ``.venv`` is to have this interpreter and no other build of it.
+        extras: Names of all extras that ``.venv`` should contain.
+        named: ``.venv`` must have this interpreter and no other build of it.
 
     Raises:
         SetupError: uv failed; its own message is shown above.
@@ -689,7 +689,7 @@ def locked_extra(extra: str, folder: Path, resolve: Callable[[Path, Sequence[str
 
     Args:
         extra: Its name.
-        folder: Folder for what is needed on the way.
+        folder: Folder for temporary files.
         resolve: Writes a lock from the words of uv.
     """
     project, dev = ROOT / "pyproject.toml", LOCKS / "dev.lock"
@@ -700,7 +700,7 @@ def locked_extra(extra: str, folder: Path, resolve: Callable[[Path, Sequence[str
     overrides.write_text("\n".join([*OVERRIDES.get(extra, ()), *never]), encoding="utf-8")
     shutil.copy(dev, together)  # versions that still fit are kept
     words: list[str | Path] = [project, "--extra", extra, "--constraints", further, "--overrides", overrides]
-    # The extra that bounds versions of the others has to fit all of them.
+    # The extra that bounds the versions of the others must be compatible with all of them.
     others = extra_names() if extra in OVERRIDES else ()
     resolve(together, [*words, "--extra", "dev", *(word for other in others for word in ("--extra", other))])
     resolve(alone_lock, [*words, "--constraints", together])

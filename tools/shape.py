@@ -5,7 +5,7 @@ Examples:
     python tools/shape.py --against ../old         print each number before (../old) and after
     python tools/shape.py --write-docs --times     write the tables into docs/contributing.md
 
-The numbers are information and no targets: nothing fails because of them. ``tools/code_measures.py`` describes how
+The numbers are information, not targets: nothing fails because of them. ``tools/code_measures.py`` describes how
 everything is counted.
 """
 
@@ -50,7 +50,7 @@ class Measure:
 
     @property
     def text(self) -> str:
-        """The number with its unit; whole numbers with separators of thousands."""
+        """The number with its unit; whole numbers have thousands separators."""
         return f"{self.value:,}{self.unit}" if isinstance(self.value, int) else f"{self.value:.1f}{self.unit}"
 
 
@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def summary(shape: Shape) -> list[Measure]:
-    """Return the numbers of the checkout as a whole."""
+    """Return the figures for the complete checkout."""
     code = sorted((f for f in shape.functions if not f.data), key=lambda f: -f.lines)
     long = [f for f in code if f.lines > LONG]
     longest = code[0] if code else Function("", 0, 0, data=False)
@@ -215,7 +215,7 @@ def _start_up(root: Path) -> Table:
 
 
 def verbs(root: Path) -> list[str]:
-    """Return the verbs of the command line of a checkout, as its ``--help`` lists them in braces.
+    """Return the verbs of a checkout's command line, as its ``--help`` lists them in braces.
 
     Raises:
         ValueError: If the help has no such list.

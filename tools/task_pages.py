@@ -287,7 +287,7 @@ def _confounds(task: Task) -> list[str]:
 
 
 def _goes_to(task: Task) -> dict[str, list[str]]:
-    """Return where each kind of object was placed in training; empty if there is only one place."""
+    """Return where each object kind was placed in training; empty if there is only one place."""
     found: dict[str, set[str]] = {}
     for condition in task.training:
         for goal in condition.instruction.subgoals:

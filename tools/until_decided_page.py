@@ -1,4 +1,4 @@
-"""Figures of runs until decided: false alarms of honest policies, and the same verdicts with fewer trials.
+"""Figures for runs until decided: false alarms for honest policies, and the same verdicts with fewer trials.
 
 Run with ``python tools/until_decided_page.py``; it takes about three minutes and writes the tables into the page of the
 documentation. ``--runs`` reads the outcome table of the faulty policies again, from runs that hold training trials.
@@ -121,7 +121,7 @@ def alarm_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
 
 
 def mixed_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
-    """Yield the share of wrong verdicts of policies that drop in some variations, averaged over so many suites."""
+    """Yield the share of wrong verdicts for policies that drop in some variations, averaged over some suites."""
     for number, (share, kept, lost) in enumerate([(0.1, 0.95, 0.05), (0.5, 0.95, 0.05), (0.2, 0.8, 0.3)]):
         generator = np.random.default_rng([61, number])
         dropping = round(share * len(suite.questions))

@@ -50,7 +50,7 @@ def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def encodable(text: str) -> str:
-    """Return a text with characters that have no encoding, such as lone surrogates, escaped."""
+    """Return a text in which characters that have no encoding, such as lone surrogates, are escaped."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -85,7 +85,7 @@ def raised_at(problem: BaseException) -> str:
 
 
 def described(problem: BaseException) -> str:
-    """Return an exception of user code in one line: type, text and place."""
+    """Return an exception from user code in one line: type, text and location."""
     place = raised_at(problem)
     said = problem.msg if isinstance(problem, SyntaxError) and place else problem
     text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
@@ -249,7 +249,10 @@ class MissingDependencyError(BetterError):
 
 
 class GraphicsError(MissingDependencyError):
-    """A variable names an OpenGL back end or device that does not exist here; the message says what to set."""
+    """A variable names an OpenGL back end or device that does not exist on this machine.
+
+    The message says what to set.
+    """
 
 
 def system_error_text(problem: OSError) -> str:

@@ -42,7 +42,7 @@ class Extra:
 
     Attributes:
         use: Purpose, in a few words.
-        modules: The modules that show whether it is installed.
+        modules: The modules that show whether the extra is installed.
     """
 
     use: str

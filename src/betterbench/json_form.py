@@ -158,7 +158,7 @@ def open_seal(
 
 
 def sealed_lines(lines: bytes) -> bytes:
-    """Return lines of JSON with their seal as the last line: the SHA-256 of the other lines."""
+    """Return JSON lines with their seal as the last line: the SHA-256 of the other lines."""
     return lines + json.dumps({SEAL: hashlib.sha256(lines).hexdigest()}).encode() + b"\n"
 
 
@@ -353,7 +353,7 @@ _MOST_OF_A_PROBLEM = 600
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
-    """Return the field of the first problem ("trials[3].label", empty for the whole), and the problem."""
+    """Return the field of the first problem ("trials[3].label", empty for the complete object), and the problem."""
     first = error.errors(include_url=False)[0]
     field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
     field = one_line(field, most=_MOST_OF_A_FIELD)

@@ -94,7 +94,7 @@ def default_name(text: str, *, otherwise: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- pages
 def markup_text(text: str) -> str:
-    """Return a text as content or attribute of an HTML or XML element, printable and of bounded length."""
+    """Return a text as content or attribute of an HTML or XML element, printable and with bounded length."""
     return html.escape(printable(text, most=LONGEST_TEXT), quote=True)
 
 
@@ -189,7 +189,7 @@ def _row(cells: Sequence[str]) -> str:
 
 # ------------------------------------------------------------------------------------------------------------- tables
 def csv_text(text: str) -> str:
-    """Return a text of bounded length for a cell of a CSV file that is not interpreted as a formula.
+    """Return a text with bounded length for a CSV cell that is not interpreted as a formula.
 
     A text that a spreadsheet would interpret gets a leading apostrophe (OWASP, "CSV Injection").
     """

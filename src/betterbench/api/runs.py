@@ -54,8 +54,8 @@ def evaluate(
     Args:
         policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
             see ``better list policies``), or your own instance, which answers in this process.
-        tasks: Tasks to run; all of better60 if none is named.
-        variations: Variations to run ("L1", "fast_food/T1"); all if none is named.
+        tasks: Tasks to run; default: all of better60.
+        variations: Variations to run ("L1", "fast_food/T1"); default: all.
         trials: Trials per variation.
         seed: First seed.
         out: Run folder; ``runs/POLICY`` if not given.
@@ -64,8 +64,8 @@ def evaluate(
         quality: Render preset.
         looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
         until_decided: Whether to stop a variation as soon as its verdict is certain; ``trials`` is then the maximum.
-        workers: Worker processes, for an address; None for one per processor. A script with more than one worker needs
-            ``if __name__ == "__main__":``, because each worker imports it again.
+        workers: Number of worker processes, for an address; None for one per processor. A script with more than one
+            worker needs ``if __name__ == "__main__":``, because each worker imports it again.
         policy_timeout_s: Deadline for an answer from a policy that does not run on a server [s].
         certificate: Certificate of ``better certify``, or its folder; the packaged one if not given.
         uncertified: Whether to also run trials that no certificate covers.
@@ -126,7 +126,7 @@ def diagnose(
     allow_mixed: bool = False,
     on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Diagnose every trial of a run from its records only; nothing is written.
+    """Diagnose every trial of a run from its records only, without writing anything.
 
     Args:
         run: The run, or its folder. An unfinished run can be diagnosed too.
@@ -163,8 +163,8 @@ def compare(
         allow_mixed: Whether to compare runs even if their versions or engines differ.
 
     Raises:
-        InvalidInputError: If an argument is out of range, the runs have no common trials, or they are of several
-            suites.
+        InvalidInputError: If an argument is out of range, the runs have no common trials, or the runs belong to
+            different suites.
         RecordError: If a run or a record cannot be read.
         RunConflictError: If versions or engines differ and that is not allowed.
     """

@@ -1,4 +1,4 @@
-"""Access control of the page: the gate rejects requests without the token of the address, or from another site.
+"""Access control for the page: the gate rejects requests that lack the address token or come from another site.
 
 The token is the first part of the path. The page's own connection uses the same address and therefore also contains the
 token. A cookie, which a server on another port could read, is not needed.

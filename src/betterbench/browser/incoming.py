@@ -1,4 +1,4 @@
-"""Filter of incoming messages: only the message types of the page reach viser.
+"""Filter for incoming messages: only the page's message types reach viser.
 
 viser sets any property of any element from a message, and calls any function that a message names. A wrong value would
 end the session or lock out later pages, and one message would publish the page on the internet. Each message is

@@ -23,7 +23,7 @@ _Key = Annotated[str, Field(max_length=20)]
 
 
 class PageKeys(BaseModel, extra="forbid", allow_inf_nan=False):
-    """Message of the page: keys held, count of each tap since the page was opened, and axes in [-1, 1]."""
+    """Message from the page: keys held, number of taps per key since the page was opened, and axes in [-1, 1]."""
 
     held: Annotated[list[_Key], Field(max_length=20)] = []
     taps: dict[_Key, Annotated[int, Field(ge=0)]] = {}

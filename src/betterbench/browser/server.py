@@ -49,7 +49,7 @@ class PageServer:
 
     Attributes:
         viser: The viser server.
-        port: Port on which it listens.
+        port: Port on which the server listens.
     """
 
     def __init__(self, *, host: str, port: int, verb: str, complain: Callable[[str], None]) -> None:
@@ -57,7 +57,7 @@ class PageServer:
 
         Args:
             host: Interface.
-            port: Port; any free one for 0.
+            port: Port; 0 for any free port.
             verb: Command of the page ("better teleop").
             complain: Receives reports of rejected messages.
 

@@ -153,7 +153,7 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the plan of one pretender: its trials of variations, except those with a known outcome."""
+    """Return the plan for one pretender: its variation trials, except those with a known outcome."""
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
     plan = make_plan(address, tasks=tasks, trials=max(wanted.values()), observation="state_only")
     kept = tuple(

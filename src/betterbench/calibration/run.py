@@ -24,7 +24,7 @@ class CalibrationProgress:
 
 
 def plan_of(entry: CalibrationPolicy, tasks: Sequence[str]) -> Plan:
-    """Return the plan of one policy of a calibration."""
+    """Return the plan for one policy in a calibration."""
     return make_plan(str(entry.address), tasks=tasks, trials=entry.trials, seed=entry.seed, observation="state_only")
 
 

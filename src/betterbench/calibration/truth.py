@@ -1,4 +1,4 @@
-"""True label of a faulty policy's trial, from its decisions and the success of the trial."""
+"""True label of a faulty policy's trial, from the policy's decisions and the trial's success."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Seeds:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Certified seeds of each condition ("fast_food/L1"), and the versions under which they were certified."""
+    """Certified seeds for each condition ("fast_food/L1"), and the versions with which they were certified."""
 
     versions: CertificateVersions
     conditions: Mapping[str, Seeds]
@@ -154,7 +154,7 @@ _COVERAGE = TypeAdapter(Coverage)
 
 
 def _minor(version: str) -> str:
-    """Return major and minor version, because contacts, and thus scores, change between minor versions."""
+    """Return major and minor version, because contacts, and therefore scores, change between minor versions."""
     return ".".join(version.split(".")[:2])
 
 

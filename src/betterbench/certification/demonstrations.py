@@ -60,8 +60,8 @@ class Demonstration:
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
     """Return a task's demonstrations to measure, cycling through its training conditions.
 
-    Returns:
-        The demonstrations without pre-placed objects, and the demonstrations that begin in final states of the former.
+    Returns: First the demonstrations without pre-placed objects, then the demonstrations that begin in their final
+        states.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]

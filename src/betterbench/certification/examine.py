@@ -137,7 +137,7 @@ def _at_rest(scene: Scene) -> _Start:
 
 
 def _penetration(scene: Scene) -> tuple[float, str]:
-    """Return the largest overlap of an object with another body [m], and the names of the pair."""
+    """Return the largest overlap between an object and another body [m], and the names of the pair."""
     contact = scene.data.contact
     names, n = scene.body_names, len(scene.info.objects)
     deepest, where = 0.0, ""
@@ -266,7 +266,7 @@ def _expert(scene: Scene) -> _Episode:
 
 
 def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth: Truth, steps: int) -> str:
-    """Return the reason for which the expert's episode was not solved."""
+    """Return the reason why the expert's episode was not solved."""
     if condition.expected is not Expected.SUCCEED:
         return f"scored wrong after {steps} steps: {'a forbidden interaction' if truth.forbidden else 'not at rest'}"
     missing = [name for name, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]

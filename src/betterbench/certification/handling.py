@@ -1,4 +1,4 @@
-"""Handling: the picks, puts and slides of an episode, derived from its states instead of the policy's report.
+"""Handling: the picks, puts and slides in an episode, derived from its states rather than from the policy's report.
 
 A **pick** has the last pose of the object at rest before the gripper touched it. A **put** has the release point and
 the resulting relation of the object to a target. A **slide** is a motion of a drawer along its rails. A **pre-placed**
@@ -51,7 +51,7 @@ class Put:
 
     Attributes:
         kind: Kind of the object.
-        asset: Identity of its asset.
+        asset: Identity of the object's asset.
         relation: Relation name to its target, or None if it was lost on the way.
         region: Region of the target, if it has several.
         slot: Slot of the target or of its support; None if there is none.

@@ -27,7 +27,7 @@ from betterbench.version import __version__
 
 
 def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
-    """Return the versions on which a certificate of some tasks depends."""
+    """Return the versions on which a certificate for some tasks depends."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
     return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers)
 

@@ -42,7 +42,7 @@ class TrainedSupport:
     Attributes:
         demonstrated: Release points and final poses of the training demonstrations.
         relation: Relation for pre-placed objects.
-        targets: Relation, kind of target and region of every placement.
+        targets: Relation, target kind and region of every placement.
         spots: Slot, relation, region and level of every placement.
     """
 
@@ -145,7 +145,7 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Return the deviation of a release from all demonstrated releases at its target; None if it is among them."""
+        """Return how far a release deviates from all demonstrated releases at its target; None if it is among them."""
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"

@@ -162,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(str(error))
         return EXIT_BAD_INPUT
     except OSError as problem:
-        # Any error of the operating system: a path that is missing, too long, a loop of links or not writable.
+        # Any operating system error: a path that is missing, too long, a loop of links or not writable.
         if isinstance(problem, BrokenPipeError):
             sys.stderr.close()
             return 0

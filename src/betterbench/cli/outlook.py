@@ -19,7 +19,7 @@ LONG_S = 300.0
 
 @dataclass(slots=True)
 class Outlook:
-    """Estimate of the remaining time, from the control steps of a session.
+    """Estimate of the remaining time, from a session's control steps.
 
     Attributes:
         limits: Maximum steps of each trial; empty if not known.

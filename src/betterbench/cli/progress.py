@@ -1,4 +1,4 @@
-"""Progress of long work: one line on a terminal of any width, and occasional lines elsewhere."""
+"""Progress of long-running work: one line on a terminal of any width, and occasional lines elsewhere."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
 
     Args:
         room: Total columns.
-        what: Columns of the name of the work.
+        what: Width of the work's name in columns.
         note: Columns of the note.
         note_first: Whether the note has priority over bar and name; otherwise the note is cut first.
     """

@@ -24,7 +24,7 @@ Name = Annotated[str, Field(min_length=1, max_length=4096)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """Content of a run file: options of ``better eval`` by name, in the form that the command line accepts."""
+    """Content of a run file: ``better eval`` options by name, in the form that the command line accepts."""
 
     policy: Name | None = None
     out: Name | None = None
@@ -158,7 +158,7 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
 
 
 def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
-    """Refuse options that would run code or send a secret, unless ``--trust`` is given.
+    """Reject options that run code or send a secret, unless ``--trust`` is given.
 
     Raises:
         InvalidInputError: If there is such an option; the message names it.

@@ -123,7 +123,7 @@ def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
 
 
 def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return the sentence of :func:`times_text` that names the bottleneck of a run and its remedy."""
+    """Return the sentence of :func:`times_text` that names a run's bottleneck and the remedy."""
     if times.bottleneck == "policy" and times.envs is None:
         return "The policy runs inside the workers and is the bottleneck: use more --workers."
     if times.bottleneck == "policy":

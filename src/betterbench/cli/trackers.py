@@ -83,7 +83,7 @@ def write_metrics(
 
 
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
-    """Write one event file in place of the file of an earlier export, because TensorBoard would show both.
+    """Write one event file in place of an earlier export's file, because TensorBoard would show both.
 
     The file is built elsewhere and moved: on a full disk the writer thread would end, and waiting for it would hang.
     """

@@ -161,7 +161,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
-    """Yield the groups of a family, corrected together; a group without trials on a side is left out."""
+    """Yield the groups in a family, corrected together; a group for which one side has no trials is left out."""
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
     pairs = list(itertools.combinations(range(len(names)), 2))

@@ -1,4 +1,4 @@
-"""Matching of several runs: the comparable trials, and those that are left out."""
+"""Matching of several runs: the comparable trials, and the trials that are left out."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _unpaired_note(sides: Sequence[Side]) -> str:
 
 
 def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
-    """Yield a note for every convention in which two sides differ.
+    """Yield a note for every convention on which two sides differ.
 
     Raises:
         RunConflictError: If one of these conventions is decisive and mixing is not allowed.

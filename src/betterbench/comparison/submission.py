@@ -93,10 +93,10 @@ class Submission:
         policy: Its address.
         declared: Declaration of the policy about itself.
         betterbench: Version that judged the trials.
-        conventions: Versions and conventions by name, of the plan and of the records.
+        conventions: Versions and conventions by name, from the plan and the records.
         thresholds: Thresholds of the diagnosis by name.
         plan_sha256: Plan hash as canonical JSON.
-        left_out: Number of trials of a run until decided that were selected by outcomes and are therefore not a fair
+        left_out: Number of trials in a run until decided that were selected by outcomes and are therefore not a fair
             sample.
         trials: Every other planned trial, in plan order.
         sha256: Hash of all other fields as canonical JSON. It detects damage but does not authenticate the author.
@@ -162,7 +162,7 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
     Args:
         run: The run; for a run until decided, only the trials of its first round are used.
         name: Policy name in the submission; default: its declared name.
-        on_progress: Called with the number of processed trials and the number of all trials.
+        on_progress: Called with the number of processed trials and the total number of trials.
 
     Raises:
         RecordError: If the run or a record cannot be read.

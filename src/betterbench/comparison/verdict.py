@@ -32,12 +32,12 @@ def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) ->
 
 
 def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) -> tuple[str, ...]:
-    """Return the conclusion of the sequential evidence about each pair of policies."""
+    """Return the conclusion from the sequential evidence about each pair of policies."""
     return tuple(_sequential(c, alpha, len(contrasts)) for c in contrasts)
 
 
 def scope_text(scope: str) -> str:
-    """Return a scope in words; a task of another world keeps its name."""
+    """Return a scope in words; a task in another world keeps its name."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(

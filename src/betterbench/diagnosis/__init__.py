@@ -6,10 +6,10 @@
 - ``trial``, ``labels``, ``ruling``: each trial's label, from the evidence of all modes; ``readers`` chooses how to read
   a world's records, and ``libero`` reads LIBERO records.
 - ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts
-  (likelihood of one rule, rules of one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
+  (likelihood of one rule, rules in one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
   ``decider``: use of the instruction by the policy.
 - ``run``, ``stored``, ``changes``: a run's diagnosis, its file, and the differences between two diagnoses.
-- ``measures``: metrics of a run, and the confusion and power matrices of the diagnosis itself.
+- ``measures``: a run's metrics, and the confusion and power matrices of the diagnosis itself.
 """
 
 from betterbench.diagnosis.measures.confusion import Calibration, Judged, LabelScore, packaged_calibration

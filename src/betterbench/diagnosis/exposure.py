@@ -1,7 +1,7 @@
 """Exposure of a variation: its test condition and the training distribution, which determine the faults it can show.
 
-Each failure mode has a function of an :class:`Exposure` that returns whether the variation tests for the fault. A
-variation claims only the failure modes for which this function returns True.
+Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation tests for the fault.
+A variation claims only the failure modes for which this function returns True.
 """
 
 from __future__ import annotations

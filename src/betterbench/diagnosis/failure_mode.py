@@ -1,4 +1,4 @@
-"""Failure modes: the class that a file of ``modes`` registers, and the view of a trial for its detector."""
+"""Failure modes: the class that a file in ``modes`` registers, and the view of a trial that its detector gets."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def labels_of_second_pass() -> tuple[Label, ...]:
 
 
 def exposed_labels(task_id: str, variation: str) -> tuple[Label, ...]:
-    """Return the labels of the failure modes that a variation can reveal, in the order of the labels.
+    """Return the labels of the failure modes that a variation can reveal, in label order.
 
     Raises:
         UnknownNameError: If the task or variation does not exist.

@@ -1,8 +1,8 @@
-"""Favorite kind of object of a policy, in a world whose tasks never share a scene.
+"""A policy's favorite object kind, in a world whose tasks never share a scene.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether it is used
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so no such pairs exist.
-However, the same kinds of objects appear in many scenes of a suite. A policy that takes the milk in every scene with
+However, the same object kinds appear in many scenes of a suite. A policy that takes the milk in every scene with
 milk, regardless of the instruction, does not choose by the instruction.
 """
 
@@ -53,9 +53,10 @@ class FavoriteThing:
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
     """Return the object kind that a policy provably attempts in every scene of a suite that contains it, or None.
 
-    At least :data:`LEAST_PAIRS` trials with such an object must request another kind, :data:`LEAST_ASKED` kinds in
-    total. The policy must attempt this kind more often than a policy that picks one of two objects at random (exact
-    binomial test, one-sided, corrected for the number of kinds that the policy wrongly attempted).
+    The instructions of at least :data:`LEAST_PAIRS` trials with such an object must name another kind,
+    :data:`LEAST_ASKED` kinds in total. The policy must attempt this kind more often than a policy that picks one of two
+    objects at random (exact binomial test, one-sided, corrected for the number of kinds that the policy wrongly
+    attempted).
     """
     wrong = Counter(c.thing for c in choices.values() if c.thing and not c.correct)
     if not wrong:

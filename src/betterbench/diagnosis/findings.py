@@ -55,7 +55,7 @@ def find_notes(
 ) -> tuple[str, ...]:
     """Return the run's limits, one sentence each.
 
-    ``missing`` are the trials that failed to run. ``even_pairs`` are the pairs of the first round of a run until
+    ``missing`` are the trials that failed to run. ``even_pairs`` are the pairs from the first round of a run until
     decided. ``cure`` tells the user how to get the missing twins.
     """
     notes = []

@@ -1,4 +1,4 @@
-"""Instruction effect: share of trial pairs in which the first target changes with the instruction (suite, section 4).
+"""Instruction effect: fraction of trial pairs whose first target changes with the instruction (suite, section 4).
 
 Trials of one seed begin with the same scene if their conditions have the same objects in the same slots, because the
 random streams do not depend on the condition. Every run therefore contains pairs of trials that differ only in the

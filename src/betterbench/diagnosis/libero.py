@@ -2,7 +2,7 @@
 
 LIBERO defines no conditions for a task. The instructed objects are read from the goal in the task's file, the training
 distribution from the base suite's files (:mod:`betterbench.tasks.worlds.libero_training`), and the initial positions
-from the record. Regions on the table are those of LIBERO. Heights are measured from the table, as in betterbench's own
+from the record. Table regions are LIBERO's regions. Heights are measured from the table, as in betterbench's own
 scenes.
 """
 

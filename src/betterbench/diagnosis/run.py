@@ -1,4 +1,4 @@
-"""Run diagnosis: each planned trial on its own, then all trials together (second pass), then findings."""
+"""Run diagnosis: each planned trial by itself, then all trials together (second pass), then findings."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def diagnose_run(
     While a process is still writing to the run, the trials that it has not reached are pending and not counted. When no
     process is writing any more, these trials are unfinished: they are in the denominator of every rate over planned
     trials, but are not a failure of any kind. In a run until decided, this applies to the current round; trials that
-    its verdicts made unnecessary are left out.
+    the verdicts made unnecessary are left out.
 
     Args:
         folder: The run, or its folder.
@@ -158,11 +158,11 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
-    """Return the diagnosis of several records of one policy, without a run folder.
+    """Return the diagnosis of several records from one policy, without a run folder.
 
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
-        RecordError: If no record is given, or one lacks a predicate of its task.
+        RecordError: If no record is given, or a record lacks one of its task's predicates.
     """
     if not records:
         raise RecordError("There are no records to diagnose. Give at least one.")
@@ -293,7 +293,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
     """Return the diagnosis of a trial whose policy does not use the instruction.
 
     A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
-    attempt at the favorite place of its task, unless the place is the deciding cue over all tasks.
+    attempt at its task's favorite place, unless the place is the deciding cue over all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial

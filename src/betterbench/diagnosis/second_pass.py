@@ -1,4 +1,4 @@
-"""Second pass: search for the one rule that explains the wrong first attempts of a policy in all its tasks.
+"""Second pass: search for the single rule that explains a policy's wrong first attempts in all its tasks.
 
 Four kinds of rule predict the slot of a first attempt: *word* goes to the slot to which a word of the instruction led
 in training. *habit* begins with the most frequent first step. *later* begins with the object of a later step. *place*
@@ -143,7 +143,7 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 
 
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
-    """Return the prior cost of each kind of rule in a task, from all tasks together [nats, 0 for the most frequent].
+    """Return the prior cost of each kind of rule in a task, computed from all tasks [nats, 0 for the most frequent].
 
     Each task with wrong attempts is explained by one kind, and the shares of the kinds are estimated over all tasks
     (empirical Bayes). The cost of a kind is log(largest share / share of this kind).
@@ -161,7 +161,7 @@ def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
 
 
 def _mixture_shares(costs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the share of each component of a mixture, by expectation maximization (Dempster, Laird & Rubin 1977).
+    """Return the share of each mixture component, by expectation maximization (Dempster, Laird & Rubin 1977).
 
     Args:
         costs: (tasks, components) negative log-likelihood of each task under each component [nats].

@@ -42,7 +42,7 @@ def _of_evidence(name: str) -> Any:  # noqa: ANN401 -- what pydantic's Field ret
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredTrial:
-    """Stored form of the diagnosis of one trial.
+    """Stored form of one trial's diagnosis.
 
     Attributes:
         label: The outcome, under the label names of the version that wrote it.

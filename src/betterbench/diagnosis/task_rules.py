@@ -28,7 +28,7 @@ class TaskRules:
     """Result of the second pass for a policy in one task: rules, their costs, and a ruling for each trial.
 
     Attributes:
-        rules: All rules, the cheapest first; at equal cost in the order word, habit, later, place.
+        rules: All rules, the cheapest first; rules with equal cost are in the order word, habit, later, place.
         confusion: Cost of plain confusion [nats].
         upheld: Names of the rules that are proven better than confusion and distinguishable from similar rules.
         rulings: Ruling on each trial, by its key.
@@ -167,7 +167,7 @@ def _open_slots(
 ) -> frozenset[str]:
     """Return the slots that may be favorites although the trials do not prove it.
 
-    Without the penalty, such a slot is likelier than confusion, but there are too few trials to prove even a policy
+    Without the penalty, such a slot is more likely than confusion, but there are too few trials to prove even a policy
     that always goes there.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]

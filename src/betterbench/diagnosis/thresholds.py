@@ -1,4 +1,4 @@
-"""Thresholds of the diagnosis alone, each with its unit, its reason and the effect of changing it.
+"""Thresholds used only by the diagnosis, each with its unit, its reason and the effect of changing it.
 
 Thresholds that live judging uses too (goal tracker, grasp attempts, harm) are in :mod:`betterbench.tasks.thresholds`,
 together with the thresholds for halts, falls, collisions and slips that every run lists in its conventions. A

@@ -18,7 +18,7 @@ class UntilDecided:
 
     Attributes:
         rule: Rule by which a variation is decided.
-        first_seeds: Seeds of the first round, which every variation gets regardless of the outcomes.
+        first_seeds: Seeds in the first round, which every variation gets regardless of the outcomes.
         decisions: Decisions after the last complete round.
     """
 

@@ -1,4 +1,4 @@
-"""Results of the diagnosis per trial and for a whole run, as plain values with a JSON form."""
+"""Results of the diagnosis per trial and for a complete run, as plain values with a JSON form."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One grasp attempt, or a closing of the gripper far from all objects, which has neither object nor slot.
+    """One grasp attempt, or a gripper closing far from all objects, which has neither object nor slot.
 
     Attributes:
         object: Object that was grasped at, or None for an air grasp.
@@ -74,8 +74,9 @@ class TrialDiagnosis:
         progress: Number of subgoals completed in a valid order, divided by the number requested.
         harm: Harm to objects that were not requested, one clause each ("the mouse lies on the floor"). Harm rules out
             success.
-        needless: For a success, the steps of training that the policy repeated without a request, such as a grasp at an
-            emptied slot. They are evidence of inertia that did not prevent the goal. Empty otherwise.
+        needless: For a success, the training steps that the policy repeated although the instruction did not request
+            them, such as a grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty
+            otherwise.
         collisions: Number of times that the robot, or its held object, bumped into a fixture; None without a record.
         record: Path of the record relative to the run, or None if there is none.
         scene: Digest of the initial state. Trials of one seed with the same digest differ only in the instruction.
@@ -112,7 +113,7 @@ class TrialDiagnosis:
 
     @property
     def kind(self) -> Kind:
-        """Kind of failure of the label."""
+        """Failure kind of the label."""
         return self.label.kind
 
     @property

@@ -22,7 +22,7 @@ class Chunks:
 
     With ``ahead``, the next chunk is requested while some actions of the old chunk are left. Actions in the reply that
     belong to steps that have already passed are dropped. The observation for a chunk and the step of each action
-    therefore do not depend on the speed of the policy.
+    therefore do not depend on the policy's speed.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Chunks:
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """Render the images of the next question, if it follows immediately, before other uses of the state.
+        """Render the images for the next request, if it follows immediately, before other uses of the state.
 
         Rendering empties the processor's caches; in this order, they are filled only once before the next action.
         """
@@ -115,7 +115,7 @@ class Chunks:
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the time of drawing during steps [s]: the extra time of steps with images over steps without.
+        """Return the drawing time during steps [s]: the extra time of steps with images over steps without.
 
         The result is 0 if every step had images, because the parts cannot be separated then.
         """

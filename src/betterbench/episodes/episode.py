@@ -37,7 +37,7 @@ class EpisodeResult:
     Attributes:
         record: The privileged record, a pure function of trial and policy.
         wall: Wall-clock figures, which are not part of the record [s].
-        states: States of all rows of the record, for immediate use by the caller.
+        states: States for all record rows, for immediate use by the caller.
     """
 
     record: Record
@@ -185,7 +185,7 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 
 
 class _Judge:
-    """Recorder and judge of an episode, in blocks of states that end before the episode can succeed.
+    """Recorder and judge for an episode, in blocks of states that end before the episode can succeed.
 
     Between two physics steps, the processor's caches are cold, and judging a single state takes two to three times as
     long per state as judging several. A goal must hold for some time, so the episode never depends on a state in the

@@ -41,8 +41,8 @@ class ActionSpace:
         name: Name of the action space ("ee_delta").
         components: Name of each number, in order; the last one is always "gripper".
         units: Unit of each number after multiplication by its scale ("m", "rad", "1").
-        low: Smallest allowed value of each number; smaller ones are clipped, except in CALVIN (:attr:`clips`).
-        high: Largest allowed value of each number; larger ones are clipped, except in CALVIN.
+        low: Smallest allowed value of each number; smaller values are clipped, except in CALVIN (:attr:`clips`).
+        high: Largest allowed value of each number; larger values are clipped, except in CALVIN.
         scale: Size of one unit of each number, in ``units``.
         convention: Frame, reference and polarity in words, compared at every handshake.
     """
@@ -325,7 +325,7 @@ _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CA
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return a registered action space by name, of our own scenes or of another world."""
+    """Return a registered action space by name, for our own scenes or another world."""
     known = ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]

@@ -95,7 +95,7 @@ class PolicyInfo:
         needs_images: False if the policy uses no images, which are then not rendered.
         cameras: Cameras that the policy uses; other cameras are not rendered. None for all.
         metadata: Texts by name (checkpoint, revision, server), which are copied.
-        execution: Execution settings of its action chunks.
+        execution: Execution settings for its action chunks.
         heavy: True if the policy keeps model weights in this process. All workers of a run then share one instance if
             it accepts batches (:class:`BatchPolicy`). Otherwise a run uses one worker unless more are requested.
     """

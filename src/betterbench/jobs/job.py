@@ -42,7 +42,7 @@ def run_items(
         is_done: Function that returns whether a journal or a file already has the result of an item.
         work: Function that yields the results of the given items, in any order: ``in_processes``, ``in_threads``, or a
             generator in this thread.
-        keep: Function that stores a result durably, such as in a journal.
+        keep: Function that stores a result durably, for example in a journal.
         on_progress: Called at the start and after every result.
     """
     items = dict.fromkeys(planned)

@@ -214,7 +214,7 @@ def _error_of(kind: int, said: bytes) -> BetterError:
 
 
 def _end_in_words(status: int | None, cpu_s: float) -> str:
-    """Return a description of a process's exit status; a negative one is a signal."""
+    """Return a description of a process's exit status; a negative status is a signal."""
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:
@@ -282,7 +282,7 @@ def answer_requests(
 
 
 def _limit_time(cpu_s: float) -> None:
-    """Set the processor time limit for the next answer; SIGPROF ends this process when it is used up.
+    """Set the processor time limit for the next answer; SIGPROF ends this process when the time is used up.
 
     RLIMIT_CPU limits the total processor time and cannot be advanced exactly. The kernel compares it with ticks, which
     exceed :func:`time.process_time` by up to 6 % for a rendering process: by a minute after 15 minutes.

@@ -78,7 +78,7 @@ class RunLock:
     taken again. Messages name the ``output``, if its parts are collected in the folder.
 
     Raises:
-        RunConflictError: If another process holds the lock, unless it ``waits``.
+        RunConflictError: If another process holds the lock, unless ``waits`` is set.
         InvalidInputError: If the lock file is a link, not an ordinary file, or has a second name (hard link).
         StorageError: If a surrounding folder locked by this process was removed or moved.
     """

@@ -200,7 +200,7 @@ class OutputFolder:
                 self.path.rmdir()
 
     def _checked(self) -> dict[str, tuple[str, ...]]:
-        """Return the listed files; refuse a folder, or files in it, that this verb did not write."""
+        """Return the listed files; reject a folder, or files in it, that this verb did not write."""
         path = self.path
         if (path.exists() or path.is_symlink()) and not path.is_dir():
             raise RunConflictError(f"{path}: this is a file. Choose another folder.")

@@ -1,7 +1,7 @@
 """Policies: declarations, clients of policy servers, and built-in policies.
 
 - ``address``: parsing of addresses such as ``openpi://host:port?preset=libero``.
-- ``kinds``: one file per kind of policies, and the registry of kinds by address scheme.
+- ``kinds``: one file per policy kind, and the registry of kinds by address scheme.
 - ``factory``, ``description``: creation of a worker's policy instances, and a policy's declarations as JSON.
 - ``conventions``: translation of observations and actions, presets of known checkpoints, the handshake.
 - ``protocols``, ``clients``, ``serving``: codecs, clients of policy servers, and the server side.

@@ -185,7 +185,7 @@ class PolicyAddress:
 
     @property
     def scheme(self) -> str:
-        """Name of the kind of policies."""
+        """Name of the policy kind."""
         return self.form.scheme
 
     @property
@@ -250,7 +250,9 @@ class PolicyAddress:
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
-        """Return the execution of action chunks; raise InvalidInputError if the options contradict each other.
+        """Return the settings for executing action chunks.
+
+        Raise InvalidInputError if the options contradict each other.
 
         ``usual_horizon`` is the adapter's, used if the address sets neither a horizon nor an ensemble.
         """

@@ -30,7 +30,7 @@ class _PendingQuestion(Generic[QuestionT, AnswerT]):
 
 
 class BatchCollector(Generic[QuestionT, AnswerT]):
-    """Collector of the requests of many threads, answered in batches by one thread.
+    """Collector for requests from many threads, answered in batches by one thread.
 
     Requests that arrive during a call form the next batch, so a busy policy gets large batches and an idle policy
     answers at once. If further requests are expected, a call waits for them, but no longer than the shortest call so

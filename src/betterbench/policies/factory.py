@@ -40,7 +40,7 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
     """Return the deadline of one answer [s], from a server's address or else from the run.
 
-    The address may also be the name of a policy object passed by the caller of the run.
+    The address may also be the name of a policy object passed by the run's caller.
     """
     kind = find_kind(address)
     if kind is None or not kind.needs_of(address).server:
@@ -49,7 +49,7 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 
 
 class PolicyFactory:
-    """Factory of the policies of one worker. As a context manager, it closes an instance that was not taken."""
+    """Factory for one worker's policies. As a context manager, it closes an instance that was not taken."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Sources and licenses of the assets that the trials of runs have shown."""
+"""Sources and licenses of the assets shown in runs' trials."""
 
 from __future__ import annotations
 

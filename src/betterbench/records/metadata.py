@@ -37,7 +37,7 @@ class Outcome:
     Attributes:
         success: Whether the trial is a success, given its expected behavior.
         error: Description of the error, for "policy_error" and "interrupted".
-        clipped_actions: Number of actions that were clipped to the bounds of the action space.
+        clipped_actions: Number of actions that were clipped to the action space's bounds.
         invalid_actions: Number of answers that could not be executed.
     """
 
@@ -75,13 +75,13 @@ class RecordMetadata:
             with the same seed.
         interventions: The interventions as text, in order.
         expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").
-        action_components: Name of each number of an action.
+        action_components: Name of each number in an action.
         camera_preset: Name of the observation preset, or None if no image was rendered.
         render_quality: Name of the render preset, or None if no image was rendered.
         engine: Versions that affect the numbers: simulator with version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
         looks: Set of looks from which the run draws.
-        room: Name of the room of the trial.
+        room: Name of the trial's room.
         view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
         predicate_names: Meaning of each column in ``predicates``.
         subgoal_names: Meaning of each column in ``subgoals``, in the instructed order.

@@ -34,7 +34,7 @@ twice as long. Byte stream split of the arm's floats made 17 of 18 episodes larg
 
 NO_DIGEST = b"0" * 64
 """Placeholder for the digest in a file that is not sealed yet."""
-# in the compact Thrift form of the footer, the type of a text (18) and its length 64 (40) follow a key
+# in the footer's compact Thrift form, the type of a text (18) and its length 64 (40) follow a key
 _SEAL = re.compile(re.escape(SEAL_KEY) + rb"\x18\x40([0-9a-f]{64})")
 
 MAX_FILE_BYTES = 1 << 30
@@ -53,7 +53,7 @@ AGAIN = "Repeat the command of the run to record the trial again"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Document:
-    """JSON document in the Parquet schema of a record: metadata, outcome, and widths of the columns."""
+    """JSON document in a record's Parquet schema: metadata, outcome, and column widths."""
 
     metadata: RecordMetadata
     outcome: Outcome

@@ -227,7 +227,7 @@ class RunFolder:
         repeats the trials whose records are missing.
 
         Raises:
-            RecordError: If the journal lists trials that are not planned. Other errors are those of
+            RecordError: If the journal lists trials that are not planned. Other errors are the same as for
                 :class:`~betterbench.records.journal.Journal`.
         """
         journal = Journal(self.journal_path, renews=renews)
@@ -372,7 +372,7 @@ class RunFolder:
                 )
 
     def records(self) -> Iterator[Record]:
-        """Yield the records of finished trials in the order of the journal.
+        """Yield the records of finished trials in journal order.
 
         Raises RecordError for an invalid record.
         """
@@ -458,7 +458,7 @@ class RunFolder:
         return entry.scene
 
     def scene_of(self, record: RecordMetadata) -> dict[str, bytes]:
-        """Return the files of the scene of a recorded trial, verified against the journal.
+        """Return the scene files of a recorded trial, verified against the journal.
 
         Raises the errors of :func:`~betterbench.records.scene_archive.read_scene`.
         """
@@ -497,7 +497,7 @@ _TOLD: set[tuple[Path, int]] = set()
 
 @lru_cache(maxsize=8)
 def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
-    """Return the entries of a journal by trial, cached by file size and time of the last change."""
+    """Return a journal's entries by trial, cached by file size and time of the last change."""
     del size, changed_ns
     entries = {entry.key: entry for entry in read_journal(path)}
     say_lost_tail(path)

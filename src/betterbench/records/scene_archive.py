@@ -96,8 +96,8 @@ def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     no digest, which causes one warning per run unless the journal's digest is given.
 
     Raises:
-        RecordError: If the scene is missing, damaged, changed, too large, of another hash or another trial, or a name
-            could lead out of a folder.
+        RecordError: If the scene is missing, damaged, changed, too large, has another hash or belongs to another trial,
+            or a name could lead out of a folder.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)

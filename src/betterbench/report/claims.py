@@ -84,7 +84,7 @@ def _is_below_half(k: int, n: int, more: int) -> bool:
 
 
 def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
-    """Return the command that runs a given number of trials of a run's training conditions, with new seeds."""
+    """Return the command that runs a given number of trials in a run's training conditions, with new seeds."""
     task = next((t.task for t in diagnosis.trials if t.variation is None), "")
     conditions = {t.condition for t in diagnosis.trials if t.task == task}
     if not task or not facts_of_task(task).measured:
@@ -230,9 +230,9 @@ def _next_seed(diagnosis: RunDiagnosis) -> int:
 
 
 def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
-    """Return the pairs per variation with which the test of the gap detects its drop with 80 % power, or None.
+    """Return the pairs per variation with which the gap test detects the gap's drop with 80 % power, or None.
 
-    The observed drop is assumed to be the true drop. None if there is no drop, or if its detection needs more than
+    The observed drop is assumed to be the true drop. None if there is no drop, or if detecting the drop needs more than
     :data:`MOST_PAIRS` pairs.
     """
     pairs = [

@@ -70,7 +70,7 @@ class Failure:
 
     @property
     def share(self) -> str:
-        """Share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials").
+        """Share of the failures with counts ("80 % of all failures (40/50), 40/240 variation trials").
 
         If all failures are of this kind, ``lead`` says so.
         """
@@ -197,7 +197,7 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return the number of look-alikes that a label's rule explains, or 0 if its own trials are more."""
+    """Return the number of look-alikes that a label's rule explains, or 0 if the rule has more trials of its own."""
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
     if label not in SLOT_RULES or len(taken) < count:
         return 0

@@ -28,7 +28,7 @@ UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
 
 
 def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
-    """Return the color families of the outcomes of trials, with their names."""
+    """Return the color families for trial outcomes, with their names."""
     return {**FAMILIES, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in trials) else {})}
 
 

@@ -37,9 +37,9 @@ class ConditionRow:
         instruction: The instruction, or the first of several.
         twin_instruction: Instruction of the training condition from which a variation is derived.
         support: Whether the poses are inside the training distribution, or an empty string.
-        twin: Success rate of the counterfactual twins of the pairs in the run.
+        twin: Success rate of the counterfactual twins in the run's pairs.
         segments: Non-empty outcomes in stacking order.
-        verdict: For a run until decided, the verdict in words; else an empty string.
+        verdict: For a run until decided, the verdict in words; otherwise an empty string.
     """
 
     id: str

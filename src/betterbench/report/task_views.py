@@ -1,4 +1,4 @@
-"""View of each task: results of every policy, findings and films."""
+"""Per-task view: results of every policy, findings and films."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def _tick(number: int) -> float:
 
 
 def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
-    """Return the labels of width, depth and height of a box, with their positions [m]."""
+    """Return the labels for a box's width, depth and height, with their positions [m]."""
     x, y, z = size
     off = 0.018
     return [

@@ -113,7 +113,7 @@ class ReviewPage:
         self._shown: tuple[object, ...] = ()
         self._nodes: list[Any] = []
         self._marks: list[Any] = []
-        self._version = 0  # part of the node names, because a page remembers the pose of a removed node under its name
+        self._version = 0  # part of the node names, because a page remembers a removed node's pose under its name
         self._visual: Any = None
         self._asset: Asset | None = None
         self._gripper: dict[str, Any] = {}
@@ -403,7 +403,7 @@ class ReviewPage:
             self._gripper[name].position, self._gripper[name].wxyz = pose.position, pose.quaternion
 
     def _play(self, tryout: Tryout, stopped: threading.Event) -> None:
-        """Show the motion of a trial in real time; late frames are skipped."""
+        """Show a trial's motion in real time; late frames are skipped."""
         if self._visual is None:
             return
         self._turn.visible = self._frame.visible = False

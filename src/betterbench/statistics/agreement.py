@@ -1,4 +1,4 @@
-"""Agreement of two raters over the same items beyond chance."""
+"""Agreement between two raters over the same items beyond chance."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class AgreementTable:
 
     @property
     def observed(self) -> float | None:
-        """Share of items on which both agree, None without items."""
+        """Fraction of items on which both agree, None without items."""
         return sum(self.counts[k][k] for k in range(len(self.counts))) / self.n if self.n else None
 
     @property

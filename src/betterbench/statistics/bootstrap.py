@@ -88,7 +88,7 @@ def wider_paired_difference(
     """Return the difference over pairs (first succeeded, second succeeded) with the wider of two intervals.
 
     The bootstrap accounts for variations that share the twin of their seed, but its interval has zero width if all
-    pairs agree. Newcombe's interval does not. Strata and clusters are those of :func:`paired_bootstrap`.
+    pairs agree. Newcombe's interval does not. Strata and clusters are the same as in :func:`paired_bootstrap`.
     """
     drawn = paired_bootstrap(
         [float(first) for first, _ in outcomes],

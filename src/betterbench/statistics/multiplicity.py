@@ -37,7 +37,7 @@ def e_benjamini_hochberg(evidence: Sequence[float], *, level: float, hypotheses:
 
     Args:
         evidence: One e-value per hypothesis that may be rejected.
-        level: Bound of the expected share of false rejections.
+        level: Bound on the expected fraction of false rejections.
         hypotheses: Number ``m`` of hypotheses, including those that may no longer be rejected; default: the number of
             e-values.
     """

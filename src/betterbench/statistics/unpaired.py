@@ -100,7 +100,7 @@ def binomial_probabilities(n: int, rate: float) -> npt.NDArray[np.float64]:
 
 
 def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
-    """Return the absolute pooled score statistic of every outcome of two arms, shape (n1 + 1, n2 + 1)."""
+    """Return the absolute pooled score statistic for every outcome of two arms, shape (n1 + 1, n2 + 1)."""
     k1, k2 = np.arange(n1 + 1)[:, None], np.arange(n2 + 1)[None, :]
     gap = np.abs(k1 / n1 - k2 / n2)
     pooled = (k1 + k2) / (n1 + n2)

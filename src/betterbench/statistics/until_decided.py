@@ -79,7 +79,7 @@ class StoppingRule:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question whether a condition is solved less often than its twin; both are given by name."""
+    """Question of whether a condition is solved less often than its twin; both are given by name."""
 
     condition: str
     twin: str

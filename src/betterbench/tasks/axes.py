@@ -41,7 +41,7 @@ class Expected(StrEnum):
 
 
 class Support(StrEnum):
-    """Support of a variation: ``seen`` if all its pick and place poses lie inside the training regime."""
+    """Support of a variation: ``seen`` if all its pick and place poses are inside the training regime."""
 
     SEEN = "seen"
     NOVEL = "novel"

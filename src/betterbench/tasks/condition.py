@@ -111,7 +111,7 @@ class Condition:
         return None
 
     def resolve(self, reference: Reference) -> tuple[str, ...]:
-        """Return the names of the possible objects of a reference, in a stable order."""
+        """Return the names of a reference's possible objects, in a stable order."""
         if reference.slot is not None:
             occupant = self.occupant(reference.slot)
             return () if occupant is None else (occupant,)

@@ -35,7 +35,7 @@ FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
 
 
 class FlatPose(NamedTuple):
-    """Planar pose of an object at its target: position from the center of the target region [mm], heading [degrees].
+    """Planar pose of an object at its target: position relative to the target region's center [mm], heading [degrees].
 
     Both are in the target's frame.
     """
@@ -48,7 +48,7 @@ class FlatPose(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Releases:
-    """Points of release of the demonstrations at one target region.
+    """Release points in the demonstrations at one target region.
 
     Attributes:
         slot: Slot of the target, or of the object that carries the target.
@@ -72,7 +72,7 @@ class Releases:
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return the distance of a height from the nearest trained height [mm]; negative below the trained height."""
+        """Return the distance from a height to the nearest trained height [mm]; negative below the trained height."""
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
@@ -89,7 +89,7 @@ class FinalPoses:
         kind: Kind of the object.
         asset: Identity of its asset, because objects with other shapes rest in other poses.
         target_kind: Kind of the target.
-        target_asset: Identity of its asset.
+        target_asset: Identity of the object's asset.
         relation: Relation between the two.
         region: Region of the target, "" if it has only one.
         poses: Object poses at rest.

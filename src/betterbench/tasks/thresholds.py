@@ -1,8 +1,8 @@
-"""Thresholds of live judging, and the table of all thresholds that affect a verdict.
+"""Thresholds for live judging, and the table of all thresholds that affect a verdict.
 
 The goal tracker, grasp attempts and harm rules judge a trial while it runs. Their thresholds are defined here,
 including those that the diagnosis also uses. Thresholds of only the diagnosis are in
-:mod:`betterbench.diagnosis.thresholds`. Tolerances of a relation are defined in its file, and a user's failure mode
+:mod:`betterbench.diagnosis.thresholds`. A relation's tolerances are defined in its file, and a user's failure mode
 defines its own thresholds.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Entry of the table: value, unit, purpose and effect of a threshold.
+    """Table entry: value, unit, purpose and effect of a threshold.
 
     Attributes:
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
@@ -41,7 +41,7 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
         reason: Use of the threshold, and the source of its value.
         effect: Labels that become more or less frequent with a larger value.
         listed: False for a value that was in use before it had an entry. Stored diagnoses lack such a value, and
-            listing would mark them as judged by other rules. Set this to True when the value changes.
+            listing it would mark them as judged by other rules. Set this to True when the value changes.
 
     Raises:
         ValueError: If the name is taken.

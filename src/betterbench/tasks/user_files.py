@@ -181,7 +181,7 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
         The function. A user's function reports its file and line when it raises an error.
 
     Raises:
-        InvalidInputError: If a user's file takes a name of betterbench or of another file.
+        InvalidInputError: If a user's file uses a name that belongs to betterbench or to another file.
     """
     if not _loading or make.__module__.startswith("betterbench."):
         return make  # a user's file may be the first to import one of our modules
@@ -307,7 +307,7 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 def code_of(kind: str, name: str) -> str | None:
     """Return the code that registers a name: "sha256 ..." of a user's file, or package and version; None if built in.
 
-    ``kind`` is that of :func:`registered`.
+    ``kind`` has the same meaning as in :func:`registered`.
     """
     origin = _origins.get((kind, name))
     if origin is None:
@@ -334,7 +334,7 @@ def companion_of(task: str) -> Companion | None:
     """Return a task file's companion, which contains its demonstration measurements.
 
     Returns:
-        Its path and text; None for a built-in task. On a machine that received only the task file, the text is the one
+        Its path and text; None for a built-in task. On a machine that received only the task file, the text is the text
         sent with the file.
     """
     origin = _origins.get(("task", task))

@@ -1,4 +1,4 @@
-"""Grammar of sentences about objects, such as verbs that agree with a kind's name."""
+"""Grammar for sentences about objects, such as verbs that agree with a kind's name."""
 
 from __future__ import annotations
 

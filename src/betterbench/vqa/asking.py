@@ -56,7 +56,7 @@ class ModelAnswer:
         id: Identifier of the question.
         text: Text of the answer; empty if the request was refused.
         error: Reason for a missing answer, or None.
-        seal: Checksum of its line; None in a file from another program or an earlier version.
+        seal: Checksum of the line; None in a file from another program or an earlier version.
     """
 
     id: str
@@ -175,12 +175,11 @@ def ask_set(
 ) -> Answers:
     """Ask a model all questions in a set that it has not answered yet, and return all answers.
 
-    Answers are appended in the order of the set, so that the file does not depend on the number of simultaneous
-    requests.
+    Answers are appended in set order, so that the file does not depend on the number of simultaneous requests.
 
     Raises:
         ModelError: If the model cannot be reached; earlier answers are kept.
-        RunConflictError: If the file contains other data, such as answers of another model or set, and must not be
+        RunConflictError: If the file contains other data, such as answers from another model or set, and must not be
             overwritten, or if another process writes to it.
         InvalidInputError: If the number of requests is out of range.
     """
@@ -207,7 +206,7 @@ def ask_set(
 
 
 def is_answers(file: Path) -> bool:
-    """Return whether a file begins like an answer file; raises OSError unless it is missing.
+    """Return whether a file begins like an answer file; raises OSError unless the file is missing.
 
     An incomplete first line of a killed process is recognized by its beginning.
     """

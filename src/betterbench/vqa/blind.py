@@ -2,7 +2,7 @@
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing (McCallum and
 Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. For a box
-or a point, it predicts a cell of the image and gives a typical answer of that cell.
+or a point, it predicts a cell of the image and gives a typical answer for that cell.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Baseline:
 
 
 def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Baseline]:
-    """Return the baselines of each type in a set, then of each form within grounding, because forms differ in chance.
+    """Return the baselines for each type in a set, then for each form within grounding, because forms differ in chance.
 
     Args:
         questions: The set.
@@ -103,7 +103,7 @@ def _parts(questions: Sequence[Question]) -> list[tuple[str, list[int]]]:
 
 
 def _constant_right(questions: Sequence[Question]) -> list[bool]:
-    """Return for each question whether the most frequent answer of its type and form is correct."""
+    """Return for each question whether the most frequent answer to its type and form is correct."""
     right = [False] * len(questions)
     for members in _by_form(questions):
         constant = _typical([questions[i] for i in members])

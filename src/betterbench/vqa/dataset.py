@@ -106,7 +106,7 @@ class Photo(Protocol):
 
 
 class PhotoSource(Protocol):
-    """Source of images of records, rendered on demand or materialized before."""
+    """Source of record images, rendered on demand or materialized before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
         """Return a camera's image at a row of a record, with its visible objects."""
@@ -427,7 +427,7 @@ def finished(
     chance: float | None,
     role: str | None = None,
 ) -> Question:
-    """Return a question of a set from its draft; see :class:`Question`."""
+    """Return a set's question from its draft; see :class:`Question`."""
     c = candidate
     tags = tuple(sorted(set(c.tags)))
     return Question(

@@ -1,4 +1,4 @@
-"""Questions about the decisive moments of a run's trials.
+"""Questions about the decisive moments in a run's trials.
 
 In a failed trial, this is the first wrong decision according to the diagnosis; in a successful one, the first attempt.
 Questions about the right target, its position, finished steps and the presence of objects use the frame at which that
@@ -108,7 +108,7 @@ def make_decisive_set(
     open_photos: OpenPhotos,
     on_progress: OnCount | None = None,
 ) -> QuestionSet:
-    """Make the question set about the decisive moments of a run, or resume an interrupted one.
+    """Make the question set about a run's decisive moments, or resume an interrupted set.
 
     Raises as :func:`~betterbench.vqa.dataset.make_set` does.
     """
@@ -265,7 +265,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question about the next step if nothing has to be done."""
+    """Return the question about the next step if no step is left to do."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -276,7 +276,7 @@ def _next(moment: Moment) -> _Asked | None:
 
 
 def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question in which box the requested object is, given its name."""
+    """Return the question about which box contains the instructed object, given its name."""
     wanted = [moment.objects[i] for i in analysis.wanted(moment.row)]
     named = [o for o in wanted if o.kind in moment.single]
     found = _boxes(moment, [o.name for o in named[:1]])
@@ -308,7 +308,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question whether an object is present: the requested one, or an absent one that could be meant."""
+    """Return the question whether an object is present: the instructed one, or an absent one that could be meant."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:
         kinds = [moment.objects[i].kind for g in range(len(goals)) for i in trace.meant[g]]

@@ -68,7 +68,7 @@ class Episode:
         return self.trace.rows
 
     def doing(self, row: int) -> Doing | None:
-        """Return the activity of the robot at a row, or None if an image would be ambiguous."""
+        """Return the robot's activity at a row, or None if an image would be ambiguous."""
         trace, held = self.trace, int(self.trace.held[row])
         if held >= 0:
             if trace.is_drawer(held):
@@ -99,7 +99,7 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Return whether another object starts where training had this kind, which makes it a hard negative."""
+        """Return whether another object starts where training had this kind, which makes this kind a hard negative."""
         return any(
             self.out_of_place(i) and kind in self.trace.info.slot(o.slot).trained_kinds
             for i, o in enumerate(self.trace.info.objects)

@@ -104,7 +104,7 @@ class Knowledge:
         model: Model name.
         policy: Policy name.
         labels: One entry per occurring label, in the order of labels.
-        roles: Rate of correct answers per role, out of the answered questions.
+        roles: Rate of correct answers per role, among answered questions.
         asked: Number of questions in the set about moments in the run.
         answered: Number of these questions with an answer.
     """
@@ -157,7 +157,7 @@ _KNOWLEDGE = TypeAdapter(Knowledge)
 
 
 def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) -> Knowledge:
-    """Return a model's knowledge about the decisive moments of a policy's trials.
+    """Return a model's knowledge about the decisive moments in a policy's trials.
 
     Args:
         diagnosis: The run diagnosis.

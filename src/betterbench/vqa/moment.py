@@ -21,7 +21,7 @@ from betterbench.vqa.visible import clear, hidden, large
 class Moment:
     """One row of an episode as one camera shows it.
 
-    Objects are named by their kind, and only if the kind is unique in the scene. The names of kinds below are therefore
+    Objects are named by their kind, and only if the kind is unique in the scene. The kind names below are therefore
     names of single objects.
     """
 

@@ -54,8 +54,7 @@ def named_object(
         camera: Camera of the frame.
         seed: Seed for choosing wordings.
 
-    Returns:
-        None if nothing has to be picked up, or the object is not clearly visible or shares its kind with another one.
+    Returns: None if no object must be picked up, or the object is not clearly visible or shares its kind with another.
     """
     episode = episode_of(record)
     condition = episode.resolved.condition

@@ -55,7 +55,7 @@ class Difficulty(StrEnum):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Question frame: camera and row of a trial's record, and the time of the row [s]."""
+    """Question frame: camera and row in a trial's record, and the row's time [s]."""
 
     task: str
     condition: str
@@ -81,8 +81,8 @@ class Candidate:
         bucket: Value to be balanced: the answer itself, or the image cell of a box or point.
         answer: The correct answer.
         words: Words that fill the phrasings.
-        objects: Names of the objects of the question in the scene.
-        tags: Properties for the difficulty and for filtering ("look-alike", "robot frame").
+        objects: Scene names of the question's objects.
+        tags: Properties used for the difficulty and for filtering ("look-alike", "robot frame").
         box: The true box, for a grounded question.
         runs: The visible pixels of the object, for a question about a point; see
         :class:`~betterbench.interface.state.SeenObject`.
@@ -107,7 +107,7 @@ class Candidate:
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
-        """Return the identifier in the set of a seed: a hash of question and frame, without the answer."""
+        """Return the identifier in a set with a given seed: a hash of question and frame, without the answer."""
         s = self.source
         told = (str(seed), s.task, s.condition, str(s.seed), str(s.row), s.camera, *self.key, *sorted(self.objects))
         told += tuple(f"{k}={v}" for k, v in sorted(self.words.items()))

@@ -1,4 +1,4 @@
-"""Calibration on the independent family, with plans of trials in which each habit shows."""
+"""Calibration on the independent family, with plans for trials in which each habit shows."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
 
 
 def _what(group: Group) -> str:
-    """Return the title of a row; for an axis only the first two words, so that the table fits a terminal."""
+    """Return a row title; for an axis, only the first two words, so that the table fits a terminal."""
     if group.scope.startswith("axis:"):
         return " ".join(scope_text(group.scope).split()[:2])
     return scope_text(group.scope) if group.measure == "success" else group.measure.replace("_", " ")

@@ -1,4 +1,4 @@
-"""Output of the command line about a set of demonstrations: progress, variety and acceptance."""
+"""Command-line output about a demonstration set: progress, variety and acceptance."""
 
 from __future__ import annotations
 

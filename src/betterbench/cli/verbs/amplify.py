@@ -38,13 +38,13 @@ def amplify_command(
     Args:
         sources: Run folder with the source demonstrations.
         out: Run folder.
-        tasks: Tasks to amplify; all that the sources demonstrate if none is named.
+        tasks: Tasks to amplify; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000000 if not given.
         attempts: Maximum attempts at one start, each with a different leading source.
         select: How to choose the source for each subgoal: any, by its object's position, or by the start of its motion.
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.
     """

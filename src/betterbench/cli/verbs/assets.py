@@ -1,4 +1,4 @@
-"""``better assets``: the catalogue of assets over several sources, its search, and the import of files."""
+"""``better assets``: the asset catalogue over several sources, its search, and the import of files."""
 
 from __future__ import annotations
 
@@ -81,9 +81,9 @@ def assets_command(
         encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words only.
         limit: Largest number of assets to list.
         num: Number of assets to choose for one description, which differ in shape and color.
-        seed: Seed of the choice of --num.
+        seed: Seed for the choice of --num assets.
         source: Search only this source.
-        max_faces: Largest number of triangles of an asset.
+        max_faces: Maximum number of triangles in an asset.
         max_size: Largest extent of an asset in meters.
         min_size: Least extent of the largest side in meters.
         picture: With check: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.

@@ -1,4 +1,4 @@
-"""``better calibrate``: accuracy of the diagnosis and power of the suite, measured on policies with known faults."""
+"""``better calibrate``: diagnosis accuracy and the suite's power, measured on policies with known faults."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def calibrate_command(
     Args:
         out: Folder of the calibration; runs/calibration, runs/FAMILY or runs/power if not given.
         tasks: Tasks to run; default: the full suite.
-        policies: Faulty policies to run; all if none is named.
+        policies: Faulty policies to run; default: all.
         strengths: Fractions of trials in which the policy follows its faulty rule; smaller fractions add more action
             noise.
         trials: Trials per variation for each faulty policy at each strength, default 1; trials for each policy of the
             independent family, default 4.
         seed: First seed.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         family: Set of policies: the faulty policies, or part of the independent family: development, which was used to
             develop the diagnosis, or held_out, second and so on, which were each used once.
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.

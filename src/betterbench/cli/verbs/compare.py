@@ -1,4 +1,4 @@
-"""``better compare``: comparison of several policies, overall and by group, with the power of the trials."""
+"""``better compare``: compare several policies, overall and by group, and show the power of the trials."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def compare_command(
 
     Runs of several suites, and runs in CALVIN, are shown in one table instead: LIBERO's four suites and CALVIN's
     chains, comparisons of the policies on the same initial states, and each policy's loss when the scene changes. Runs
-    of the same name count as one policy.
+    with the same name count as one policy.
 
     Example: better compare runs/pi05 runs/gr00t
 

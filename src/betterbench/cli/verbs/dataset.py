@@ -48,7 +48,7 @@ def dataset_command(
 
     Args:
         out: Set folder.
-        tasks: Tasks to demonstrate; all of the suite if none is named.
+        tasks: Tasks to demonstrate; default: all tasks in the suite.
         suite: Suite to take the tasks from.
         regime: training (with the confounds), balanced (the same number of demonstrations without the confounds, and no
             test), diverse-confounded (as many conditions as balanced, but each word tied to its slot), or covered (the
@@ -63,7 +63,7 @@ def dataset_command(
             difference.
         expect: Set hash, as printed on another machine; any other hash is an error.
         sign: Private SSH key with which prediction.json is signed.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         pictures: Draw the starts of each task.
         overwrite: Replace files of the set that were changed by hand.
         json: Print the result as one JSON document.

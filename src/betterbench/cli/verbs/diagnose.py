@@ -43,9 +43,9 @@ def diagnose_command(
     Args:
         run: Run folder.
         twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials from the same initial
-            states are the counterfactual twins. Nothing is stored then.
+            states are the counterfactual twins. Nothing is stored in that case.
         keep: Do not change the stored diagnosis and the stored answers.
-        answers: File of answers to the set of better vqa --run.
+        answers: File with answers to the set made by better vqa --run.
         questions: Folder of the question set that was answered; default: the folder that contains the answers.
         json: Print one JSON document instead of tables.
     """

@@ -35,8 +35,8 @@ class TrialOptions:
 
     Attributes:
         suite: Suite to take the tasks from (see better list suites); suites of LIBERO and CALVIN run in those worlds.
-        tasks: Tasks to run; all of the suite if none is named.
-        variations: Variations to run; all if none is named.
+        tasks: Tasks to run; default: all tasks in the suite.
+        variations: Variations to run; default: all.
         trials: Trials per variation, 20 if not given; in LIBERO initial states per task, as the protocol says; in
             CALVIN chains, 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
@@ -79,11 +79,10 @@ class WorldOptions:
         protocol: Name of the evaluation protocol in LIBERO.
         broken_premises: What to do if a scene contradicts its instruction's premise: refuse stops the run, run
             continues and notes the contradiction in the record.
-        axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); all if none
-            is named.
+        axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); default: all.
         variants: In LIBERO-Plus, maximum variants of each task on each axis, evenly spread; all if not given.
-        libero_plus_assets: In LIBERO-Plus, the unzipped assets folder of its authors, for new objects, lights and
-            textures; BETTERBENCH_LIBERO_PLUS_ASSETS if not given.
+        libero_plus_assets: In LIBERO-Plus, the authors' unzipped assets folder, for new objects, lights and textures;
+            default: BETTERBENCH_LIBERO_PLUS_ASSETS.
         libero_plus_sentences: In LIBERO-Plus, clean for the task's instruction, published for the instruction with
             the variant name at its end, as used for the published numbers.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
@@ -159,7 +158,7 @@ def evaluate_command(
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         envs: Each worker's environments, to hide the policy's latency; chosen by a warm-up if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
@@ -209,7 +208,7 @@ def evaluate_command(
 
 
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
-    """Print the number of trials and the drops that they can show; for a large plan, also a smaller command.
+    """Print the number of trials and the drops that they can show; for a large plan, also print a smaller command.
 
     ``certified`` has the certificate options; None if the plan comes from another run.
     """
@@ -328,7 +327,7 @@ def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -
 
 
 def _require_certified(plan: Plan, certificate: Path | None) -> None:
-    """Check that a certificate covers every trial of a plan, and print the limits of the certificate."""
+    """Check that a certificate covers every trial in a plan, and print the certificate's limits."""
     from betterbench.certification.refusal import require_certified
 
     remark = require_certified(plan, certificate)
@@ -337,7 +336,7 @@ def _require_certified(plan: Plan, certificate: Path | None) -> None:
 
 
 def default_folder(policy: str) -> str:
-    """Return the default folder of the runs of a policy."""
+    """Return the default folder for a policy's runs."""
     return default_name(policy, otherwise="policy")
 
 
@@ -436,7 +435,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
     The bar is named after the policy, or has the ``label``.
 
-    The options are those of :func:`betterbench.evaluation.evaluate`, with one worker per processor if not given.
+    The options are the same as for :func:`betterbench.evaluation.evaluate`, with one worker per processor by default.
     """
     from betterbench.cli.tally import service_text, times_text
     from betterbench.evaluation import evaluate

@@ -55,7 +55,7 @@ def export_command(
             file for robomimic.
         name: Policy name; the name that the policy declared if not given.
         project: Project of the tracker wandb.
-        check: Submission or data set to compare with the records of the runs; nothing is written.
+        check: Submission or data set to compare with the runs' records; nothing is written.
         preset: Layout of the data set, as in a policy's address (?preset=NAME); lerobot if not given, for lerobot-v2.1
             gr00t_new_embodiment and for robomimic native.
         tasks: Tasks in the data set; default: all tasks of the runs.
@@ -68,7 +68,7 @@ def export_command(
         validation: Share of the seeds whose episodes are for validation; they come last.
         language: Also write the language columns, which LeRobot versions before 0.6 refuse.
         vqa: Set of better vqa about the same run; this set's questions are written to the language columns.
-        workers: Episodes that are rendered in parallel; one per processor if not given.
+        workers: Number of episodes rendered in parallel; default: one per processor.
         overwrite: Replace a file that better export did not write, or another data set of better export.
         json: Print one JSON document about what was written or checked.
     """

@@ -39,7 +39,7 @@ def serve_command(
     """Serve a policy with the openpi protocol to other clients and harnesses, until Ctrl-C or SIGTERM.
 
     An expert needs privileged state, so the server runs a shadow simulation of its client's scene. Clients of
-    betterbench name their trial. For other clients, the trial is that of --task, --condition and --seed. If no task is
+    betterbench name their trial. For other clients, --task, --condition and --seed give the trial. If no task is
     given, it is the first training condition whose instruction equals the client's prompt.
 
     Example: better serve expert --port 8000

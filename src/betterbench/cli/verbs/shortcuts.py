@@ -49,13 +49,13 @@ def shortcuts_command(
     Example: better shortcuts runs/demonstrations --out audit
 
     Args:
-        data: Folder of a run, or of a LeRobot dataset.
+        data: Folder of a run or a LeRobot dataset.
         instruction: Column with the instructions in a LeRobot dataset: a frame column (texts, or task numbers), or a
             column of meta/tasks.
         gripper: Component with the gripper opening, such as action:gripper; one per arm.
         place: Components of the gripper position, x first, such as observation.state[0,1,2]; one set for each
             --gripper, in the same order. A leading + sums up steps.
-        closed: End of the gripper's range that means closed; auto infers it from names and values, or requests it.
+        closed: End of the gripper's range that means closed; auto infers it from names and values, or asks you for it.
         seed: Seed of the sample taken from more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.

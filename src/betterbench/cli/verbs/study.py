@@ -1,4 +1,4 @@
-"""``better study``: small policies trained and evaluated on every arm of a study, with one page of results."""
+"""``better study``: train and evaluate small policies on every arm of a study, and write one results page."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def study_command(
         plan: YAML file with tasks, arms, seeds and recipe.
         out: Study folder.
         preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
-        workers: Worker processes for demonstrations and trials; one per processor if not given.
-        device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
+        workers: Number of worker processes for demonstrations and trials; default: one per processor.
+        device: Torch device on which learners are trained: cpu, cuda or cuda:N.
         certificate: Certificate written by better certify, or its folder; default: the one that ships with the suite.
         overwrite: Write to a folder that better study did not make, and replace files of the same names there.
         json: Print one JSON document instead of tables.

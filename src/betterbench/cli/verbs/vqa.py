@@ -32,7 +32,7 @@ class FrameOptions:
         quality: Render preset of the images (shadows and antialiasing).
         types: Types of question; all if not given.
         tasks: Tasks whose trials the questions are about; all if not given.
-        seed: Seed of the choice of frames, questions and phrasing.
+        seed: Seed for choosing frames, questions and phrasings.
         failures_only: With --run, leave out the trials that succeeded.
     """
 
@@ -56,7 +56,7 @@ class FrameOptions:
         return SetOptions(*frames, quality=self.quality, seed=self.seed, types=types, tasks=self.tasks)
 
     def decisive(self) -> DecisiveOptions:
-        """Return the options of a set about decisive moments."""
+        """Return the options for a set about decisive moments."""
         from betterbench.vqa.decisive import DecisiveOptions
 
         return DecisiveOptions(self.cameras, self.size, self.quality, self.seed, self.tasks, self.failures_only)

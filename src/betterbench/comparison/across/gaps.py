@@ -51,9 +51,9 @@ class WorldGap:
 
 
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
-    """Return all gaps of each policy that its runs allow, in the order of the runs.
+    """Return all gaps that each policy's runs allow, in run order.
 
-    A gap in LIBERO-PRO needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
+    A LIBERO-PRO gap needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
     and the resampled chains. The gap in betterbench's own suite is the metric of the diagnosis.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Outcomes of runs in one suite of one world. Every planned trial counts; unfinished trials are failures."""
+"""Run outcomes in one suite of one world. Every planned trial counts; unfinished trials are failures."""
 
 from __future__ import annotations
 

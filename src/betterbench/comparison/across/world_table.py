@@ -66,7 +66,7 @@ class WorldContrast:
     Attributes:
         suite: Suite name; "average" for all four together.
         pairs: Number of initial states that both policies ran.
-        p_value: Exact McNemar test, after Holm's correction over the suites of the pair of policies.
+        p_value: Exact McNemar test, after Holm's correction over the policy pair's suites.
     """
 
     first: str
@@ -86,8 +86,8 @@ class WorldTable:
     """The table with comparisons of its rows.
 
     Attributes:
-        contrasts: Comparisons of pairs of policies in LIBERO.
-        chain_contrasts: Comparisons of pairs of policies in CALVIN, with their names.
+        contrasts: Comparisons between policy pairs in LIBERO.
+        chain_contrasts: Comparisons between policy pairs in CALVIN, with their names.
         notes: Limits of the numbers.
     """
 

@@ -91,7 +91,7 @@ def _stored(path: Path, expected: ExpectedDataset, episodes: int) -> Iterator[Le
 
 
 def _shown(drawn: Pictures, run: RunFolder, record: Record, layout: DatasetLayout) -> dict[int, dict[str, np.ndarray]]:
-    """Render the images of three frames of an episode again, and return them by row and column."""
+    """Render three frames of an episode again, and return the images by row and column."""
     rows = sorted({0, record.n_steps // 2, record.n_steps - 1}) if layout.images else []
     images = shown_images(record, layout, drawn.of(run, record, rows), rows) if rows else ()
     return dict(zip(rows, images, strict=True))
@@ -132,8 +132,8 @@ def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
     """Compare the description of the origin with records and layout.
 
-    The trials left out, the package version, the evaluation command, the digest of the options and the lengths
-    of files cannot be derived from them. The digests of files are compared afterward.
+    The omitted trials, the package version, the evaluation command, the options digest and the file sizes cannot be
+    derived from them. The digests of files are compared afterward.
     """
     wanted = origin_of(
         expected.dataset.episodes,

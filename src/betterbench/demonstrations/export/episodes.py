@@ -37,7 +37,7 @@ class DatasetEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """Episodes of a data set in their order, with the layout and format in which they are written.
+    """Episodes of a data set in order, with the layout and format in which they are written.
 
     Attributes:
         train: Number of training episodes, which come first; the others are for validation.
@@ -55,7 +55,7 @@ class Dataset:
 
     @property
     def frames(self) -> int:
-        """Number of frames of all episodes."""
+        """Total number of frames in all episodes."""
         return sum(map(len, self.episodes))
 
     @property
@@ -85,7 +85,7 @@ def splits(dataset: Dataset) -> dict[str, str]:
 
 
 def starts(episodes: Sequence[DatasetEpisode]) -> list[int]:
-    """Return the index of the first frame of each episode in the data set."""
+    """Return the index of each episode's first frame in the data set."""
     found, begun = [], 0
     for episode in episodes:
         found.append(begun)

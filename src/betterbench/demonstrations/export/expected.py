@@ -1,4 +1,4 @@
-"""Expected content of a data set, computed from its records as by the writers, for the check of an export."""
+"""Expected content of a data set, computed from its records in the same way as by the writers, to check an export."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ExpectedDataset:
         return part
 
     def first(self, number: int) -> int:
-        """Return the index of the first frame of an episode."""
+        """Return the index of an episode's first frame."""
         return self._first[number]
 
     def divided(self, train: int, where: str, said: str) -> Dataset:

@@ -163,7 +163,7 @@ def _quality(plan: ExportPlan) -> str:
 
 
 def _identity(plan: ExportPlan, quality: str) -> str:
-    """Return a digest of all inputs that determine the bytes of a data set."""
+    """Return a digest of all inputs that determine a data set's bytes."""
     form = {
         "version": EXPORT_VERSION,
         "to": plan.to,
@@ -185,7 +185,7 @@ def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
 def pairs_of(
     runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
 ) -> dict[tuple[int, TrialId], list[str]]:
-    """Return the ids of the twin pairs of each demonstration, by its run's index and its trial.
+    """Return the twin pair ids of each demonstration, by its run's index and its trial.
 
     Runs without twins have none.
     """
@@ -218,7 +218,7 @@ def _remove_leftover(staging: Path) -> None:
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return the finished data set at the place; raise RunConflictError if other files are there."""
+    """Return the finished data set at the destination; raise RunConflictError if other files are there."""
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -367,7 +367,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Return the seeds of the validation episodes: whole seeds, because conditions share their layouts.
+    """Return the seeds of the validation episodes: complete seeds, because conditions share their layouts.
 
     At least one seed is left for training.
     """
@@ -418,7 +418,7 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
     """Return the command that evaluates a policy trained on a layout, without the policy's address.
 
-    It evaluates the whole suite if all its tasks are demonstrated, and otherwise a few trials of the tasks.
+    It evaluates the full suite if all its tasks are demonstrated, and otherwise a few trials of the demonstrated tasks.
     """
     name = layout.adapter.name
     words = ["better eval --policy"]

@@ -1,4 +1,4 @@
-"""Columns of a data set: the inputs and outputs of a policy by a preset, under the names that its trainer expects.
+"""Columns of a data set: a policy's inputs and outputs in a preset, under the names that its trainer expects.
 
 The adapter makes every column, so a policy is trained on exactly the data that ``better eval`` sends.
 """
@@ -119,11 +119,11 @@ class DatasetLayout:
 def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
     """Return a preset's layout.
 
-    ``observation`` is the observation preset for the evaluation of the policy; by default the first preset with all
-    required cameras.
+    ``observation`` is the observation preset for evaluating the policy; by default the first preset with all required
+    cameras.
 
     Raises:
-        UnknownNameError: If there is no such preset.
+        UnknownNameError: If no such preset exists.
         InvalidInputError: If only another world executes its actions, or the observation preset lacks a required
             camera.
     """
@@ -184,7 +184,7 @@ def _states(adapter: Adapter) -> tuple[VectorColumn, ...]:
 
 
 def _components(rule: StateRule) -> tuple[str, ...]:
-    """Return the name of each number of a state."""
+    """Return a name for each number in a state."""
     sizes = [(part, columns.stop - columns.start) for part, columns in rule.columns()]
     return tuple(part if size == 1 else f"{part}.{i}" for part, size in sizes for i in range(size))
 

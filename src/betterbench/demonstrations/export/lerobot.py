@@ -1,4 +1,4 @@
-"""LeRobot's data sets: the common parts of versions 2.1 and 3.0 of the format, and version 3.0 itself.
+"""LeRobot data sets: the parts that format versions 2.1 and 3.0 share, and version 3.0 itself.
 
 Source of the format: huggingface/lerobot, ``src/lerobot/datasets`` of 0.4.4 and 0.6.1 (``utils.py``,
 ``lerobot_dataset.py``, ``dataset_metadata.py``, ``language.py``).
@@ -108,7 +108,7 @@ def episode_stats(dataset: Dataset, part: Part, counted: Mapping[str, np.ndarray
 
 
 class Totals:
-    """Accumulator for the statistics of a whole data set."""
+    """Accumulator for the statistics of a complete data set."""
 
     def __init__(self) -> None:
         self._vectors: dict[str, list[np.ndarray]] = {}
@@ -207,7 +207,7 @@ def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
 
 
 def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return the fields of ``meta/episodes`` with the statistics of an episode."""
+    """Return the ``meta/episodes`` fields with an episode's statistics."""
     return {f"stats/{name}/{what}": value for name, found in stats.items() for what, value in found.items()}
 
 
@@ -220,7 +220,7 @@ def file_fields(kind: str, number: int) -> dict[str, int]:
 
 
 def time_fields(kind: str, begun: int, ended: int, rate_hz: int) -> dict[str, float]:
-    """Return the fields of ``meta/episodes`` with the times [s] at which an episode begins and ends in a video."""
+    """Return the ``meta/episodes`` fields with the times [s] at which an episode begins and ends in a video."""
     return {f"{kind}/from_timestamp": begun / rate_hz, f"{kind}/to_timestamp": ended / rate_hz}
 
 
@@ -240,7 +240,7 @@ class _Files:
 
 
 class _FrameFiles(_Files):
-    """The files of frames, each with a group of rows per episode."""
+    """The frame files, each with a row group per episode."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__("data")
@@ -267,7 +267,7 @@ class _FrameFiles(_Files):
 
 
 class _VideoFiles(_Files):
-    """Video files of one camera column; each file holds several consecutive episodes."""
+    """Video files for one camera column; each file contains several consecutive episodes."""
 
     def __init__(self, folder: Path, column: str, rate_hz: int) -> None:
         super().__init__(f"videos/{column}")

@@ -271,7 +271,7 @@ def _types(schema: pa.Schema) -> dict[str, str]:
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return the content of an index file as read by a trainer: rows, types, and the index column of pandas."""
+    """Return the content of an index file as read by a trainer: rows, types, and the pandas index column."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 

@@ -42,7 +42,7 @@ def sampled_rows(rows: int) -> set[int]:
 
 
 def color_counts(picture: np.ndarray) -> np.ndarray:
-    """Return the counts of the levels of each channel in an image: (3, 256) int64."""
+    """Return the histogram of each channel in an image: (3, 256) int64."""
     return np.stack([np.bincount(picture[:, :, c].reshape(-1), minlength=_LEVELS) for c in range(3)])
 
 

@@ -56,7 +56,7 @@ class Part:
         vectors: (N, size) by column.
         videos: Bytes by image column, for the form "video".
         pngs: N files by image column, for the form "png".
-        levels: (3, 256) counts of the levels of the sampled images, by image column.
+        levels: (3, 256) histogram of the sampled images, by image column.
         sampled: Number of images that were sampled.
         about: Episode description from the record.
     """
@@ -78,7 +78,8 @@ def write_part(
 ) -> None:
     """Compute an episode and write it into a folder; the index, which marks it as complete, is written last.
 
-    Raises the errors of :func:`~betterbench.demonstrations.export.frames.frame_numbers` and of rendering, and OSError.
+    Raises OSError, the rendering errors, and the same errors as
+    :func:`~betterbench.demonstrations.export.frames.frame_numbers`.
     """
     shutil.rmtree(folder, ignore_errors=True)
     numbers = frame_numbers(record, layout)
@@ -145,7 +146,7 @@ class PartIndex:
 
     Attributes:
         files: SHA-256 of its other files by name.
-        images: Counts of levels by column of images.
+        images: Histograms by image column.
         sampled: Number of images that were counted.
         about: Episode description from the record, as :func:`about` returns it.
     """
@@ -156,7 +157,7 @@ class PartIndex:
     about: dict[str, Any]
 
     def __post_init__(self) -> None:
-        """Refuse file names with a path, and an incomplete description of the episode; raises InvalidInputError."""
+        """Reject file names that contain a path, and an incomplete episode description; raises InvalidInputError."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
             raise InvalidInputError("files", "are not the names of a part's files", "Make the part again")
         read_form(_ABOUT, self.about, where="about", cure="Make the part again")

@@ -103,7 +103,7 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
     file.visit(names.append)
     for name in sorted(names):
         take(name, file[name])
-    if of_file := attributes(file):  # betterbench writes no such objects
+    if of_file := attributes(file):  # betterbench never writes such objects
         whole.update(json.dumps(["", of_file], default=str).encode())
     return whole.hexdigest()
 

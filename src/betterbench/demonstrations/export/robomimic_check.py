@@ -96,7 +96,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - what h5py returns
 
 
 def _shapes(group: Any) -> dict[str, str]:  # noqa: ANN401 - a group of h5py
-    """Return shape and type of each array of a demonstration."""
+    """Return the shape and type of each array in a demonstration."""
     found: dict[str, str] = {}
     for name in group:
         below = group[name]

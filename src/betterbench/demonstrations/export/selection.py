@@ -29,7 +29,7 @@ class ChosenTrial:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Demonstrations in the order of the data set, and the number of trials left out for each reason."""
+    """Demonstrations in data set order, and the number of trials left out for each reason."""
 
     demonstrations: tuple[ChosenTrial, ...]
     left_out: Mapping[str, int]
@@ -43,7 +43,7 @@ def select_demonstrations(
     Test variations are left out by default: they cannot test a policy that was trained on them.
 
     Raises:
-        RecordError: If a record is missing, damaged or not the one in its journal.
+        RecordError: If a record is missing, is damaged, or differs from the record in the journal.
         UnknownNameError: If no run has a requested task.
         InvalidInputError: If no trial is left, a record occurs twice, or records of a task have different versions.
     """

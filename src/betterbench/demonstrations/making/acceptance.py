@@ -1,4 +1,4 @@
-"""Acceptance: share of the attempts that gave a demonstration, by task, source and region, and causes of failures."""
+"""Acceptance: fraction of attempts that gave a demonstration, by task, source and region, and causes of failures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """Coverage of the starts of a training condition by its accepted demonstrations."""
+    """How a training condition's accepted demonstrations cover its starts."""
 
     condition: str
     demonstrations: int
@@ -50,7 +50,7 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Share of the levels of all factors that have a demonstration, relative to the largest possible number."""
+        """Fraction of the levels of all factors that have a demonstration, relative to the largest possible number."""
         return round(sum(f.filled for f in self.factors) / len(self.factors), 4) if self.factors else 1.0
 
 
@@ -60,12 +60,12 @@ class TaskAcceptance:
 
     Attributes:
         attempts: All attempts.
-        starts: Number of starts, and of those with a demonstration.
+        starts: Number of starts, and number of starts with a demonstration.
         steps: Control steps of the accepted demonstrations.
         sources: Attempts by the leading source.
         regions: Attempts by the cell of a slot's jitter region, "slot first 0" to "slot first 8".
         failures: Failed attempts by kind.
-        examples: The first failed attempt of each kind: trial, number of the attempt, reason.
+        examples: The first failed attempt of each kind: trial, attempt number, reason.
         coverage: Coverage by training condition.
     """
 
@@ -102,7 +102,7 @@ class Acceptance:
 
     @property
     def mean_rate(self) -> float | None:
-        """Mean over the tasks of the share of accepted attempts."""
+        """Mean, over the tasks, of the fraction of accepted attempts."""
         rates = [t.attempts.rate for t in self.tasks if t.attempts.rate is not None]
         return round(sum(rates) / len(rates), 4) if rates else None
 

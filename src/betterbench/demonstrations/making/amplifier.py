@@ -71,7 +71,7 @@ class AmplifierSettings:
     """Settings for transferring sources to a scene.
 
     Attributes:
-        select: Choice of the source of each subgoal.
+        select: How to choose the source for each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
             rotation (0.5 rad). No noise is added to the gripper, or while the arm settles or the gripper moves.
     """
@@ -115,7 +115,7 @@ class _WayIn:
     Attributes:
         poses: Corners of a planned path, or one pose per control step of a transferred transit.
         planned: Whether the path was found by the planner.
-        begin: Step of the skill at which it ends.
+        begin: Skill step at which the approach ends.
     """
 
     poses: tuple[Pose, ...]
@@ -274,7 +274,7 @@ class Amplifier:
     def _ordered(
         self, state: WorldState, key: tuple[str, str, str, str, str], window: SkillWindow, source: str | None
     ) -> list[SourceSkill]:
-        """Return the matching skills of all sources in the order of attempts.
+        """Return the matching skills from all sources in the order of attempts.
 
         A placement is first tried with the source of its pick, because the object is then held in the same way.
         """
@@ -320,7 +320,7 @@ class Amplifier:
 
         An object that may be grasped from any side is first grasped rotated about its own axis by ``turn_rad``. If all
         skills are blocked, it is grasped from another side. If a container is filled differently than in the sources,
-        an object may be released at another goal of the expert at which training releases objects.
+        an object may be released at another of the expert's goals, if training releases objects there.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -410,7 +410,7 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return the speed of a skill relative to its source, for the tempo of the demonstration."""
+        """Return a skill's speed relative to its source, for the demonstration's tempo."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 

@@ -44,7 +44,7 @@ class AttemptNote:
         failure: Kind of failure, or "" if it was accepted.
         reason: Reason of the failure, in one line.
         steps: Control steps that it took.
-        sources: Sources that it used, one per skill.
+        sources: Sources used by the attempt, one per skill.
         lead: The leading source, which determined the order of skills, or "".
     """
 
@@ -156,7 +156,7 @@ def judge_attempt(
 
 
 def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[FailureKind, str]:
-    """Return the kind of failure of an episode without success."""
+    """Return the failure kind of an episode without success."""
     done = record.subgoals[-1]
     if record.metadata.subgoal_names and done.all():
         return "harm", "all subgoals are done, but another object was moved or harmed"
@@ -196,7 +196,7 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
     """Return the first way in which an episode's states leave its task's certified training regime.
 
-    None if everything is inside, or if the variation declares that it is outside.
+    Returns None if everything is inside, or if the variation declares that it is outside.
     """
     variation = resolve_condition(task.id, condition.name).variation
     if variation is not None and variation.support is Support.NOVEL:

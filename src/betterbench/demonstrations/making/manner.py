@@ -38,7 +38,7 @@ class DemonstrationManner:
         speed: Fraction of the expert's speed.
         acceleration: Fraction of the expert's acceleration.
         approach_height_m: Height above the grasp at which the last stretch begins [m].
-        approach_offset_m: Horizontal distance from the grasp at which it begins [m].
+        approach_offset_m: Horizontal distance from the grasp at which the last stretch begins [m].
         approach_bearing_rad: Direction of that offset in the world frame [rad].
         grasp_turn_rad: Largest preference for one of several equally good grasps, as a gripper rotation [rad].
         raise_m: Additional height of transits [m].

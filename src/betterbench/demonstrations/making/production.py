@@ -176,7 +176,7 @@ class StartOutcome:
     """Outcomes of the attempts at one start.
 
     Attributes:
-        notes: One per attempt, in their order; the last one is accepted, or none is.
+        notes: One outcome per attempt, in order; the last attempt is accepted, or none is.
     """
 
     task: str
@@ -196,7 +196,7 @@ class StartOutcome:
 
     @property
     def why_not(self) -> str:
-        """Reason why there is no demonstration from this start, in one line."""
+        """Reason why this start has no demonstration, in one line."""
         kinds = dict.fromkeys(note.failure for note in self.notes)
         return f"given up after {len(self.notes)} attempts ({', '.join(kinds)}): {self.notes[-1].reason}"
 
@@ -286,8 +286,8 @@ def collect(
         on_progress: Called at the start and after every start.
 
     Raises:
-        InvalidInputError: If a number is out of range, the training support of a task was never measured, or a task
-            lacks the regime.
+        InvalidInputError: If a number is out of range, a task's training support was never measured, or a task lacks
+            the regime.
         UnknownNameError: If the task does not exist.
         RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
@@ -314,7 +314,7 @@ def amplify(
     Args:
         sources: Run folder with the source demonstrations.
         out: Run folder.
-        tasks: Names of the tasks; all that the sources demonstrate if none is named.
+        tasks: Task names; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         first_seed: Seed from which starts are chosen.
         attempts: Maximum attempts at one start, each with another leading source.
@@ -323,7 +323,7 @@ def amplify(
         on_progress: Called at the start and after every start.
 
     Raises:
-        InvalidInputError: If a number is out of range, or sources are missing or have seeds of tests.
+        InvalidInputError: If a number is out of range, or sources are missing or use test seeds.
         RecordError: If a source cannot be read.
         RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
@@ -469,7 +469,7 @@ def _teller(
 
 
 def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]) -> Iterator[_Produced]:
-    """Yield the outcomes of starts as they come; starts that share a compiled scene follow each other."""
+    """Yield the outcomes of starts as they arrive; starts that share a compiled scene follow each other."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
     return in_processes(order, functools.partial(_work, str(run.path), method), workers=workers)
 

@@ -37,7 +37,7 @@ class CarriedOver:
     """A skill in another scene's frame.
 
     Attributes:
-        source: Name of the demonstration it comes from.
+        source: Name of the demonstration from which the skill comes.
         targets: Commanded poses ``T_world_tcp``, one per control step.
         gripper: Gripper command of each step.
         change: Index of the first step of the gripper's motion.
@@ -111,7 +111,7 @@ def carry_place(
         window: Names of object and target in this scene.
         keep_tool: Whether to keep the tool rotation, so that the object keeps its rotation in the gripper; for objects
             that may have any heading.
-        foot: Release position of the object's foot [m], world frame; by default the expert's goal nearest to the
+        foot: Release position of the object's base [m], world frame; by default the expert's goal nearest to the
             source's release.
 
     Returns:

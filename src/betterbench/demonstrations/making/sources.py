@@ -51,7 +51,7 @@ class SourceSkill:
         object_pose: ``T_world_object`` when the window begins.
         target_pose: ``T_world_target`` at that time; the object's pose if there is no placement.
         targets: Commanded poses ``T_world_tcp``, one per control step of the window.
-        gripper: Gripper command of each of these steps.
+        gripper: Gripper command at each of these steps.
         change: Index of the first step of the gripper's motion.
         T_tcp_foot: Pose of the object's foot in the gripper just before the change; for a placement.
         anchor: Foot of the object [m], world frame, at the expert's goal nearest to its release; for a placement.
@@ -139,7 +139,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 
     Raises:
         InvalidInputError: If a record has the seed of a test, or the task has no successful demonstration.
-        RecordError: If a record cannot be read, or is of another version of the suite or the task.
+        RecordError: If a record cannot be read, or has another suite or task version.
     """
     found = []
     for entry in run.entries():
@@ -160,7 +160,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 
 
 def _require_version(record: Record, where: str) -> None:
-    """Raise RecordError if a record is of another version of the suite or its task, with other object positions."""
+    """Raise RecordError if a record has another suite or task version and other object positions."""
     meta = record.metadata
     versions = (
         ("suite", meta.suite_version, SUITE_VERSION),
@@ -258,7 +258,7 @@ def _skill_of(
 
 
 def region_frame(state: WorldState, window: SkillWindow) -> Pose:
-    """Return the pose of the center of a placement's target region, ``T_world_region``."""
+    """Return the center pose of a placement's target region, ``T_world_region``."""
     middle = relation(window.relation).middle(state.info.object(window.target), window.region)
     return state.pose(window.target) @ Pose(middle)
 

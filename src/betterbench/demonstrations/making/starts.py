@@ -196,7 +196,7 @@ def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class FactorCoverage:
-    """Coverage of the levels of one factor by some starts.
+    """Coverage of one factor's levels by some starts.
 
     Attributes:
         counts: Starts per level.

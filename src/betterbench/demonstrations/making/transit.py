@@ -39,7 +39,7 @@ class TransitChange:
 def carry_transit(
     skill: SourceSkill, begin: int, start: Pose, goal: Pose, variation: TransitChange
 ) -> tuple[Pose, ...] | None:
-    """Return the transit of a source to the step ``begin`` of a skill between other end points, one pose per step.
+    """Return the source's transit adapted to other end points, up to the step ``begin`` of a skill, one pose per step.
 
     Seen from above it is rotated and stretched along the line between its end points. Its sideways offset from that
     line and its height are kept, up to the differences of its end points and the variation.

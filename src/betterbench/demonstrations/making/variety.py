@@ -83,7 +83,7 @@ class MotionVariety:
     Attributes:
         condition: Condition name.
         subgoal: Subgoal name.
-        skill: Kind of skill with which the motion ends.
+        skill: Skill kind with which the motion ends.
         demonstrations: Number of demonstrations compared, at least two.
     """
 
@@ -218,7 +218,7 @@ def _cells(spread: Spread) -> tuple[str, ...]:
 
 
 def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
-    """Return the motions of a demonstration by subgoal and skill; the last one if a motion was repeated."""
+    """Return a demonstration's motions by subgoal and skill; if a motion was repeated, the last one."""
     meta = record.metadata
     condition = resolve_condition(meta.task, meta.condition).condition
     segments = subgoal_segments(record, condition)
@@ -237,7 +237,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
 
 
 def _goal_of(record: Record, window: SkillWindow) -> Pose:
-    """Return the frame at the end of a motion: the object, or the region of the target."""
+    """Return the frame at the end of a motion: the object's, or the target region's."""
     state = record.state(window.change - 1)
     if window.kind == "place" and window.target:
         return region_frame(state, window)
@@ -296,7 +296,7 @@ def _apart(paths: npt.NDArray[np.float64]) -> float:
 
 
 def _angle_apart(vectors: npt.NDArray[np.float64]) -> float:
-    """Return the mean angle of pairs of unit vectors, shape (vectors, 3) [deg]."""
+    """Return the mean angle between pairs of unit vectors, shape (vectors, 3) [deg]."""
     angles = np.degrees(np.arccos(np.clip(vectors @ vectors.T, -1.0, 1.0)))
     return float(np.triu(angles, 1).sum()) / _pairs(len(vectors))
 

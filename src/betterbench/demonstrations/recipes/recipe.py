@@ -60,7 +60,7 @@ class Recipe:
     """Resolved recipe: every value is set, or left to the framework (None).
 
     Attributes:
-        name: Part of the names of configurations and folders.
+        name: Part of the configuration and folder names.
         form: Content of the user's file.
         fixed: Values prescribed by the paper, with their place in it: ``steps``, ``batch``.
         frozen: Frozen parts of the backbone by framework, with their place in the paper.
@@ -88,7 +88,7 @@ class Recipe:
         return self.form.save_every or self.saved_every(5000)
 
     def saved_every(self, usual: int) -> int:
-        """Return the usual number of steps between checkpoints if the last step is then saved; else all steps."""
+        """Return the usual number of steps between checkpoints if this saves the last step; otherwise all steps."""
         return usual if self.steps % usual == 0 else self.steps
 
     def setting(self, name: str, field: Literal["steps", "batch"]) -> Setting:

@@ -31,7 +31,7 @@ class TrainingData:
         place: Folder, or the name of a data set on the Hugging Face hub.
         preset: Export layout of betterbench; empty for other data.
         frames: Number of its frames, if it is here.
-        quality: Render quality of its images.
+        quality: Render quality of the data set's images.
         still: Nearly constant components, which normalization amplifies.
     """
 
@@ -43,7 +43,7 @@ class TrainingData:
 
     @property
     def name(self) -> str:
-        """The last part of its place."""
+        """The last part of the data set's path."""
         return Path(self.place).name
 
 
@@ -67,7 +67,7 @@ class Training:
     sample_tokens: int = 220
 
     def __post_init__(self) -> None:
-        """Refuse invalid numbers and places; raises InvalidInputError."""
+        """Reject invalid numbers and paths; raises InvalidInputError."""
         require_between("--gpus", self.gpus, 1, 4096)
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
         if self.weights is not None and not _is_place(self.weights):
@@ -252,7 +252,7 @@ def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
 
 
 def own_file(file: str) -> ShellText:
-    """Return a file of the recipe's own folder as a word of the shell."""
+    """Return a file in the recipe's own folder as a shell word."""
     return ShellText(f'"$HERE/{file}"')
 
 

@@ -1,4 +1,4 @@
-"""A recipe as a folder: files of the framework, commands in order, and a page with the source of each field."""
+"""A recipe as a folder: files for the framework, commands in order, and a page with each field's source."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def trainer_setup(
     Args:
         framework: The framework.
         recipe: The recipe.
-        data: Places of the data sets; for LIBERO by default the published set, if the framework has one.
+        data: Paths of the data sets; for LIBERO by default the published set, if the framework has one.
         gpus: Number of GPUs.
         weights: Initial weights; the framework's published ones if None.
         policy: Type of policy, for LeRobot.

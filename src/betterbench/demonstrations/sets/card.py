@@ -45,7 +45,7 @@ class CardFacts:
     """Content of a card, in addition to the recipe.
 
     Attributes:
-        sheets: File of the picture of each task, relative to the card, or the reason why it is missing.
+        sheets: Picture file for each task, relative to the card, or the reason why it is missing.
         variety: Differences between the demonstrations, by task.
         sources: Differences between the source demonstrations.
     """

@@ -1,4 +1,4 @@
-"""Check, from the data of a record alone, that the record demonstrates a regime and nothing outside it."""
+"""Check, from a record's data alone, that the record demonstrates a regime and nothing outside it."""
 
 from __future__ import annotations
 

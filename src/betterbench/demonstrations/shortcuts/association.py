@@ -55,7 +55,7 @@ class PermutationTest:
     """Permutation test of one question: the observed counts, and the distribution under permutations.
 
     Attributes:
-        x: (n,) index of the first value of each observation.
+        x: (n,) index of each observation's first value.
         y: (n,) index of the second one.
         sizes: Numbers of different first and second values.
         block: (n,) index of each observation's demonstration.
@@ -87,9 +87,9 @@ def association(
         first: A value per observation.
         second: The other value per observation.
         draw: Random generator of the permutations.
-        blocks: Index of each observation's demonstration. Without ``within``, the first values are permuted
-            between whole demonstrations, so that repetition within one demonstration is not evidence; all its first
-            values must be equal.
+        blocks: Index of each observation's demonstration. Without ``within``, the first values are permuted between
+            complete demonstrations, so that repetition within one demonstration is not evidence; all first values of a
+            demonstration must be equal.
         within: Permute the first values within each block instead, for a demonstration's steps.
     """
     return permutation_test(first, second, draw, blocks=blocks, within=within).found
@@ -146,7 +146,7 @@ def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
 
 
 def counts_log_counts(n: int) -> _Floats:
-    """Return c log2 c for the counts c from 0 to n: entropies of counts are sums of these."""
+    """Return c log2 c for the counts c from 0 to n: entropies of counts are sums of these terms."""
     logs = np.zeros(n + 1)
     logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
     return logs

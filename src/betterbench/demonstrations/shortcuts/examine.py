@@ -164,7 +164,7 @@ class GroupAudit:
 
     @property
     def not_shown(self) -> tuple[SmallestRule, ...]:
-        """The questions for which there are too few demonstrations to find every strong rule."""
+        """The questions with too few demonstrations to find every strong rule."""
         return tuple(rule for rule in self.smallest if rule.too_few)
 
     @property
@@ -190,7 +190,7 @@ class ShortcutAudit:
     reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; the description of the reading comes first."""
+        """Return the JSON form; the description of how the data were read comes first."""
         form = asdict(self)
         del form["reading"]
         read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
@@ -280,7 +280,7 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True)
 class _AskedPairs:
-    """Question about pairs of words, with its number of demonstrations, pairs and outcomes."""
+    """Question about word pairs, with its number of demonstrations, pairs and outcomes."""
 
     question: str
     title: str
@@ -332,7 +332,7 @@ def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
 
 @dataclass(frozen=True, slots=True)
 class _Said:
-    """Words of the instructions; words that always occur together are one entry.
+    """Instruction words; words that always occur together are one entry.
 
     Attributes:
         words: The single words of each entry.
@@ -402,7 +402,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
 def _answers_about_single_words(
     group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
 ) -> list[_Raw]:
-    """Return the finding of each word on an outcome. Words that always occur together are treated as one word."""
+    """Return each word's finding on an outcome. Words that always occur together are treated as one word."""
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
         reason = "no word occurs in some demonstrations and not in others"
@@ -672,7 +672,7 @@ def _family(group: _Group, question: str) -> str:
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
     """Return the findings without those about a character run that is part of a clearer run.
 
-    In a script without spaces, a part of a word, and a run that contains a word, carry part of the word's information.
+    In a script without spaces, part of a word, or a run that contains a word, carries part of the word's information.
     """
     verdicts = [finding.verdict for finding in findings]
     ranked = sorted(

@@ -39,9 +39,9 @@ class ShownStep:
 
     Attributes:
         thing: Kind of the object, "" if unknown.
-        word: The word of the instruction that identifies it, "" if unknown.
-        origin: Slot from which it was taken.
-        target: Target to which it was brought.
+        word: The instruction word that identifies the object, "" if unknown.
+        origin: Slot from which the object was taken.
+        target: Target to which the object was brought.
     """
 
     thing: str

@@ -111,7 +111,7 @@ def _sideless(column: str) -> tuple[str, ...]:
 
 
 def _ends(values: _Floats) -> tuple[float, float]:
-    """Return the range of values without the lowest and the highest 1 %; the whole range if nearly all are equal."""
+    """Return the range of values without the lowest and the highest 1 %; the full range if nearly all are equal."""
     low, high = (float(value) for value in np.quantile(values, [0.01, 0.99]))
     if high - low < _LEAST_RANGE:
         low, high = float(values.min()), float(values.max())

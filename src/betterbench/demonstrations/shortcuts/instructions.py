@@ -1,8 +1,8 @@
 """Complete instructions as categories: information about an outcome beyond single words and word pairs.
 
 Three or more words may determine an outcome together, or two words in too few demonstrations to test the pair. A test
-of the whole instruction covers both. If words or pairs already determine an outcome, demonstrations are compared only
-if they agree in these words, so that no rule is found twice.
+of the complete instruction covers both. If words or pairs already determine an outcome, demonstrations are compared
+only if they agree in these words, so that no rule is found twice.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class WholeTest:
-    """The test of whole instructions against an outcome.
+    """The test of complete instructions against an outcome.
 
     Attributes:
         test: The unconditional association, with which planted rules are compared.
@@ -50,7 +50,7 @@ def whole_test(
     Args:
         instructions: Each demonstration's instruction.
         outcomes: Each demonstration's outcome.
-        known: For each demonstration, the words already found that it contains, as a text.
+        known: For each demonstration, the already-found words that it contains, as a text.
         draw: Random generator of the permutations.
     """
     times = Counter(instructions)
@@ -67,7 +67,7 @@ def whole_test(
 
 
 def share_told(joint: _Ints) -> _Floats:
-    """Return the share of the errors of always guessing the most frequent outcome that knowing the category avoids.
+    """Return the fraction of errors of guessing the most frequent outcome that knowing the category avoids.
 
     Each demonstration is guessed from the others of its category (leave-one-out); ties count as half right.
 

@@ -264,7 +264,7 @@ class _Stretch:
 
 @dataclass(slots=True)
 class _Scanned:
-    """Readable episodes of all files, with the counts of unusable ones.
+    """Readable episodes in all files, with the counts of unusable episodes.
 
     Attributes:
         episodes: The readable ones.
@@ -449,10 +449,10 @@ class _Arm:
     Attributes:
         grip: Its gripper.
         place: The components of its position.
-        jaws: Range and polarity of its gripper.
+        jaws: Range and polarity of the arm's gripper.
         closings: Rows in which the gripper closes, by episode.
         openings: Rows in which it opens, by episode.
-        share_closed: Share of all rows in which it is closed.
+        share_closed: Fraction of rows in which the gripper is closed.
         points: Its positions by episode; principal components if its values are not positions.
         span: Range of these points.
     """
@@ -473,7 +473,7 @@ class _Arm:
 
         Args:
             chosen: Its gripper and its place.
-            jaws: Range and polarity of its gripper.
+            jaws: Range and polarity of the arm's gripper.
             episodes: The numbers of all episodes.
             shortest: Minimum number of rows for which a gripper is closed or open.
         """
@@ -577,7 +577,7 @@ class _Read:
 
     @property
     def listed(self) -> int | None:
-        """Declared number of episodes of the data set, None if it is missing or invalid."""
+        """Number of episodes that the data set declares, None if missing or invalid."""
         total = self.info.get("total_episodes")
         known = isinstance(total, int) and not isinstance(total, bool) and 0 < total <= _MOST_COUNT
         return total if known else None

@@ -131,7 +131,7 @@ def _arm(number: NamedNumber) -> str:
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
-    """Return the grippers of a column, one per arm; InvalidInputError if an arm has two."""
+    """Return the grippers in a column, one per arm; InvalidInputError if an arm has two."""
     by_arm: dict[str, list[tuple[NamedNumber, NumberRole]]] = {}
     hands = {part.arm for part in columns.parts[column] if part.kind == "hand"}
     for number, part in columns.pairs(column):
@@ -295,7 +295,7 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return the closed end of a gripper by its name, ``low`` or ``high``, and the word that implies it."""
+    """Return a gripper's closed end by name, ``low`` or ``high``, and the word that implies it."""
     for label in number.labels:
         words = set(tokens(label))
         opened = words & {"open", "opened", "opening", "openness", "width", "aperture", "gap", "distance"}

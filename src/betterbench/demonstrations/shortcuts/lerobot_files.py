@@ -1,6 +1,6 @@
 """Files of a LeRobot dataset, versions 2.0 to 3.0: its description, instructions and frames.
 
-The file layout is that of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
+The file layout is the one of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
 pipes are refused, and Git LFS pointers are reported.
 """
 
@@ -147,7 +147,7 @@ def _one_line(where: Path) -> Iterator[None]:
 
 
 def _parquet_rows(file: Path) -> dict[str, list[Any]]:
-    """Return the columns of ``tasks.parquet`` by name, including the index of pandas."""
+    """Return the columns of ``tasks.parquet`` by name, including the pandas index."""
     with _table_of(file) as table:
         if table.metadata.num_rows > MOST_TASKS:
             msg = f"it has {table.metadata.num_rows} rows; at most {MOST_TASKS} are supported"

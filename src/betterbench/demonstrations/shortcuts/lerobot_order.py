@@ -34,10 +34,10 @@ class FileOrder:
     """The rows of a file, sorted by episode and by frame.
 
     Attributes:
-        episodes: (rows,) index of the episode of each sorted row.
-        frames: (rows,) value of ``key`` of each sorted row, zeros without a key.
+        episodes: (rows,) episode index of each sorted row.
+        frames: (rows,) ``key`` value of each sorted row, zeros without a key.
         key: Column with the order within an episode; "" if there is none and the order of the file is used.
-        rows: (rows,) row of the file of each sorted row, None if the file is sorted.
+        rows: (rows,) file row of each sorted row, None if the file is sorted.
     """
 
     episodes: _Ints

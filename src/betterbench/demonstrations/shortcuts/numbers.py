@@ -114,7 +114,7 @@ def size_of(feature: object) -> int:
 
 
 def names_of(feature: object) -> list[str]:
-    """Return the names of the components of a column from nested lists and maps, in order."""
+    """Return the component names of a column from nested lists and maps, in order."""
     found = list(_names(feature.get("names") if isinstance(feature, dict) else None, "", 0))
     return [one_line(name, most=80) for name in found[:MOST_NUMBERS]]
 
@@ -142,7 +142,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
         size = size_of(feature)
         names = names_of(feature)
         if (len(names) == 1 and size > 1) or len(names) > size:
-            names = []  # one name for the whole column, as in openpi's sets, or names of other data
+            names = []  # one name for the complete column, as in openpi's sets, or names of other data
         numbers = []
         for index in range(size):
             name = names[index] if index < len(names) else ""
@@ -191,7 +191,7 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return the kind of each component by its label of one level."""
+    """Return the kind of each component, from its label at one level."""
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
     # Numbered but unnamed positions: the first three of a group with the same name are x, y and z.

@@ -1,4 +1,4 @@
-"""Pairs of words that together determine an outcome, although neither word does alone."""
+"""Word pairs that together determine an outcome, although neither word does alone."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class WordPair:
         outcome: Index of the most frequent outcome where both occur.
         p_value: The larger p-value of two exact tests: whether, in episodes with one feature, the outcome is more
             frequent with the other feature than without it, and vice versa. Corrected for the number of outcomes, and
-            for the number of pairs by Holm (1979).
+            by Holm (1979) for the number of pairs.
         gain: Share of the outcome's uncertainty, where only one feature occurs, that both together resolve.
     """
 
@@ -102,7 +102,7 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
     """Return the one-sided p-value of Fisher's exact test that an outcome is more frequent with a feature.
 
     Args:
-        with_it: Number of episodes with the outcome, and of all, among those with the feature.
+        with_it: Number of episodes with the outcome, and number of all episodes, among those with the feature.
         without: The same among those without.
         logs: Logarithms of the factorials.
     """
@@ -123,7 +123,7 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
 
 
 def least_share(n: int, tests: int, level: float) -> float | None:
-    """Return the smallest share of episodes following a rule at which a test can be significant.
+    """Return the smallest fraction of episodes following a rule at which a test can be significant.
 
     The rule is between a word in half of the episodes and two equally frequent outcomes. The test is Fisher's,
     one-sided, corrected for the number of tests (pairs and outcomes). None if no share is enough.

@@ -26,7 +26,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
-    """Return the mean of some points (n, d), and the two directions (2, d) of largest variance."""
+    """Return the mean of some points (n, d), and their two directions (2, d) of largest variance."""
     used = points[:: max(1, len(points) // _MOST_POINTS)]
     middle = used.mean(axis=0)
     _, _, ways = np.linalg.svd(used - middle, full_matrices=False)

@@ -1,4 +1,4 @@
-"""Prediction, before training, of the variations that a learner of a dataset will fail, with failure labels.
+"""Prediction, before training, of the variations that a learner trained on a dataset will fail, with failure labels.
 
 The prediction follows only from the audit. A variation's risk increases with the number and strength of the learnable
 rules that it breaks; a variation that breaks no rule is not at risk.
@@ -119,7 +119,7 @@ class Prediction:
 
     Attributes:
         source: The audited data.
-        facts_sha256: Hash of the facts of the data.
+        facts_sha256: Hash of the data's facts.
         dataset_sha256: Hash of the demonstrations, "" if there is none.
         tasks: Tasks in the data.
         variations: One prediction per variation of these tasks, in ranking order.

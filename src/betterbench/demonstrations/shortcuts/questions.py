@@ -104,7 +104,7 @@ QUESTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class WordOutcome:
-    """Property of a demonstration ("outcome") that words of the instruction may predict.
+    """Property of a demonstration ("outcome") that instruction words may predict.
 
     Attributes:
         name: Name of the question about single words.

@@ -1,7 +1,7 @@
 """Smallest rule that an audit would have found: its sensitivity with the given number of demonstrations.
 
 The sensitivity is estimated with planted data, which keep the frequencies of words and outcomes in the real data and
-therefore the same permutations, correction and threshold. In a share of the demonstrations, the outcome follows from
+therefore the same permutations, correction and threshold. In a fraction of the demonstrations, the outcome follows from
 the word or the object; in the others, it is random. The smallest share that is found often enough is reported.
 """
 
@@ -51,7 +51,7 @@ class RuleCounts:
     """Criterion by which an audit reports a significant association.
 
     Attributes:
-        strong: Strength from which every association is reported.
+        strong: Strength at and above which every association is reported.
         certain: Test for weaker associations to report.
     """
 
@@ -71,7 +71,7 @@ class SmallestRule:
         least_share: Smallest fraction of them for which the audit finds the rule in at least :data:`POWER` of all data
             sets with these counts, if the rule decides the outcome in this fraction and the others are random; None if
             not even a rule without exceptions is found.
-        strong_share: Smallest share from which a rule is strong enough to report, with the same probability, for any
+        strong_share: Smallest fraction at which a rule is strong enough to report, with the same probability, for any
             p-value: the limit with more demonstrations.
         sentence: Meaning of ``least_share``, in words.
     """
@@ -100,7 +100,7 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return the meaning of a share, in words."""
+    """Return what a fraction means, in words."""
     if share is None:
         return f"with {of}, not even a rule without an exception would be found"
     if share >= 1.0:
@@ -302,7 +302,7 @@ def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
 
 
 def shares_line(rules: Iterable[SmallestRule]) -> str:
-    """Return the questions with their smallest rule in one line; those without any findable rule come first."""
+    """Return the questions with their smallest rule in one line; questions without any findable rule come first."""
     groups: dict[float | None, list[str]] = {}
     for rule in rules:
         groups.setdefault(rule.least_share, []).append(rule.title)

@@ -1,9 +1,9 @@
 """An instruction's words, in any script.
 
 In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
-and Burmese have no such spaces, and finding words there needs a dictionary. Instead, every run of up to :data:`LONGEST`
-characters counts as a word. One of these runs is the word itself, or distinguishes it as well as the word does, and
-runs that always occur together are one finding. Emoji and other symbols are separate words.
+and Burmese have no such spaces, and finding words there requires a dictionary. Instead, every run of up to
+:data:`LONGEST` characters counts as a word. One of these runs is the word itself, or distinguishes it as well as the
+word does, and runs that always occur together are one finding. Emoji and other symbols are separate words.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
 
 
 def instruction_words(text: str) -> frozenset[str]:
-    """Return the words of a text, independent of case and Unicode form."""
+    """Return the words in a text, independent of case and Unicode form."""
     return frozenset(word for run, spaced in _runs(text) for word in ((run,) if spaced else _grams(run)))
 
 
@@ -59,7 +59,8 @@ def shown_as(words: Iterable[str], text: str) -> str:
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
     """Return the words without runs of characters that join two words and add no information.
 
-    Such a run occurs in exactly the texts that contain both its beginning and its end, and each of these in more texts.
+    Such a run occurs in exactly the texts that contain both its beginning and its end, and each of these two parts
+    occurs in more texts.
 
     Args:
         where: The texts that contain each word: one bit per text.

@@ -1,7 +1,8 @@
 """Inputs of the operator, collected from browser and devices between control steps; callable from any thread.
 
-One page drives, the first that is opened; others watch until one of them takes over. Input from a page or device can
-neither block nor break the loop: unreadable input is reported in one line, and held keys that are not renewed expire.
+One page controls the robot, the first one opened; others watch until one of them takes over. Input from a page or
+device can neither block nor break the loop: unreadable input is reported in one line, and held keys that are not
+renewed expire.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ class Controls:
     _tool: Pose | None = None
 
     def connected(self, page: int) -> bool:
-        """Register a page that was opened, and return whether it drives."""
+        """Register a page that was opened, and return whether it controls the robot."""
         with self._lock:
             self._pages.append(page)
             if self.driver is None:
@@ -106,7 +107,7 @@ class Controls:
             return self.driver == page
 
     def disconnected(self, page: int) -> bool:
-        """Unregister a page that was closed and release its keys; return whether it drove."""
+        """Unregister a page that was closed and release its keys; return whether it controlled the robot."""
         with self._lock:
             self._pages = [p for p in self._pages if p != page]
             self._counts.pop(page, None)
@@ -162,7 +163,7 @@ class Controls:
             return True
 
     def pushed(self, device: str, values: Sequence[float], now_s: float) -> None:
-        """Register the deflection of a device: six numbers in [-1, 1]; non-finite values are ignored."""
+        """Register a device's deflection: six numbers in [-1, 1]; non-finite values are ignored."""
         with self._lock:
             if len(values) != 6 or not all(map(math.isfinite, values)):
                 self._tell(f"{device}: a number is not finite and was ignored; the arm does not move")

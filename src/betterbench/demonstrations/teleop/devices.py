@@ -1,7 +1,7 @@
-"""Gamepads and SpaceMice connected to the machine on which betterbench runs, read from the kernel.
+"""Gamepads and SpaceMice connected to the machine that runs betterbench, read from the kernel.
 
-Devices at the user's own computer are read by the page. This module implements the input protocol of Linux
-(``linux/input.h``: events of 24 bytes) and its gamepad specification, so no library is needed.
+Devices at the user's own computer are read by the page. This module implements the Linux input protocol
+(``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
 """
 
 from __future__ import annotations

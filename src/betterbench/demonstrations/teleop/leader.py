@@ -57,7 +57,7 @@ def leader_tool(degrees: Mapping[str, float]) -> Pose:
 
 
 class Follower:
-    """Conversion of a leader's readings to target poses of the robot's tool, relative to the poses at ``take_hold``."""
+    """Conversion of leader readings to target poses for the robot's tool, relative to the poses at ``take_hold``."""
 
     def __init__(self) -> None:
         """Prepare; :meth:`take_hold` starts following."""
@@ -66,7 +66,7 @@ class Follower:
         self._closed = False
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Start following from here: ``T_base_tcp`` of the robot, and the tool of the leader."""
+        """Start following from here: the robot's ``T_base_tcp``, and the leader's tool."""
         self._robot, self._leader = robot, leader
 
     def follow(self, leader: Pose, gripper: float) -> tuple[Pose, bool]:

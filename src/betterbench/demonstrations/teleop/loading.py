@@ -35,7 +35,10 @@ class SessionLoader:
         self._thread.start()
 
     def take(self) -> TeleopSession | None:
-        """Return the finished session, or raise the error of making it; None while it is being made."""
+        """Return the finished session, or raise the error that occurred while creating it.
+
+        None while it is being created.
+        """
         if self.is_busy:
             return None
         self._thread = None

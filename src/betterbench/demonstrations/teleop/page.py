@@ -268,7 +268,7 @@ _COLORS = {"go": "#2e86de", "wait": "#8395a7", "good": "#20bf6b", "bad": "#eb3b5
 
 
 def _head(shown: PanelState) -> str:
-    """Return the upper part of the panel: the instruction, and the state of the subgoals."""
+    """Return the upper part of the panel: the instruction, and the subgoal states."""
     rows = "".join(
         f'<div style="padding:2px 0;color:{"#20bf6b" if done else "inherit"}">'
         f"<b>{'✔' if done else '○'}</b>&ensp;{markup_text(text)}</div>"

@@ -38,7 +38,7 @@ SAID_LINES = 3
 
 
 class Display(Protocol):
-    """Display of a teleoperation, such as the page in the browser."""
+    """Display for a teleoperation session, such as the page in the browser."""
 
     @property
     def view_yaw(self) -> float:
@@ -316,7 +316,7 @@ class Station:
         )
 
     def _images_text(self) -> str:
-        """Return the note that the camera images are late; empty if they are not."""
+        """Return a note that the camera images are late; empty if they are not."""
         late_s = 0.0 if self._cameras is None else self._cameras.late_s
         return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 

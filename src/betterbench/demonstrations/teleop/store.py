@@ -39,7 +39,7 @@ class TeleopPlan:
     Attributes:
         tasks: Names of the tasks.
         demos: Demonstrations per training condition.
-        condition: The one training condition, or None for all.
+        condition: The only training condition, or None for all.
         first_seed: Seed from which starts are chosen.
         quality: Render preset of the stored scenes.
     """
@@ -51,7 +51,7 @@ class TeleopPlan:
     quality: str = "standard"
 
     def starts(self) -> tuple[Start, ...]:
-        """Return the planned starts, those of all conditions in turn.
+        """Return the planned starts, alternating between all conditions.
 
         Raises:
             InvalidInputError: If a number is out of range, or no task has the condition.

@@ -272,7 +272,7 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper pushes an object, and the object, in order of time.
+    """Return the rows in which an empty gripper pushes an object, and the object, in time order.
 
     An object that moves while the gripper is still closed on it is carried or dragged, not pushed. An object that is
     hit while another object is between the fingers is not pushed either.
@@ -283,7 +283,7 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper moves an object, including by less than a push, in order of time."""
+    """Return the rows in which an empty gripper moves an object, including by less than a push, in time order."""
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
 
@@ -354,7 +354,7 @@ class _Gap(NamedTuple):
 
 
 def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
-    """Return the distances of the gripper from some objects; objects that fell off the table are at infinity."""
+    """Return the distances between the gripper and some objects; objects that fell off the table are at infinity."""
     tool = trace.tool[row]
     distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
     reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()

@@ -52,7 +52,7 @@ class AttemptTarget(StrEnum):
 
 
 class Means(StrEnum):
-    """Behavior by which a policy shows its target: a grasp, a push, hovering, or an attempt to close the gripper."""
+    """Behavior that shows a policy's target: a grasp, a push, hovering, or an attempt to close the gripper."""
 
     GRASP = "grasp"
     """The gripper closes."""
@@ -82,7 +82,7 @@ class Step:
         at: Index of the attempted or missed object, or None.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots of the requested objects.
-        between: Index of another object that was as near as the requested object when the gripper closed on nothing.
+        between: Index of another object that was as near as the instructed object when the gripper closed on nothing.
             Either may have been the target. Otherwise None.
     """
 
@@ -103,7 +103,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeAnalysis:
-    """One episode, compared with its condition and the training distribution of its task.
+    """One episode, compared with its condition and its task's training distribution.
 
     Attributes:
         meant: Indices of the objects that satisfy each subgoal.
@@ -111,7 +111,7 @@ class EpisodeAnalysis:
         harm: Harm to objects that were not requested, in order of time.
         others: Approaches without closing the gripper, in order of time.
         on_nothing: Closings far from all objects, or next to an empty slot, in order of time.
-        fists: Closings on nothing before a drawer is pushed shut, in order of time.
+        fists: Closings on nothing before a drawer is pushed shut, in time order.
         state: Function that returns the state at a row; None if only the recorded target regions are known.
         found_once: Results that :func:`once_per_episode` keeps.
     """
@@ -178,7 +178,7 @@ class EpisodeAnalysis:
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Rows in which the empty gripper moves an object, even by less than a push, in order of time."""
+        """Rows in which the empty gripper moves an object, even by less than a push, in time order."""
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
@@ -202,7 +202,7 @@ class EpisodeAnalysis:
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
-        """Return the objects that may be attempted at a row: of the due step, or of any step if the order is free."""
+        """Return the objects that may be attempted at a row: the current step's, or any step's if the order is free."""
         _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
@@ -259,7 +259,7 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return a region in which an object was put without being requested there, with two rows, or None.
+        """Return a region in which an object was put against the instruction, with two rows, or None.
 
         The rows are the row of the release and the row at which the object came to rest. An object that was
         deliberately released at a region is placed there in any posture.
@@ -379,7 +379,7 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Return the instruction words of the steps that are due at a row, with the kinds they refer to."""
+        """Return the instruction words for the current steps at a row, with the kinds to which they refer."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "nothing"
@@ -389,14 +389,14 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
-        """Return the instruction word of a step, and the kind of object if it differs: "'red' (red mug)"."""
+        """Return a step's instruction word, and the object kind if it differs: "'red' (red mug)"."""
         word = self.goals[goal].word
         kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
         named = " or ".join(kind for kind in kinds if kind != word)
         return repr(word) + (f" ({named})" if named else "" if kinds else " (absent)")
 
     def _place(self, row: int, i: int) -> str:
-        """Return the location of an object: a target region, a slot, or coordinates; empty for a drawer."""
+        """Return an object's location: a target region, a slot, or coordinates; empty for a drawer."""
         trace = self.trace
         if trace.is_drawer(i):
             return ""
@@ -598,7 +598,7 @@ def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return closings at requested objects that are too weak to count as grasp attempts but show an intention to grasp.
+    """Return closings at instructed objects that are too weak to be grasp attempts but show an intention to grasp.
 
     Either the fingers hardly moved although they were commanded to close for long, or they partly closed around the
     object and opened again several times. Objects that also have a grasp attempt are excluded.
@@ -624,7 +624,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
-    """Return whether a gripper closed on nothing before it pushes a drawer shut, as pushing needs a closed gripper."""
+    """Return whether a gripper closed on nothing before it pushes a drawer shut, which needs a closed gripper."""
     if grasp.object is not None:
         return False
     _, now = _due(trace, instruction, grasp.start)
@@ -700,7 +700,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object that was missed when the gripper closed on nothing; in doubt, the requested object."""
+    """Return the object that was missed when the gripper closed on nothing; in doubt, the instructed object."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])

@@ -34,8 +34,8 @@ from betterbench.tasks.relations import relation
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. If the arm trembles in place, it lasts
-    for ``tremble_time``; trembling over a requested object is not a halt.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. If the arm trembles in place, the halt
+    lasts for ``tremble_time``; trembling over an instructed object is not a halt.
 
     A pause after which the arm continues is not a halt but slowness. A stop that is shorter than an earlier pause may
     also be a pause. An arm that holds the right object at its target region has halted only if the arm does not move at

@@ -196,7 +196,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return the agreement between the outcomes of a pretender and of a run, or None if the matrix lacks a cell."""
+    """Return the agreement between a pretender's and a run's outcomes, or None if the matrix lacks a cell."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

@@ -173,7 +173,7 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
 
 
 def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
-    """Return evidence of a closing at the right target that did not grip it."""
+    """Return evidence for a closing at the right target that did not grip it."""
     kind, grasp, trace = episode.kind(i), step.grasp, episode.trace
     if trace.touched[grasp.start : grasp.release, i].any():
         text = f"The gripper closes slightly at the {kind}, the right target, and does not hold it."

@@ -33,7 +33,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of a first attempt that follows the word to a wrong object."""
+    """Return evidence for a first attempt that follows the word to a wrong object."""
     episode = trial.episode
     step = episode.first_choice
     if step is None:
@@ -63,7 +63,7 @@ def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str
 
 
 def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the first of the words in question that led to the slot of an attempt in training, or None."""
+    """Return the first of the words in question that led to the attempt's slot in training, or None."""
     return next((word for word in words_of(episode, step) if _led_to(episode, word, step.grasp.slot)), None)
 
 
@@ -104,5 +104,5 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the word of the subgoal that was due at an attempt, or of the first subgoal if none was open."""
+    """Return the word of the subgoal that was current at an attempt, or of the first subgoal if none was open."""
     return next(iter(words_of(episode, step)), None)

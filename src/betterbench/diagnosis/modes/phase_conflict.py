@@ -77,7 +77,7 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
     """Return whether a path leads only over objects that may be grasped now, and over at least two of them.
 
-    Repeated visits of a single object count as moving to and fro if the scene looks half finished.
+    Repeated visits to a single object count as moving to and fro if the scene looks half finished.
     """
     over = {stay.object for stay in find_stays(episode.trace, rows[0])}
     if not over or not over <= set(episode.wanted(rows[0])):

@@ -64,7 +64,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             list or one comma-separated string; by default all of better60.
         trials: Trials per condition; must equal ``episodes_per_task``.
         seed: First seed.
-        adapter: Name of an adapter's preset, or a JSON file: the layout of requests and answers.
+        adapter: Name of an adapter preset, or a JSON file: the layout of requests and answers.
         cameras: Our camera for one of the adapter's keys ({"images/agentview": "left_shoulder"}).
         observation: Name of an observation preset; "state_only" renders no images.
         quality: Name of a render preset.
@@ -72,8 +72,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         send_state: True to send the robot's state; model servers usually request it themselves.
         absolute_action: True if the model server answers with absolute poses; model servers declare this themselves.
             It requires an adapter that reads ``ee_pose``.
-        quat_no_antipodal: Always true here: rotation vectors of the state are continuous around a tool that points
-            down, as in data of robosuite. Model servers request it.
+        quat_no_antipodal: Always true here: rotation vectors in the state are continuous around a tool that points
+            down, as in robosuite's data. Model servers request it.
     """
 
     render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
@@ -217,7 +217,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": _won(outcome), "policy_error": broken, "cut_short": False}
 
     def get_metric_keys(self) -> dict[str, str]:
-        """Return the values that the harness averages: success, and the shares of broken and of shortened episodes."""
+        """Return the values that the harness averages: success, and the fractions of broken and shortened episodes."""
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:

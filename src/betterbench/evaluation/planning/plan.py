@@ -103,9 +103,9 @@ def make_plan(
     """Return the plan for a run of the named tasks, by default all of better60.
 
     Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions of each task get as many
-    trials in total as the variations, evenly distributed, including the variations' twins. Each trial of a plan for
-    some variations ("L1", "fast_food/T1") is also in the plan of all variations, so the plans share a certificate. With
-    ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
+    trials in total as the variations, evenly distributed, including the variations' twins. Each trial in a plan for
+    some variations ("L1", "fast_food/T1") is also in the plan for all variations, so the plans share a certificate.
+    With ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
 
     With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
     run.
@@ -139,7 +139,7 @@ def named_trial(task: str, condition: str | None = None, seed: int = 0) -> Trial
 
 
 def plan_extent(plan: Plan) -> tuple[int, int]:
-    """Return the first seed of a plan and its trials per variation, as options of ``better eval``."""
+    """Return a plan's first seed and its trials per variation, as ``better eval`` options."""
     seeds = [t.seed for t in plan.trials]
     counts = Counter((t.task, t.condition) for t in plan.trials if t.variation is not None)
     return min(seeds), max(counts.values(), default=len(set(seeds)))

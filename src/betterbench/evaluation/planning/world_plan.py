@@ -28,7 +28,7 @@ def make_world_plan(
     Args:
         policy: Policy address.
         suite: Suite name.
-        tasks: Tasks to run; all if none is named.
+        tasks: Tasks to run; default: all.
         trials: Number of trials in the world's unit (per variation, initial states, chains); the usual number if None.
         seed: The first seed, initial state or chain.
         action_space: The policy's action space; None for the space in its address, or else the world's usual action

@@ -29,7 +29,7 @@ class PreflightView:
         state: Numbers that the policy gets: key and formatted values.
         facts: Lines about the answer: name and value.
         scene: (height, width, 3) uint8 image of the scene at reset.
-        path: (n, 2) pixels of the end effector in ``scene`` during the whole answer, starting at reset.
+        path: (n, 2) pixels of the end effector in ``scene`` during the complete answer, starting at reset.
         aim: (2,) pixel of the end effector after the first action.
         turn: Rotation and gripper of the first action, as text.
     """
@@ -89,7 +89,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 
 
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
-    """Return lines about an answer: motion of the end effector [m] by the first action and by the whole answer."""
+    """Return lines about an answer: end-effector motion [m] caused by the first action and by the complete answer."""
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
     ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from here"),)
     return (

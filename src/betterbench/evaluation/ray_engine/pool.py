@@ -1,6 +1,6 @@
 """Runs on a Ray cluster, with workers and replicas of the policy as actors.
 
-There is no shared file system. Workers send finished records to the driver process, and only this process writes. When
+No shared file system is needed. Workers send finished records to the driver process, and only this process writes. When
 a worker dies, only its running trials are lost, and other workers repeat them.
 """
 

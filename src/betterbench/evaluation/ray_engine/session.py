@@ -85,11 +85,11 @@ class RaySession:
 
     @property
     def workers(self) -> int:
-        """Number of workers: the requested one, or the number of the cluster's processors."""
+        """Number of workers: the requested number, or the cluster's number of processors."""
         return self._workers or max(1, int(self._total("CPU")))
 
     def replica_gpus(self) -> float:
-        """GPUs of each replica of the policy."""
+        """GPUs per policy replica."""
         asked = self.cluster.replica_gpus
         if asked is not None:
             return asked

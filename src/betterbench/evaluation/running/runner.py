@@ -93,12 +93,12 @@ def evaluate(
     Args:
         plan: The same plan resumes an unfinished run.
         out: Run folder.
-        workers: Worker processes; with 1 the trials run in this process, except for a user's policy, which
+        workers: Number of worker processes; with 1, the trials run in this process, except for a user's policy, which
             always runs in a separate process. None for one worker per processor of this machine or cluster, or for a
             single worker if each would load a policy's weights again.
         envs: Each worker's environments; None for 1 if the policy answers immediately. Otherwise a warm-up
             chooses the number from the times of the policy and the simulation, within the free memory.
-        engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
+        engine: "local" for processes on this machine, "ray" for actors on a Ray cluster.
         cluster: Cluster for the Ray actors.
         policy_timeout_s: Deadline for one answer of a policy in a worker process [s]; a late answer ends the trial.
         allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
@@ -111,7 +111,7 @@ def evaluate(
         RunConflictError: If the folder contains another run, another process writes to it, or the policy has changed.
         PremiseError: If a scene contradicts its instruction's premise.
         InvalidInputError: If a number is out of range, or the policy answers in another action space.
-        UnknownNameError: If there is no such policy.
+        UnknownNameError: If no such policy exists.
         PolicyUnavailableError: If the policy's server cannot be reached.
         HandshakeError: If the server declares other conventions.
         StorageError: If the disk is full.

@@ -1,4 +1,4 @@
-"""Counts of a run, and answer times of the policy."""
+"""Counts for a run, and the policy's answer times."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[
 
 
 def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
-    """Return the entries of broken trials, without a record or ended by an error of the policy."""
+    """Return the entries of trials that have no record or ended with a policy error."""
     return tuple(e for e in run.entries() if e.status == "error" or e.message is not None)
 
 
@@ -49,7 +49,7 @@ class PolicyService:
     """Answer times, concurrency and connection failures of a policy over several trials.
 
     Attributes:
-        p50_s: Median over the trials of the median time of an answer [s].
+        p50_s: Median over the trials of the median answer time [s].
         max_s: Longest time of an answer [s].
         concurrency: Average number of pending requests.
         retries: Number of repeated requests; None if the policy has no connection.

@@ -145,7 +145,7 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 
     An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
     """
-    # The server enforces the deadline; this longer deadline is for a server that fails to. The first answer may have to
+    # The server enforces the deadline; this longer deadline covers a server that fails to. The first answer may have to
     # wait until weights are loaded.
     limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
     warmup = min(limit + patience_s, LONGEST_WAIT_S)

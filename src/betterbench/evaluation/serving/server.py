@@ -76,7 +76,7 @@ def open_server(
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or
             damaged, or the port is not available.
-        UnknownNameError: If there is no such policy, task, condition or preset.
+        UnknownNameError: If no such policy, task, condition or preset exists.
     """
     if not 1 <= chunk <= MAX_CHUNK:
         raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give 1 to {MAX_CHUNK}")

@@ -53,7 +53,7 @@ class ShadowSimulation:
         """Build the scene and reset it.
 
         Raises:
-            UnknownNameError: If there is no such policy, task or condition.
+            UnknownNameError: If no such policy, task or condition exists.
             PolicyError: If the scene contradicts the instruction's premise.
         """
         found = resolve_condition(trial.task, trial.condition)

@@ -26,7 +26,7 @@ class Answered:
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` returned.
         outcome: The reply, or the exception; None after a successful :meth:`PolicyThread.connect`.
-        figures: Counts of the policy's connection since the start of the episode (retries, reconnects), by name.
+        figures: Counts for the policy's connection since the start of the episode (retries, reconnects), by name.
         wire_s: CPU time of this side for messages: resizing, packing and sending images, reading the answer [s].
     """
 

@@ -77,7 +77,7 @@ class SharedPolicy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """Answer with its share of the CPU time of a batch [s]."""
+    """Answer, with its share of a batch's CPU time [s]."""
 
     actions: np.ndarray
     cost_s: float

@@ -113,7 +113,7 @@ class RunSettings:
 
 
 class TrialRunner:
-    """Runner of the trials of one worker, with shared policies, observer and world processes."""
+    """Runner for one worker's trials, with shared policies, observer and world processes."""
 
     def __init__(
         self,

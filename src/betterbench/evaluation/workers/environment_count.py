@@ -43,7 +43,7 @@ class Window:
         envs: The number.
         latency_s: Median time of an answer [s].
         worker_s: Mean time that the worker spends on a chunk: physics, images and record [s].
-        rate: Answers per second of the time in which no trial was set up.
+        rate: Answers per second, measured while no trial was being set up.
     """
 
     envs: int

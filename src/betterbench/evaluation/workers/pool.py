@@ -47,7 +47,7 @@ class WorkerProcess(SpawnedProcess):
 
 @dataclass(frozen=True, slots=True)
 class OpenEnvironments:
-    """Message of a worker process: the number of simultaneous trials from now on."""
+    """Message to a worker process: the number of simultaneous trials from now on."""
 
     envs: int
 

@@ -1,4 +1,4 @@
-"""Constant part of the privileged state during an episode: objects, their shapes, and slots of the table."""
+"""Constant part of the privileged state during an episode: objects, their shapes, and table slots."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """Constant properties of one object of a scene: its kind, its asset, its looks and its size.
+    """Constant properties of one scene object: its kind, asset, looks and size.
 
     Attributes:
         name: Name in the scene ("burger_1"); verdicts do not depend on it.
@@ -91,7 +91,7 @@ class SlotInfo:
 
 @dataclass(frozen=True, slots=True)
 class SceneInfo:
-    """Constant part of the privileged state of one scene.
+    """Constant part of a scene's privileged state.
 
     Attributes:
         objects: All objects, in the order of the states.

@@ -27,9 +27,9 @@ class SeenObject:
         fraction: Visible pixels divided by the pixels that the object would have without occlusion and without the
             image border, in [0, 1].
         pixels: Number of visible pixels.
-        centroid: Mean column and row of its visible pixels [pixel]; it may be outside them.
-        runs: Run-length encoding of its visible pixels, row by row: alternating lengths, beginning with pixels outside
-            the object.
+        centroid: Mean column and row of the object's visible pixels [pixel]; the mean may be outside them.
+        runs: Run-length encoding of the object's visible pixels, row by row: alternating lengths, beginning with pixels
+            outside the object.
     """
 
     box: Box

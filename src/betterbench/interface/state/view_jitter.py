@@ -27,7 +27,7 @@ class CameraOffset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewJitter:
-    """Jitter of cameras and lights, on which images depend in addition to model and state.
+    """Camera and light jitter, which images depend on in addition to model and state.
 
     Attributes:
         cameras: Offset per camera; cameras that are not listed have their nominal pose.

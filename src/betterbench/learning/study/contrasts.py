@@ -20,7 +20,7 @@ from betterbench.tasks import stream
 
 @dataclass(frozen=True, slots=True)
 class ArmFinding:
-    """Results of the learners of one arm on one task, or on all tasks ("").
+    """Results of one arm's learners on one task, or on all tasks ("").
 
     Attributes:
         training: Success rate on training conditions.
@@ -47,7 +47,7 @@ class ArmContrast:
             sign-flip test over pairs of learners with the same task and seed.
         gap: Difference of the illusion gaps. The interval is the wider of the intervals over trials and over learner
             pairs; the p-value is from the same test.
-        learners: Number of pairs of learners.
+        learners: Number of learner pairs.
     """
 
     name: str
@@ -81,7 +81,7 @@ def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float 
 
 
 def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
-    """Return the results of the learners of one arm and lever on a task, or on all tasks for ""."""
+    """Return the results of the learners with one arm and lever on a task, or on all tasks for ""."""
     varied = [trial for f in chosen for trial in f.varied]
     known = [trial.intention for trial in varied if trial.intention is not None]
     pairs = sum(len(f.pairs()) for f in chosen)
@@ -93,7 +93,7 @@ def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) ->
 
 
 def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
-    """Return the contrast of two groups of learners, over pairs with the same task, training seed and trials."""
+    """Return the contrast between two groups of learners, over pairs with the same task, training seed and trials."""
     others = {(f.learner.task, f.learner.seed): f for f in second}
     pairs = [
         (f, others[key])

@@ -1,4 +1,4 @@
-"""Doses of a confound: failure rates on variations that break the confound, by its share of the demonstrations."""
+"""Doses of a confound: failure rates on variations that break it, by the fraction of demonstrations that have it."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _matching(
 def rises(doses: Sequence[DoseFinding]) -> bool | None:
     """Return whether failure rises with the dose without any significant fall in between.
 
-    None if fewer than two doses were measured.
+    Returns None if fewer than two doses were measured.
     """
     ends = [
         (d.failure.value, d.failure.low, d.failure.high)

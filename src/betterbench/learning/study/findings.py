@@ -318,14 +318,14 @@ def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: 
 
 
 def solves(figure: Figure | None) -> bool | None:
-    """Return whether learners solve more than half of the trials; None if too few trials leave it open."""
+    """Return whether learners solve more than half of the trials; None if there are too few trials to tell."""
     if figure is None or figure.low is None or figure.high is None:
         return None
     return True if figure.low > SOLVED else False if figure.high < SOLVED else None
 
 
 def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
-    """Return the verdict on the cause of a variation's gap, from the success of the trained roles."""
+    """Return the verdict on the cause of a variation's gap, from the trained roles' success."""
     confounded, diverse, balanced, covered = (
         solves(success.get(role)) for role in ("confounded", "diverse-confounded", "balanced", "covered")
     )

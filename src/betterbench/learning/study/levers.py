@@ -14,7 +14,7 @@ from betterbench.tasks import Axis, get_task
 
 @dataclass(frozen=True, slots=True)
 class LeverRow:
-    """Results of the learners of one recipe.
+    """Results of one recipe's learners.
 
     Attributes:
         found: Results on all their tasks; its ``lever`` is "" for the unchanged recipe.
@@ -40,7 +40,7 @@ class LeverTable:
     Attributes:
         arm: Arm of the learners.
         tasks: Tasks of the learners.
-        seeds: Number of training seeds of each task.
+        seeds: Number of training seeds per task.
     """
 
     arm: str

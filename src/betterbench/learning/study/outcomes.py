@@ -68,7 +68,7 @@ _TRIALS = TypeAdapter(tuple[TrialOutcome, ...])
 
 
 def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
-    """Return the outcomes of the trials of a diagnosed run."""
+    """Return the trial outcomes of a diagnosed run."""
     return tuple(
         TrialOutcome(
             t.variation,

@@ -140,7 +140,7 @@ def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
 
 
 def study_style() -> str:
-    """Return the style sheet of the page of a study."""
+    """Return the style sheet for a study's page."""
     return "".join(asset(f"{name}.css") for name in ("page", "figure", "study"))
 
 
@@ -321,7 +321,7 @@ def numbers_table(found: StudyFindings) -> Table:
 
 
 def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str], dict[str, Figure]]]:
-    """Yield the key (task, no variation, arm with lever) and the numbers of each row of the lever tables."""
+    """Yield the key (task, no variation, arm with lever) and the numbers for each row of the lever tables."""
     for table in found.levers:
         for row in table.rows:
             against = {} if row.against is None else {"success": row.against.success, "gap": row.against.gap}

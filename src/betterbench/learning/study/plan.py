@@ -183,7 +183,7 @@ class StudyPlan:
         return PlannedLearner(learner.task, lever.start, learner.seed)
 
     def questions_of(self, learner: PlannedLearner) -> int:
-        """Return the approximate number of questions about each set of a learner, 0 if the study creates none."""
+        """Return the approximate number of questions about each of a learner's sets, 0 if the study creates none."""
         lever = self._lever_of(learner)
         return 0 if lever is None else lever.questions
 
@@ -207,7 +207,7 @@ class StudyPlan:
                 raise InvalidInputError(where, problem, f"Give both levers the same {name}")
 
     def _require_weights_fit(self, learner: PlannedLearner, recipe: TrainingRecipe) -> None:
-        """Raise InvalidInputError for a start whose weights have other shapes than those of the new learner."""
+        """Raise InvalidInputError for a start whose weights have different shapes than the new learner's."""
         start = self.start_of(learner)
         if start is None:
             return
@@ -248,11 +248,11 @@ class StudyPlan:
         return found
 
     def dose_of(self, arm: str) -> float:
-        """Return the share of an arm's demonstrations with confounds, in whole demonstrations."""
+        """Return the fraction of an arm's demonstrations with confounds, in complete demonstrations."""
         return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
-        """Return the first arm trained only on the regime of a role; None if there is none."""
+        """Return the first arm trained only on a role's regime; None if there is none."""
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
     def recipe_of(

@@ -51,7 +51,7 @@ class StudyProgress:
         number: Current stage, from 1.
         stages: Number of stages.
         name: Name of the current stage.
-        done: Finished units of work of this stage.
+        done: Number of finished work units in this stage.
         planned: Total number of work units in this stage; 0 if unknown.
         note: Description of the current work.
     """
@@ -74,8 +74,8 @@ class StudyOutcome:
     Attributes:
         plan: Study plan.
         learners: Each learner's trials.
-        predictions: Folder of the confounded set of each task, whose prediction.json predicts the failures.
-        seconds: Durations of the stages by kind [s]; interrupted sessions are not counted.
+        predictions: Folder with each task's confounded set, whose prediction.json predicts the failures.
+        seconds: Stage durations by kind [s]; interrupted sessions are not counted.
     """
 
     plan: StudyPlan
@@ -190,7 +190,7 @@ class _Study:
                 yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
 
     def _all_questions(self) -> Iterator[tuple[str, tuple[str, int]]]:
-        """Yield the name of each required question set, its demonstration set and its number of questions."""
+        """Yield each required question set's name, its demonstration set and its number of questions."""
         for learner in self._learners:
             if asked := self._plan.questions_of(learner):
                 yield from ((_asked_name(name, asked), (name, asked)) for name in self._sets_of(learner))
@@ -299,7 +299,7 @@ class _Study:
         return _Learning(learner, job, _hash_of(inputs))
 
     def _train(self, group: Sequence[_Learning]) -> list[TrainedPolicy]:
-        """Train the untrained learners of a group, and return the policies of all."""
+        """Train a group's untrained learners, and return the policies of all its learners."""
         self._number += len(group)
         due = [one for one in group if self._there("learners", one.learner.name, one.inputs) is None]
         for name in dict.fromkeys(name for one in due for name in self._sets_of(one.learner)):

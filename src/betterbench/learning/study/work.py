@@ -38,7 +38,7 @@ class Workshop:
         train: Trains learners, several of them in parallel.
         evaluate: Evaluates a policy on a task in a folder, with a number of trials per variation, and diagnoses it;
             raises if its weights do not match its digest.
-        threads: Total number of threads of learners trained in parallel.
+        threads: Total number of threads used by learners trained in parallel.
         require_set: Raises if the set in a folder does not match a hash.
     """
 
@@ -107,7 +107,7 @@ def _require_set(place: Path, sha256: str) -> None:
 
 
 def _require_evaluated(run: RunFolder, policy: TrainedPolicy) -> None:
-    """Raise RecordError if a run used other weights than those of a learner, or does not state its weights."""
+    """Raise RecordError if a run did not use a learner's weights, or does not state its weights."""
     told = run.context.get("policy")
     metadata = told.get("metadata") if isinstance(told, Mapping) else None
     checkpoint = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None

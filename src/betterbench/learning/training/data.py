@@ -39,7 +39,7 @@ _STILL_M, _STILL_RAD = 2e-4, 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSet:
-    """The concatenated frames of all demonstrations: F frames of E episodes with at most n objects.
+    """The concatenated frames of all demonstrations: F frames from E episodes with at most n objects.
 
     Attributes:
         vocabulary: Words, categories and colors of the training demonstrations.
@@ -111,7 +111,7 @@ def read_training_set(
     workers: int = 1,
     on_drawn: OnCount | None = None,
 ) -> TrainingSet:
-    """Read the demonstrations and questions of a recipe; for the family ``pixels``, also render missing frames.
+    """Read a recipe's demonstrations and questions; for the family ``pixels``, also render missing frames.
 
     Args:
         recipe: The recipe.

@@ -197,7 +197,7 @@ class _Training:
             self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
         )
         self._step, self._log = 0, Log()
-        self._rows: list[list[float]] = []  # loss and gradient norm of the steps since the last row of the log
+        self._rows: list[list[float]] = []  # loss and gradient norm over the steps since the last log row
         if (out / STATE_NAME).exists():
             self._restore()
 

@@ -77,11 +77,11 @@ class OwnAnswer:
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswers:
-    """Rates of a learner's correct answers about trials of one condition.
+    """Rates of a learner's correct answers about one condition's trials.
 
     Attributes:
         where: Task with variation or training condition.
-        cells: Answers with the cell of the object, out of all answers.
+        cells: Answers that name the object's cell, out of all answers.
         nearest: Answers with a cell nearer to the object than to any other one, out of all answers.
         trials: Trials in which all answers are nearest to the object, out of all trials.
     """

@@ -151,8 +151,8 @@ def training_questions(
         held_out: (E,) bool mask of held-out demonstrations.
         recipe: The recipe.
         vocabulary: Words, categories and colors known to the learner.
-        objects: Maximum number of objects of a demonstration.
-        draw: Renders rows of each demonstration, for learners of pixels.
+        objects: Maximum number of objects in a demonstration.
+        draw: Renders rows of each demonstration, for pixels learners.
 
     Raises:
         InvalidInputError: If all questions are about held-out demonstrations, or a row does not exist.

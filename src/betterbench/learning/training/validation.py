@@ -28,7 +28,7 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """Error of a learner's next actions, compared with the demonstrator's, over the frames of one phase.
+    """Error of a learner's next actions, compared with the demonstrator's, over the frames in one phase.
 
     Attributes:
         step: Training step.
@@ -48,7 +48,7 @@ class PhaseError:
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """Episode outcome in which a learner acted from the start of a held-out demonstration."""
+    """Outcome of an episode in which a learner acted from the start of a held-out demonstration."""
 
     step: int
     trial: str

@@ -51,7 +51,7 @@ class BeingHClient(ServerClient[BeingHServer]):
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         import_torch()
         super().__init__(address, adapter_of(address, BEING_H_LIBERO), seed=seed)
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the whole chunk
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the complete chunk
         self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
         self._delay = address.whole("delay", self.info.execution.ahead)
         self._connection.open()

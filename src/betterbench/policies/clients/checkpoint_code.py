@@ -1,4 +1,4 @@
-"""Check for code that loading a LeRobot checkpoint would run. Such code is refused unless the user trusts the author.
+"""Check for code that loading a LeRobot checkpoint would run. Such code is rejected unless the user trusts the author.
 
 LeRobot makes each step of its processors from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
 with a ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function in any module, for example

@@ -61,7 +61,7 @@ class EndpointServer:
 
         ``declares`` marks a request for the server's declaration, which has a short answer.
 
-        Raises OSError if no answer came, PolicyError if the server reports an error or the answer cannot be read.
+        Raises OSError if no answer arrived, PolicyError if the server reports an error or the answer cannot be read.
         """
         question: dict[str, Any] = {"endpoint": endpoint}
         if data is not None:

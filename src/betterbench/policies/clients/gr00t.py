@@ -10,8 +10,7 @@ Such a client must see every control step, so the client executes the chunks, on
 
 Real-time chunking (``rtc_overlap_steps``) sends the rest of the old chunk as ``observation.action`` and the steps as
 options, as NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of
-N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both; the client warns if it detects
-this.
+N1.7 (``gr00t/model/gr00t_n1d7``) expect. The main branch's policies ignore both; the client warns if it detects this.
 
 Replies of N1.7 mark arrays and modalities differently from N1.6; requests are the same.
 
@@ -140,7 +139,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
     ) -> dict[str, np.ndarray]:
         """Return the arrays of a server's answer by name without prefix, each (environments, horizon, dim).
 
-        ``more`` is added to the observation of the nested layout; ``options`` are sent next to the observation.
+        ``more`` is added to the observation in the nested layout; ``options`` are sent next to the observation.
         """
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN

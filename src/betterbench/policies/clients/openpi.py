@@ -1,7 +1,7 @@
 """Client of openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
 
 The server first sends a map of metadata, and then answers each binary frame with an observation by a frame with
-actions. A text frame is an error and ends the connection. There is no reset: each observation is independent. Source:
+actions. A text frame is an error and ends the connection. No reset is needed: each observation is independent. Source:
 openpi's ``packages/openpi-client``.
 
 Other servers with this protocol differ in details, which are supported too. Arrays may be marked as by msgpack-numpy:
@@ -69,7 +69,7 @@ class OpenpiClient(ServerClient[WebSocket]):
             raise address.error(
                 f"adapter {self.adapter.name} reads several arrays, and delay needs one", "Leave it out"
             )
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the whole chunk
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the complete chunk
         self._start: EpisodeStart | None = None
         self._trial: TrialId | None = None
         self._serves_expert = False

@@ -1,4 +1,4 @@
-"""Base classes of policies with an adapter, and of policies behind a server."""
+"""Base classes for policies with an adapter, and for policies behind a server."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def describe_remote_policy(
 
 
 def plain_text(value: object) -> str:
-    """Return a declared value of a server as a text of bounded length."""
+    """Return a server's declared value as a text of bounded length."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
     except TypeError:  # a map with keys that are not strings
@@ -127,7 +127,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     """Policy behind a server. Each environment has its own client.
 
     :func:`betterbench.policies.kinds.make_policy` lists the errors of a client's creation. Its ``act`` raises
-    PolicyError if no usable reply came, and PolicyUnavailableError if the server cannot be reached.
+    PolicyError if no usable reply arrived, and PolicyUnavailableError if the server cannot be reached.
     """
 
     info: PolicyInfo

@@ -54,8 +54,8 @@ class RequestClient:
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
         """Send a frame and return the answer.
 
-        Raises OSError if no answer came in time, the server disconnected or sent an unexpected message, and PolicyError
-        if the answer is not a single frame.
+        Raises OSError if no answer arrived in time, the server disconnected or sent an unexpected message, and
+        PolicyError if the answer is not a single frame.
         """
         deadline = time.monotonic() + timeout_s
         with self._busy:

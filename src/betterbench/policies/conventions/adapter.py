@@ -32,7 +32,7 @@ class InstructionRule:
 
     Attributes:
         depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
-        template: Sentence template of the training data, in which ``{}`` is the instruction.
+        template: Sentence template used in the training data, in which ``{}`` is the instruction.
     """
 
     key: tuple[str, ...]
@@ -116,7 +116,7 @@ class Adapter:
         constants: Entries that are the same in every request.
         depths: Depth images, for a run that renders them (``--observation calvin_depth``); not for GR00T.
         feedback: State that contains the policy's last answer, or None; used only by ``POST /act``.
-        horizon: Default execution horizon (executed actions of a chunk), as in the policy's own client; None for all.
+        horizon: Default execution horizon (executed actions per chunk), as in the policy's own client; None for all.
     """
 
     name: str
@@ -177,7 +177,7 @@ class Adapter:
         return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return the image inputs of the policy, by key of the request: (height, width, 3) uint8.
+        """Return the policy's image inputs, by request key: (height, width, 3) uint8.
 
         Raises PolicyError if the run does not render a required camera.
         """
@@ -344,7 +344,7 @@ def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> N
 
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return a JSON form in which keys of one name are strings."""
+    """Return a JSON form in which keys with a single name are strings."""
     return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 

@@ -212,7 +212,7 @@ class AnswerRule:
         return any(part.kind == "action" for part in self.parts)
 
     def in_space(self, space: str) -> AnswerRule:
-        """Return the rule for another action space, in the conventions of this space if only another world uses it.
+        """Return the rule for another action space, with that space's conventions if only another world uses it.
 
         Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not form one
         of its actions.
@@ -231,7 +231,7 @@ class AnswerRule:
 
     @property
     def columns(self) -> dict[tuple[str, ...], int]:
-        """Number of columns of the array under each key."""
+        """Number of columns in the array under each key."""
         found: dict[tuple[str, ...], int] = {}
         for part in self.parts:
             found[part.key] = found.get(part.key, 0) + self._size(part)
@@ -308,7 +308,7 @@ class AnswerRule:
         return plain and self.space == "joint_position"
 
     def _pace(self, control_rate_hz: float) -> float:
-        """Return the ratio of a step here to a step at the rate of the training data."""
+        """Return the ratio between a step here and a step at the training data's rate."""
         return 1.0 if self.step_rate_hz is None else self.step_rate_hz / control_rate_hz
 
     def _convert(
@@ -334,7 +334,7 @@ class AnswerRule:
             own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
             return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         if self.frame == "base" and self.rotation == "axis_angle":
-            # one factor per number, exactly 1 if the units equal those of the action space
+            # one factor per number, exactly 1 if the units equal the action space's units
             units = np.array([self.translation_unit_m] * 3 + [self.rotation_unit_rad] * 3)
             twist = np.concatenate([taken["translation"], taken["rotation"]], axis=1)
             return np.concatenate([twist * (units * pace / scale), gripper], axis=1)
@@ -480,7 +480,7 @@ def twist(*keys: str) -> tuple[AnswerPart, ...]:
 def own_conventions(space: str) -> dict[str, Any]:
     """Return an action space's rotation format, units and polarity, by field of :class:`AnswerRule`.
 
-    Raises UnknownNameError if there is no such action space.
+    Raises UnknownNameError if no such action space exists.
     """
     scale = action_space(space).scale
     added = space in _ADDS_ANGLES

@@ -437,8 +437,7 @@ def preset(name: str) -> Adapter:
 def own_preset(name: str) -> Adapter:
     """Return a preset for betterbench's own scenes.
 
-    Raises UnknownNameError if there is no such preset, and InvalidInputError if only another world executes its
-    actions.
+    Raises UnknownNameError if no such preset exists, and InvalidInputError if only another world executes its actions.
     """
     found = preset(name)
     if name not in OWN_PRESETS:
@@ -502,7 +501,7 @@ def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -
 
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return the adapter of a preset in the world of an address."""
+    """Return a preset's adapter in the world of an address."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
         return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the prompts of NVIDIA's LIBERO checkpoints

@@ -39,7 +39,7 @@ class Request:
         step: Control steps since reset, or None if the client does not send it.
         start: Start of the episode, or None if the client does not send it.
         trial: The trial, if the client names it; only a served expert needs it.
-        observation: Observation of the client, or None if the client sends neither joints nor state.
+        observation: The client's observation, or None if the client sends neither joints nor state.
         measured: Whether the observation contains joint angles, which the shadow simulation compares.
     """
 

@@ -65,13 +65,13 @@ class _Aim:
 
 
 class LiberoAgent:
-    """Privileged policy in one episode of a LIBERO task in which objects are carried."""
+    """Privileged policy for one episode of a LIBERO task in which objects are carried."""
 
     def __init__(self, address: str, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset.
 
         Raises:
-            UnknownNameError: If there is no such policy.
+            UnknownNameError: If no such policy exists.
             InvalidInputError: If the policy does not support LIBERO, or the task needs other skills.
         """
         asked = parse_address(address)
@@ -164,7 +164,7 @@ class LiberoAgent:
         return right
 
     def _slots_of_rule(self, state: WorldState, step: CarriedStep) -> tuple[Label, tuple[str, ...]]:
-        """Return the slots from which a rule picks, the first choice first, and the label of a wrong pick."""
+        """Return the slots from which a rule picks, first choice first, and the label for a wrong pick."""
         here = {slot.name for slot in state.info.slots}
         trained = self._trained
         if self._rule == "zoo:layout":
@@ -328,7 +328,7 @@ def _place_of(state: WorldState, step: CarriedStep) -> Vector:
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return the target position of a step if the target is at ``there`` [m]; in a container it is above the rim."""
+    """Return a step's target position if the target is at ``there`` [m]; in a container, it is above the rim."""
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)

@@ -150,7 +150,7 @@ class Planner:
         Args:
             state: Current state.
             name: Drawer name.
-            travel_m: Distance to move it [m]; positive opens it.
+            travel_m: Distance to move the drawer [m]; positive opens it.
 
         Raises:
             PlanningError: If its knob cannot be grasped, or the path along the rails is not free.

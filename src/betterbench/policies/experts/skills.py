@@ -199,7 +199,7 @@ class Skills:
     def in_turn(
         self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
     ) -> list[PlaceGoal]:
-        """Return goals in the order of attempts, with equal goals in random order (drawn per kind of object).
+        """Return goals in the order of attempts, with equal goals in random order (drawn per object kind).
 
         In a container, the release points of demonstrations come first.
         """
@@ -243,7 +243,7 @@ class Skills:
         Args:
             state: Current state.
             name: Drawer name.
-            distance_m: Distance to move it [m]; positive opens it.
+            distance_m: Distance to move the drawer [m]; positive opens it.
 
         Returns:
             The last state and whether the knob was in the gripper.

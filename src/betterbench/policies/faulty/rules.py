@@ -1,7 +1,7 @@
 """Base class of faulty decision rules, with the ground truth about each episode's first fault.
 
-A faulty policy compares each of its decisions with the right decisions at that moment. The first wrong decision
-determines the true label of the trial, independently of the record. The label is written to the run journal,
+A faulty policy compares each of its decisions with the decisions that would be right at that time. The first wrong
+decision determines the true label of the trial, independently of the record. The label is written to the run journal,
 never to the record. It therefore serves as ground truth for the diagnosis, which reads only records.
 """
 
@@ -52,7 +52,7 @@ class BrokenRule(ExpertRule):
     """Rule that decides like the expert except where its fault applies.
 
     Attributes:
-        label: Fault label in which the rule takes the object of another instruction or another step.
+        label: Fault label in which the rule takes another instruction's or another step's object.
         empty_label: Fault label in which the rule grasps at an empty position.
         place_label: Fault label in which the rule brings the right object to another target.
         fault: The first wrong decision of the episode, or None so far.

@@ -1,4 +1,4 @@
-"""Kinds of policies as values, and the registry of all kinds."""
+"""Policy kinds as values, and the registry of all kinds."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ def register(kind: PolicyKind) -> PolicyKind:
 
 
 def find_kind(address: str) -> PolicyKind | None:
-    """Return the kind of an address, or None if no kind has such addresses."""
+    """Return an address's kind, or None if no kind has such addresses."""
     return next((kind for kind in KINDS.values() if kind.form.has(address)), None)
 
 
@@ -257,7 +257,7 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
     Raises:
         UnknownNameError: If the policy or an option does not exist.
         InvalidInputError: If an option is out of range, a checkpoint or a record is missing, or the policy does not
-            support the world of the scene.
+            support the scene's world.
         MissingDependencyError: If an extra or a distribution is not installed.
     """
     kind = kind_of(address)

@@ -1,4 +1,4 @@
-"""Shared parts of the kinds of built-in privileged policies: names, options and constructor."""
+"""Parts shared by the kinds of built-in privileged policies: names, options and constructor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
-    """Add the privileged policies of one form of addresses to the registry."""
+    """Add the privileged policies with one form of address to the registry."""
 
     def named() -> dict[str, str]:
         from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names

@@ -86,7 +86,7 @@ def _value(text: str) -> Any:  # noqa: ANN401 - whatever JSON says
 
 
 def _instance(address: str, name: str, made: Callable[..., Policy], arguments: dict[str, Any]) -> Policy:
-    """Call a plugin's class with the arguments of its address."""
+    """Call a plugin's class with the arguments in its address."""
     takes = "none"
     try:
         signature = inspect.signature(made)

@@ -130,7 +130,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
 def checkpoint_file(place: str) -> Path:
     """Return the checkpoint file that a recipe names as its start, directly or by folder.
 
-    Raises InvalidInputError if there is no checkpoint.
+    Raises InvalidInputError if no checkpoint exists.
     """
     path = Path(place) / FILE_NAME if Path(place).is_dir() else Path(place)
     if not path.is_file():

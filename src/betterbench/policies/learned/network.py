@@ -83,7 +83,7 @@ class Heard:
         words: (U, w, width) tokens of the words.
         told: (U, w) bool, False for padding.
         which: (B,) index of each sample's instruction.
-        memories: Keys and values of the words in each layer, each (U, heads, w, width of a head).
+        memories: Keys and values of the words in each layer, each (U, heads, w, head width).
     """
 
     words: Tensor
@@ -109,7 +109,7 @@ class _Block(nn.Module):
         Args:
             tokens: (B, n, width).
             seen: (B, 1, 1, m + n) bool attention mask.
-            before: Keys and values of m preceding tokens, each (B, heads, m, width of a head).
+            before: Keys and values of m preceding tokens, each (B, heads, m, head width).
         """
         batch, length, width = tokens.shape
         parts = self.queries_keys_values(self.before_attention(tokens))
@@ -175,7 +175,7 @@ class LearnerNetwork(nn.Module):
 
         Args:
             shown: Inputs of the batch.
-            heard: Result of :meth:`hear` for the words of the batch, if already computed.
+            heard: Result of :meth:`hear` for the batch's words, if already computed.
         """
         raise NotImplementedError(f"{type(self).__name__} has no method summary")
 
@@ -195,7 +195,7 @@ class LearnerNetwork(nn.Module):
         return found
 
     def keep_scale(self, name: str, count: int) -> None:
-        """Store mean and scale of values of the training data with the weights.
+        """Store the mean and scale of training data values with the weights.
 
         Possible names are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always
         stored. Raises InvalidInputError for other names.
@@ -275,7 +275,7 @@ class LearnerNetwork(nn.Module):
         Args:
             shown: Inputs of the batch.
             noise: (B, chunk, 7) start of a flow.
-            heard: Result of :meth:`hear` for the words of the batch, if already computed.
+            heard: Result of :meth:`hear` for the batch's words, if already computed.
         """
         summary = self._gathered(shown, heard)
         if self.recipe.loss == "flow":

@@ -64,7 +64,7 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Network of ``pixels``, with one token per view: key points of a convolutional net modulated by the words.
+    """Network for ``pixels``, with one token per view: key points from a convolutional net modulated by the words.
 
     The words scale and shift each channel (FiLM, Perez et al. 2018). A channel's output is the mean position of its
     softmax over the image and the peak value (spatial softmax, Levine et al. 2016, "End-to-End Training of Deep

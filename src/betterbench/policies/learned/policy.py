@@ -179,7 +179,7 @@ class SeeingPolicy:
         return learner.chunk(shown, _noise_seed(self._episode, observation.step))
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Raise InvalidInputError if a run's images differ from those of the training."""
+        """Raise InvalidInputError if a run's images differ from the training images."""
         del space, rate_hz
         wanted = self._learner.trained.recipe.eyes.observation
         if observation.name != wanted:

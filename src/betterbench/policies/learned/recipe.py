@@ -39,7 +39,7 @@ class Proprioception:
     Attributes:
         given: Whether the learner gets the tool pose, the fingers, and inputs derived from them.
         noise_m: Standard deviation of noise on the tool's position in training [m].
-        dropout: Share of training samples without any proprioception.
+        dropout: Fraction of training samples without any proprioception.
     """
 
     given: bool = True
@@ -56,7 +56,7 @@ class Augmentation:
 
     Attributes:
         object_noise_m: Standard deviation of noise on each object's position [m].
-        shift_m: Half the side of the square in which tool and all objects are shifted together [m].
+        shift_m: Half the side length of the square in which tool and all objects are shifted together [m].
         shift_px: Largest shift of an image along each axis [pixel], with edge padding, as by padding and a random crop.
         light: Standard deviation of changes in image contrast and brightness, as fractions of the full range.
     """
@@ -75,7 +75,7 @@ class View:
     Attributes:
         camera: Camera name.
         window: Left, top, right and bottom edge of the crop, as fractions of the camera image. A window of ``size``
-            pixels is copied one to one; the whole image is scaled.
+            pixels is copied one to one; the complete image is scaled.
     """
 
     camera: str
@@ -145,7 +145,7 @@ class TrainingRecipe:
     """Recipe for training a learner: its data, network, optimization and validation.
 
     Attributes:
-        data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
+        data: Folders written by ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
         family: Learner input: ``objects`` gets poses, sizes, categories and colors as from a perfect detector,
             ``pixels`` gets images; or the name of a user's family.
         options: Options of a user's family.
@@ -169,12 +169,12 @@ class TrainingRecipe:
         start: Checkpoint with the initial weights, or None.
         frozen: Parts whose weights are not trained.
         learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
-        ema: Decay of the moving average of the weights, which is used for evaluation.
+        ema: Decay of the moving average of the weights; this average is used for evaluation.
         clip: Largest norm of the gradient.
         validation: Share of seeds that are held out, chosen as by ``better export --validation``.
         validate_every: Steps between two validations.
         rollouts: Number of rollouts in each validation, from the starts of held-out demonstrations.
-        save_every: Steps between two saved states, from which training resumes.
+        save_every: Number of steps between two saved states, from which training resumes.
         threads: Threads of one process. Weights are reproducible only with the same number of threads.
     """
 

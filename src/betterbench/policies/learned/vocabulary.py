@@ -1,4 +1,4 @@
-"""Vocabularies of learners: words, categories, colors and answers of the training data, and an unknown entry."""
+"""Learner vocabularies: words, categories, colors and answers in the training data, and an unknown entry."""
 
 from __future__ import annotations
 

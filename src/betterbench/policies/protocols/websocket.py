@@ -1,4 +1,4 @@
-"""A websocket as a channel: whole messages with deadlines, and the errors of the library as OSError."""
+"""A websocket as a channel: complete messages with deadlines, and the library's errors as OSError."""
 
 from __future__ import annotations
 

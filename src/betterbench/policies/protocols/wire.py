@@ -100,7 +100,7 @@ def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
 
 
 def decode_openpi(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in openpi's protocol, with read-only arrays; raise PolicyError if it is malformed.
+    """Decode a frame in openpi's protocol, with read-only arrays; raise PolicyError if it is malformed.
 
     Arrays may be marked as in openpi's client or in msgpack-numpy.
     """

@@ -1,4 +1,4 @@
-"""Access check of local servers, which admits programs and the server's own pages but not pages of other sites.
+"""Access check for local servers, which admits programs and the server's own pages but not pages from other sites.
 
 A browser lets any page open a connection to this machine. The browser sends the page's site (``Origin``) and the host
 name used for the server (``Host``), which reveals a foreign site name that resolves to this machine.

@@ -1,4 +1,4 @@
-"""Memory budget of a server, for the unfinished and unanswered messages of all its clients.
+"""Memory budget for a server, covering all its clients' unfinished and unanswered messages.
 
 A websocket library keeps the received part of a message until the message is complete. The largest message bounds each
 connection; this budget bounds all connections together. A connection that would exceed the budget waits, and the

@@ -1,4 +1,4 @@
-"""Columns of a modality file: one row per row of the record."""
+"""Columns of a modality file: one row per record row."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class ViewColumn(NamedTuple):
 
 
 def view_columns(view: ViewSpec, modalities: Collection[str], objects: int) -> tuple[ViewColumn, ...]:
-    """Return the columns of a view for a scene with a given number of objects, without empty columns."""
+    """Return a view's columns for a scene with a given number of objects, without empty columns."""
     image, n = (view.height, view.width), objects
     images = {
         "rgb": ViewColumn("rgb", "|u1", (*image, 3), is_image=True),
@@ -84,7 +84,7 @@ MAX_CHUNK_ROWS = 32
 
 
 def chunk_rows(columns: tuple[ViewColumn, ...]) -> int:
-    """Return the number of rows of a row group: 32, or fewer for large images."""
+    """Return the number of rows in a row group: 32, or fewer for large images."""
     return max(1, min(MAX_CHUNK_ROWS, CHUNK_BYTES // sum(column.row_bytes for column in columns)))
 
 

@@ -220,7 +220,7 @@ class ModalityFile:
             yield self.read(row, columns)
 
     def check(self) -> int:
-        """Read the whole file, which verifies all checksums, and return the number of rows."""
+        """Read the complete file, which verifies all checksums, and return the number of rows."""
         for group in range(self._file.metadata.num_row_groups):
             self._group(group, tuple(c.name for c in self.columns))
         return len(self)

@@ -51,7 +51,7 @@ class ViewHeader:
         focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the image center: K = [[f,
             0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
         stage: Instance ids of the robot and the stage.
-        renderer: Fingerprint of OpenGL and the simulator, on which pixels depend.
+        renderer: OpenGL and simulator fingerprint, on which pixels depend.
     """
 
     task: str
@@ -87,7 +87,7 @@ HEADER = TypeAdapter(ViewHeader)
 
 
 def stage_ids() -> dict[str, int]:
-    """Return the instance id of each part of the stage and the robot."""
+    """Return the instance id of each stage and robot part."""
     return {name: 1 + i for i, name in enumerate(STAGE)}
 
 

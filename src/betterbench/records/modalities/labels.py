@@ -34,7 +34,7 @@ SEMANTIC_IDS: dict[str, int] = _known()
 
 
 def semantic_id(category: str) -> int:
-    """Return the semantic id of a category: 1 to 1023 from the list, or computed from the name of a user-defined one.
+    """Return a category's semantic id: 1 to 1023 from the list, or computed from a user-defined category's name.
 
     A computed id is 1024 plus the first four bytes of the name's SHA-256, as a big-endian number, modulo 64512.
     """

@@ -1,4 +1,4 @@
-"""Views of a scene to materialize, and the modalities of each."""
+"""Views of a scene to materialize, and the modalities for each."""
 
 from __future__ import annotations
 

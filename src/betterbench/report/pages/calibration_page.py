@@ -1,4 +1,4 @@
-"""Page of a calibration: the confusion matrix as image and table, every mistake, and the results of blind policies."""
+"""Calibration page: the confusion matrix as image and table, every mistake, and the results of blind policies."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
 
 
 def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mapping[str, int]) -> list[Any]:
-    """Return the columns of a trial in the order of page.js."""
+    """Return a trial's columns in the order used by page.js."""
     evidence = trial.evidence
     attempts = [
         [_s(a.start_s), _s(a.end_s), strings[a.object], strings[a.slot], strings[a.result], int(a.secured)]

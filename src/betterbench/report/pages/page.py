@@ -119,7 +119,7 @@ def write_report(
     The page needs no network and no other file. The same tables are written next to it as ``tables/NAME.csv`` and
     optionally ``tables/NAME.tex``, and the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
     ``films`` defaults to the films of ``media``. ``machine`` and ``trust`` are texts by name ("processor",
-    "Calibration"). ``knowledge`` contains answers of models to questions on the same trials, ``assets`` the sources and
+    "Calibration"). ``knowledge`` contains models' answers to questions on the same trials, ``assets`` the sources and
     licenses of the objects.
 
     Raises:

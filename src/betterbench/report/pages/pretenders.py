@@ -50,7 +50,7 @@ class ScoreTable:
 
 @dataclass(frozen=True, slots=True)
 class MarginRow:
-    """Row of the table of margins: success rate on one variation, shortcut ceiling and difference, in words."""
+    """Row in the margin table: success rate on one variation, shortcut ceiling and difference, in words."""
 
     variation: str
     rate: str
@@ -94,7 +94,7 @@ def _score_table(views: Sequence[PretenderView]) -> ScoreTable:
 
 
 def scope_columns(standings: Sequence[Standing]) -> tuple[str, ...]:
-    """Return the scopes in which any policy has trials, in the order of the suite."""
+    """Return the scopes in which any policy has trials, in suite order."""
     return tuple(scope for scope in SCOPES if any(scope in s.scores for s in standings))
 
 

@@ -71,7 +71,7 @@ class Cell:
         sources: The conditions of the cell in the run.
         success: Success rate over all their trials; without trials if there are none.
         labels: Labels of the trials with their counts, the most frequent first.
-        needless: Number of the successes that took a needless step, such as an air grasp at an emptied slot.
+        needless: Number of successes that took a needless step, such as an air grasp at an emptied slot.
         note: Reason for an empty cell; otherwise an empty text.
         paper: Outcome in the paper, for reference.
     """
@@ -178,7 +178,7 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 
 
 def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> MatrixSource:
-    """Return the outcomes of the trials of one condition."""
+    """Return one condition's trial outcomes."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)), needless)

@@ -113,7 +113,7 @@ class Asset:
         description: One sentence of free text, used for retrieval.
         size_m: Extents of the bounding box [m].
         center_of_mass: In the object frame [m].
-        inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        inertia: About the center of mass, in object frame axes (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
         visual: Colored meshes; at most 600 faces in all, 1,200 for imported thin walls.
         collision: Convex geometries; at most about 12.
         regions: Named regions of the object (opening, ring, handle, top).
@@ -145,7 +145,7 @@ class Asset:
 
     @property
     def face_count(self) -> int:
-        """Number of triangles of all visual parts."""
+        """Number of triangles in all visual parts."""
         return sum(len(part.faces) for part in self.visual)
 
     def grasp(self, name: str) -> Grasp:

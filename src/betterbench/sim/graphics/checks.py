@@ -50,7 +50,7 @@ def require_drawing() -> str:
 
     Raises:
         GraphicsError: If a variable has an invalid value.
-        MissingDependencyError: If there is no back end.
+        MissingDependencyError: If no back end is available.
     """
     require_engine()
     backend = gl_backend()

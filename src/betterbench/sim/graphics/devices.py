@@ -64,7 +64,7 @@ def egl_devices() -> tuple[EglDevice, ...]:
     """Return the working devices in EGL's order; on a machine with one device, its renderer is not examined."""
     if device_count() <= 1:
         return tuple(EglDevice(number, ("", "", "")) for number in range(device_count()))
-    # Without the CUDA environment variables, CUDA's numbers are those of the driver.
+    # Without the CUDA environment variables, CUDA's device numbers are the driver's.
     hidden = ("CUDA_VISIBLE_DEVICES", DEVICE_VARIABLE)
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
     try:

@@ -36,12 +36,12 @@ class FileProblem:
 
 @dataclass(slots=True)
 class FolderCheck:
-    """Result of the check of a modality folder.
+    """Result of checking a modality folder.
 
     Attributes:
         wanted: Folder settings.
         files: Number of files that were checked.
-        rows: Number of rows of the intact ones.
+        rows: Number of rows in the intact files.
         of_run: Number of files made from the run's records, whatever other faults they have.
         strangers: Trials of the other readable files, each with its policy.
     """
@@ -96,7 +96,7 @@ def check_folder(
 
 
 def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[ExpectedFile]:
-    """Yield the expected file of each view of a recorded trial."""
+    """Yield the expected file for each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
         with contextlib.suppress(RecordError):  # its files can be intact even if the record is not

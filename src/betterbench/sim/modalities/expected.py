@@ -19,7 +19,7 @@ class ExpectedFile:
     """Required values in the header of a modality file, for one view of one trial.
 
     Attributes:
-        record_sha256: SHA-256 of the file of the trial's record.
+        record_sha256: SHA-256 of the trial's record file.
         quality: Render preset of the colors, or None if unknown.
         renderer: Fingerprint of the OpenGL that rendered the folder, or None before the first image.
     """

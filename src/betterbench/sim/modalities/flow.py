@@ -15,7 +15,7 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
     ``following`` is None, and if the point moves behind the camera.
 
     Args:
-        sight: Sight of one state, of :func:`betterbench.sim.scenes.sights.sight_type` with depth and bodies.
+        sight: Sight of one state, from :func:`betterbench.sim.scenes.sights.sight_type` with depth and bodies.
         following: Sight of the next state in the same view.
         focal_px: Focal length of the view [pixel].
     """

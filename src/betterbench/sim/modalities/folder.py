@@ -65,7 +65,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A modality folder. The same settings resume it; other settings are refused if it contains a file.
+    """A modality folder. The same settings resume it; other settings are rejected if the folder contains a file.
 
     Raises:
         RunConflictError: If it contains other modalities, or other files.

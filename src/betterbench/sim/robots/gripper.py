@@ -30,7 +30,7 @@ def add_floating_gripper(spec: mujoco.MjSpec, name: str = "panda") -> RobotSpec:
     robot's description.
 
     Raises:
-        UnknownNameError: If there is no such robot.
+        UnknownNameError: If no such robot exists.
     """
     known = robot(name)
     arm = build_robot_spec(name, visuals=False)

@@ -12,7 +12,7 @@ Each iteration minimizes over the joint step ``d``
     |W (J d - e)|^2  +  posture^2 |q + d - home|^2  +  damping |d|^2
 
 inside the position and velocity limits. The posture term is a million times weaker than the pose, so it moves the elbow
-and displaces the tool by micrometers. Results depend on the arguments only: there is no state between calls.
+and displaces the tool by micrometers. Results depend only on the arguments: there is no state between calls.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ class ArmIK:
     ) -> tuple[list[float], list[float]]:
         """Return the lowest and the highest joint reference one control step after ``q``, all of length n [rad].
 
-        A joint obeys its velocity limit, and takes at most :data:`APPROACH` of its distance to a position limit, so
+        A joint obeys its velocity limit, and moves at most :data:`APPROACH` of its distance to a position limit, so
         that it slows down before the limit. From outside the limits it returns at full speed. Within these bounds it
         stays within ``lead_rad`` of ``centers``.
         """
@@ -339,7 +339,8 @@ class ArmIK:
 
         The second value is the largest distance between a joint and the beginning of the window; both [rad].
         """
-        # If no bound is active, the minimum is one Newton step, a third of the time of the quadratic program.
+        # If no bound is active, the minimum is one Newton step, which takes a third of the time of the quadratic
+        # program.
         moved = self._newton_step(q, self._world_error(target))
         reach = self._reach_in_window(moved, window)
         if reach is not None:
@@ -434,7 +435,7 @@ def largest_step(moved: Sequence[float], q: Sequence[float]) -> float:
 
 
 def _cost(result: IKResult) -> float:
-    """Return the weighted error of a result, for the comparison of unconverged starts."""
+    """Return the weighted error of a result, used to compare unconverged starts."""
     return POSITION_COST * result.position_error_m + ORIENTATION_COST * result.rotation_error_rad
 
 

@@ -29,11 +29,11 @@ class RobotSpec:
         velocity_actuators: For each arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo of the opening width.
         finger_joints: Slide joints of the fingers; their sum is the opening width.
-        finger_bodies: Bodies of the left (+y of the gripper) and the right finger.
+        finger_bodies: Bodies of the left (+y of the gripper) and right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
         arm_bodies: Arm bodies without the gripper.
-        tcp_site: Tool center point between the pads; z along the approach, y along the opening of the fingers.
+        tcp_site: Tool center point between the pads; z along the approach, y along the finger opening direction.
         joint_effort: Maximum torque of the servos [N m].
         gripper_opening_m: Largest opening width [m].
         pad_size_m: Width and height of a pad's face [m].

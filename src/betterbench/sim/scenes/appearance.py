@@ -1,4 +1,4 @@
-"""Seeded variation that is independent of slots: looks, room, camera poses, light direction, and start of the arm.
+"""Seeded variation that is independent of slots: looks, room, camera poses, light direction, and arm start.
 
 A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
 compiled model, so a trial draws one of a limited number of sets of looks and rooms; the rest does not change the model.
@@ -45,7 +45,7 @@ START_TURN_RAD = math.radians(5.0)
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
-    """Return the look of an object in a trial; equal objects have the same look in every scene.
+    """Return an object's look in a trial; equal objects have the same look in every scene.
 
     Over the sets, every look of an object kind occurs equally often, and independently of the looks of other kinds and
     of the room. Categories of one family and color share their look, for example a cabinet and its drawers.
@@ -61,7 +61,7 @@ def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:
 
 
 def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
-    """Return the index of the set of looks that a trial draws."""
+    """Return the index of the look set that a trial draws."""
     return int(stream(task, seed, f"looks:{shown}").integers(LOOK_SETS if shown == "seen" else UNSEEN_LOOK_SETS))
 
 

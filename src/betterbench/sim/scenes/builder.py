@@ -43,7 +43,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Constant pose in the model: of a fixed object, or of a drawer while it is closed."""
+        """Constant pose in the model: the pose of a fixed object, or of a closed drawer."""
         return self.pose if self.spec.fixed else self.shut
 
 
@@ -140,7 +140,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the center of the surface on which objects rest at a target, in its frame [m]."""
+    """Return the center of the surface on which objects rest at a target, in the target's frame [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"nothing can rest {relation.name!r} its target from the start"

@@ -36,8 +36,7 @@ class CameraMatrices:
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project points (n, 3) [m] of the world frame into the image; raise InvalidInputError for another shape.
 
-        Returns:
-            (n, 2) float64 pixels (u, v), which may lie outside the image, and (n,) depths along the optical axis
+        Returns: (n, 2) float64 pixels (u, v), which may be outside the image, and (n,) depths along the optical axis
             [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
         """
         array = np.asarray(points, dtype=np.float64)

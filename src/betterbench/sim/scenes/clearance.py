@@ -36,7 +36,7 @@ class Clearance:
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
         # Check only the robot and the held object, against everything except the robot. Contacts among other objects,
-        # and among parts of the robot, are not needed and would take a third of the time.
+        # and among robot parts, are not needed and would take a third of the time.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0

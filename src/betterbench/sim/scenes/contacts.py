@@ -54,7 +54,7 @@ class _Row(NamedTuple):
 
 
 class ContactReader:
-    """Reader of the contacts of one model.
+    """Reader for one model's contacts.
 
     The engine puts groups of resting objects to sleep: sleeping objects are not moved and their contacts are not listed
     until an awake object touches the group. Their contacts are still valid and therefore cached. These contacts are
@@ -251,7 +251,7 @@ def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
 
 
 def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
-    """Return the index of each pair of labels, -1 for an irrelevant pair, and the names by index.
+    """Return the index of each label pair, -1 for an irrelevant pair, and the names by index.
 
     Labels below ``relevant`` are objects or gripper parts; pairs without such a label are irrelevant. The last
     row and column are for geoms without a label. Indices are in the order of the labels.

@@ -56,7 +56,7 @@ class ObjectFraming:
 
     Attributes:
         side_px: Longer side of its visible part's bounding box [pixel].
-        visible: Fraction of it that is in the image and not occluded.
+        visible: Fraction of the object that is in the image and not occluded.
     """
 
     name: str
@@ -99,7 +99,7 @@ class FramingView:
         self._renderer.close()
 
     def start(self, jitter: ViewJitter | None = None) -> Framing:
-        """Return the measures at the start of the trial, with the jitter of the trial or another one."""
+        """Return the measurements at the start of the trial, with the trial's jitter or another jitter."""
         masks = self._masks(self._scene.data.qpos, jitter)
         asked = tuple(self._object(name, masks) for name in asked_objects(self._scene.condition))
         background = float(np.isin(masks, self._background).mean())

@@ -34,7 +34,7 @@ _SPAWN = (
 
 
 class _GLContext(Protocol):
-    """Common interface of the contexts of ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw``."""
+    """Common interface of the contexts in ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw``."""
 
     def make_current(self) -> None: ...
 

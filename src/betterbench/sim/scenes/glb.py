@@ -38,7 +38,7 @@ class Surface:
 
 
 def body_files(model: mujoco.MjModel) -> dict[int, bytes]:
-    """Return the GLB of every body that has a visible shape, by the number of the body."""
+    """Return the GLB of every body that has a visible shape, by body number."""
     looks: dict[int, dict[tuple[float, ...], list[Surface]]] = {}
     for geom in range(model.ngeom):
         color, texture = _look(model, geom)

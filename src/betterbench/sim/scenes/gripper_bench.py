@@ -37,7 +37,7 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
 
 
 class GripperBench:
-    """The floating gripper of a model, opened and drawn back from a grasp of the asset named "asset", which rests."""
+    """A model's floating gripper, opened and drawn back from a grasp of the asset named "asset", which is at rest."""
 
     def __init__(
         self,

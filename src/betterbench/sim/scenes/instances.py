@@ -44,7 +44,7 @@ def instances_of_bodies(model: mujoco.MjModel, *, robot_name: str = "panda") -> 
 
 
 def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 3) float64: center and half extents of the visible shape of some bodies, in their frames [m].
+    """Return (n, 2, 3) float64: center and half extents of some bodies' visible shapes, in the body frames [m].
 
     The boxes are tight for meshes and boxes; round shapes are represented by their own bounding boxes.
     """

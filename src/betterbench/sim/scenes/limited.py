@@ -4,7 +4,7 @@ MuJoCo's reader trusts such files: a forged file can crash the reader, make it h
 therefore has limits for memory and time, and returns only pixels or a text, never an object.
 
 A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
-a process ended is therefore repeated once in a new process; the request is refused only if the new process ends too.
+a process ended is therefore repeated once in a new process; it is rejected only if the new process ends too.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _Number = Annotated[int, Field(ge=0, le=0xFFFF)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """The JSON form of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the renderer of the process."""
+    """The JSON form of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the process's renderer."""
 
     instances: list[_Number]
     object_bodies: list[_Number]
@@ -76,7 +76,7 @@ class _EndedError(RecordError):
 
 
 class LimitedView:
-    """Renderer of recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
+    """Renderer for recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
         """Start the process; ``size`` is the side length of the images from :meth:`draw` [pixel].
@@ -169,8 +169,8 @@ class LimitedView:
     ) -> tuple[ModelFacts, dict[str, str]]:
         """Prepare to render sights of the open scene; return their common properties, and OpenGL's fingerprint.
 
-        ``gripper`` is that of :class:`~betterbench.sim.scenes.sights.Sights`. The last preparation for the same scene
-        is reused. Raises the errors of :meth:`open`.
+        ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. The last preparation for
+        the same scene is reused. Raises the errors of :meth:`open`.
         """
         wanted = (tuple(views), tuple(modalities), gripper)
         if self._prepared is None or self._prepared[0] != wanted:
@@ -233,7 +233,7 @@ class LimitedView:
 
     @property
     def row_bytes(self) -> int:
-        """Size of the sights of one row [byte]."""
+        """Size of one row's sights [byte]."""
         return sum(kind.itemsize for kind in self._types)
 
     @property

@@ -390,7 +390,7 @@ class Renderers:
     """Cache with the renderers of the last models, because making a renderer takes tens of milliseconds."""
 
     def __init__(self, most: int) -> None:
-        """Prepare; ``most`` is the number of cached renderers, one per model."""
+        """Prepare the cache; ``most`` is the number of cached renderers, one per model."""
         self._most = max(1, most)
         self._kept: OrderedDict[str, Renderer] = OrderedDict()
 

@@ -198,7 +198,7 @@ class Scene:
         return self._data
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return views of the state of the physics: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
+        """Return views of the physics state: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
         return self._simulator_state
 
     def body_poses(self) -> tuple[np.ndarray, np.ndarray]:

@@ -100,7 +100,7 @@ class _Part:
 
 
 class Sights:
-    """Renderer of the same views of one model, state after state."""
+    """Renderer for the same views of one model, state after state."""
 
     def __init__(
         self,
@@ -240,7 +240,7 @@ class Sights:
     def _full_outlines(
         self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
     ) -> list[tuple[int, tuple[int, Box]]]:
-        """Return pixels and box of the unoccluded outlines of some objects, by their indices.
+        """Return pixels and box of some objects' unoccluded outlines, by object index.
 
         Objects with separate image parts are rendered together. An outline is reused while neither the object nor the
         camera has moved.
@@ -274,7 +274,7 @@ class Sights:
 
 
 class StoredSights:
-    """Renderer of recorded states of a stored scene."""
+    """Renderer for recorded states of a stored scene."""
 
     def __init__(
         self,

@@ -102,7 +102,7 @@ class Quality:
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Quality:
-        """Return the quality of a JSON form; a missing, unknown or wrong field raises an InvalidInputError."""
+        """Return the quality from its JSON form; a missing, unknown or wrong field raises an InvalidInputError."""
         try:
             return _QUALITY.validate_json(json.dumps(dict(value)))
         except ValidationError as error:
@@ -265,7 +265,7 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
 
 
 def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
-    """Add a key light that may cast the one shadow, and a fill light from the other side."""
+    """Add a key light that may cast the only shadow, and a fill light from the other side."""
     aim = np.array([0.45, 0.0, 0.1])
     for name, direction, diffuse, specular in (
         (KEY_LIGHT, light.key_direction, list(light.key), 0.3),
@@ -288,7 +288,7 @@ def _add_cameras(spec: mujoco.MjSpec) -> None:
     """Add the four fixed cameras."""
     world = spec.worldbody
     add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
-    # Positions and lens of the paper's own release; all three cameras look at the table's center.
+    # Positions and lens from the paper's own release; all three cameras look at the table's center.
     add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
     add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
     add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)

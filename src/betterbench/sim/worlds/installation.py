@@ -54,7 +54,7 @@ class Installation:
 
     Attributes:
         name: World name on the command line.
-        lock: Name of the file of locked requirements.
+        lock: Name of the locked requirements file.
         module: Module that the simulator's process runs.
         size: Size of the packages, as a text: download and unpacked.
         summary: Description in a few words.

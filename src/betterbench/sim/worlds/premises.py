@@ -1,4 +1,4 @@
-"""Check of the premises of LIBERO's instructions: its scenes must fulfill them with the installed simulator."""
+"""Check of the premises of LIBERO's instructions: the scenes must fulfill them with the installed simulator."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class PremiseEntry:
 
 
 def check_premises(process: WorldProcess, suite: str, *, known: Sequence[PremiseEntry] = ()) -> Iterator[PremiseEntry]:
-    """Yield the entry of every task of a suite, reusing known entries for the same file and engine.
+    """Yield the entry for every task in a suite, reusing known entries for the same file and engine.
 
     For LIBERO-Plus, variants with other motions of objects or the robot are checked, in the only state that a run uses.
     Variants that change only images or language have the premises of the base suite.
@@ -157,7 +157,7 @@ def is_premise_file(path: Path) -> bool:
 
 
 def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
-    """Return the entries in a file of JSON lines, empty if there is no file.
+    """Return the entries in a JSON lines file, empty if the file does not exist.
 
     Raises:
         InvalidInputError: If a line is not an entry.

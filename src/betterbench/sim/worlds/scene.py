@@ -84,7 +84,7 @@ class _StartObject:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _EpisodeStart:
-    """Reply of a simulator to the start of an episode, without ``row``, which :class:`RowForm` reads."""
+    """A simulator's reply to the start of an episode, without ``row``, which :class:`RowForm` reads."""
 
     objects: tuple[_StartObject, ...]
     relations: tuple[str, ...]
@@ -241,7 +241,7 @@ class ProcessScene:
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
+        """Prepare the scene; nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
 
         ``instructed_anew`` is set by a step after which the policy gets another instruction.
         """
@@ -266,7 +266,7 @@ class ProcessScene:
 
     @property
     def world(self) -> str:
-        """World name in whose terms privileged policies read the state."""
+        """World in whose terms privileged policies read the state."""
         return self.settings.simulator
 
     @property
@@ -513,7 +513,7 @@ class ProcessScene:
         for name in _IMAGES if self._draws_next else ():
             require_image(name, arrays[name], (IMAGE_SIDE, IMAGE_SIDE, 3))
         numbers = row.tolist()
-        # a sum is finite only if all terms are, and takes a third of the time of testing each term
+        # a sum is finite only if all terms are, and computing it takes a third of the time of testing each term
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
             raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
         self._document, self._arrays, self._numbers = document, arrays, numbers
@@ -543,7 +543,7 @@ class ProcessScene:
         self.broken_premises = tuple(name for name in self._fixed["premises"] if not holds[name])
 
     def _get(self, name: str) -> list[float]:
-        """Return the numbers of one array of the row."""
+        """Return the numbers in one array of the row."""
         return self._numbers[self._row.places[name]]
 
     def _describe(self) -> SceneInfo:

@@ -40,7 +40,7 @@ class Simulator(Protocol):
         """Take one control step, and return the row after the step, with images if ``look``."""
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Return "images" (n, size, size, 3) of the front camera at n states of a task's scene."""
+        """Return "images" (n, size, size, 3) from the front camera at n states of a task's scene."""
 
 
 def answer_requests(simulator: Simulator, descriptor: int) -> None:

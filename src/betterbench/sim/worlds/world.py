@@ -29,7 +29,7 @@ Form = TypeVar("Form")
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """Moment of a trial to render.
+    """Moment in a trial to render.
 
     Attributes:
         scene: Task and condition of the trial as one text ("libero_spatial-05/base").
@@ -48,7 +48,7 @@ class PlanRequest:
 
     Attributes:
         suite: Suite name.
-        tasks: Tasks to run, by name or number; all of the suite if none is named.
+        tasks: Tasks to run, by name or number; default: all tasks in the suite.
         trials: Number of trials in the world's unit; the usual number if None.
         seed: First seed, initial state or chain.
         options: This world's options, by name.
@@ -150,7 +150,7 @@ class Tracker(Protocol):
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """Names of the relation columns of a record."""
+        """Names of a record's relation columns."""
 
     @property
     def subgoal_names(self) -> tuple[str, ...]:
@@ -390,7 +390,7 @@ class World(ABC):
     def photos(
         self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
     ) -> Iterator[np.ndarray]:
-        """Yield one image (size, size, 3) for each requested moment of a run.
+        """Yield one image (size, size, 3) for each requested moment in a run.
 
         Args:
             stored: JSON form of the world in the run plan.

@@ -154,7 +154,7 @@ def condition(
         layout: Start slot of each object.
         instruction: Instruction with its subgoals.
         *mounted: Drawers, which start in their mounts.
-        preplaced: Objects of the layout that start at a target instead of in their slot.
+        preplaced: Objects in the layout that start at a target instead of in their slot.
         opened: Drawers that are open at the start, with their opening [m].
     """
     if not isinstance(instruction, Instruction):

@@ -94,7 +94,7 @@ def suite_tasks(name: str) -> tuple[str, ...]:
     """Return the ids of a suite's tasks.
 
     Args:
-        name: Name of a packaged suite, or the path of a folder with a suite, whose tasks are loaded.
+        name: Name of a packaged suite, or the path of a suite folder, whose tasks are loaded.
 
     Raises:
         UnknownNameError: If the suite does not exist.

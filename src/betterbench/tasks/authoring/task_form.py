@@ -243,7 +243,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Objects and slots of a form by name, and errors that name the path of a field."""
+    """A form's objects and slots by name, and errors that name the path of a field."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id

@@ -1,4 +1,4 @@
-"""Regularities of a task's training conditions, such as the slots that go with each word.
+"""Regularities in a task's training conditions, such as the slots that go with each word.
 
 Variations break these confounds. They are computed from the training conditions, not written by hand, so the two cannot
 disagree.
@@ -16,11 +16,11 @@ class TrainingDistribution:
     """Regularities of a task's training conditions.
 
     Attributes:
-        word_slots: Slots of the instructed object, by word of the instruction.
-        kind_slots: Slots of the instructed object, by kind of object.
+        word_slots: The instructed object's slots, by instruction word.
+        kind_slots: The instructed object's slots, by object kind.
         standing_kinds: Kinds of object at the start, by slot.
-        first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
-        kind_targets: Trained targets by kind of object, as kind of the target, relation and region.
+        first_kinds: Kinds of a demonstration's first object, most frequent first, with their counts.
+        kind_targets: Trained targets by object kind, as target kind, relation and region.
         sequences: Kinds in the order in which they were handled, by training condition.
         initial_items: Largest number of movable objects on the table at the start of a demonstration.
     """
@@ -43,13 +43,13 @@ class TrainingDistribution:
 
     @property
     def favorite_slot(self) -> str:
-        """Slot used with the most words of instructions; the first by name on a tie."""
+        """Slot used with the most instruction words; the first by name in case of a tie."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
     @property
     def longest(self) -> int:
-        """Largest number of subgoals of a demonstration."""
+        """Largest number of subgoals in a demonstration."""
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:

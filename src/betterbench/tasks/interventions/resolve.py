@@ -22,7 +22,7 @@ class ResolvedCondition:
         task: The task, with the condition's slots.
         condition: The condition itself.
         variation: The variation that creates it, or None for a training condition or a condition of a listed regime.
-        changes: Declared changes of its interventions; empty without a variation.
+        changes: Changes that its interventions declare; empty without a variation.
     """
 
     task: Task

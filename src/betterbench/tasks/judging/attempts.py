@@ -72,7 +72,7 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 
 
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the times at which the gripper closed fully, low over the table, far from every object and slot.
+    """Return the times at which the gripper closed fully, low over the table and far from every object and slot.
 
     Such closings are not grasp attempts, because a miss by this much does not show which object was meant.
     """
@@ -97,7 +97,7 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the closings of an open, empty gripper with hardly any finger travel, low over the table.
 
-    Such a closing is a grasp attempt only at a requested object.
+    Such a closing is a grasp attempt only at an instructed object.
     """
     found = []
     for closing in _closings(motion):

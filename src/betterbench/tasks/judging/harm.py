@@ -1,4 +1,4 @@
-"""Harm: unrequested side effects, such as a bystander knocked over. Harm rules out success in every task."""
+"""Harm: unwanted side effects, such as a bystander knocked over. Harm rules out success in every task."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Harm:
     Attributes:
         sort: Kind of harm. "target_brought": the target was brought to the object, which stayed in place.
         object: Harmed object.
-        target: Target at which the object was not requested, else None.
+        target: Target at which the instruction did not request the object, else None.
         region: The region of that target, if it has several.
     """
 
@@ -104,7 +104,7 @@ def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
 
 
 def _named(asked: Sequence[Asked]) -> set[str]:
-    """Return the names of all objects and targets of an instruction."""
+    """Return the names of all objects and targets in an instruction."""
     return {name for a in asked for name in (*a.candidates, a.target)}
 
 

@@ -79,7 +79,7 @@ class JudgingMemory:
             self.relations = self._targets.relations(self._places)
 
     def _note(self, number: int, read: frozenset[str]) -> None:
-        """Store which parts of the state the predicate of a pair has read."""
+        """Store which parts of the state a pair's predicate has read."""
         before, self._read[number] = self._read[number], read
         for name in before - read:
             self._readers[name].discard(number)

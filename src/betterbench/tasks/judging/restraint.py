@@ -179,7 +179,7 @@ class Restraint:
         )
 
     def _has_to_look(self, state: WorldState) -> bool:
-        """Return whether to check the whole motion now, which takes too long for every control step.
+        """Return whether to check the complete motion now, which takes too long for every control step.
 
         The motion is checked at the last step, at the end of a closing (including chatter), after the time to resolve
         an attempt, and regularly while the gripper stays near an object.

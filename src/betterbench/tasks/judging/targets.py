@@ -51,7 +51,7 @@ class Due(NamedTuple):
 
     Attributes:
         watch: Index of the watched target.
-        candidates: Indices, among the subjects, of the possible objects of the subgoal.
+        candidates: Indices, among the subjects, of the subgoal's possible objects.
         least: Required number of them.
     """
 
@@ -170,7 +170,7 @@ class Targets:
 
 
 def _watches(asked: Sequence[Asked], info: SceneInfo) -> tuple[Watch, ...]:
-    """Return the requested targets, then other targets of the same kind, such as the wrong drawer."""
+    """Return the instructed targets, then other targets of the same kind, such as the wrong drawer."""
     targets = dict.fromkeys((a.relation, a.target) for a in asked)
     for name, target in tuple(targets):
         like = info.object(target)

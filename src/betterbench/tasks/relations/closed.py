@@ -35,7 +35,7 @@ PUSHED_IN = threshold(
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
-    """Return the mount of a cabinet in which a drawer is closed, or None while it is open."""
+    """Return the cabinet mount in which a drawer is closed, or None while it is open."""
     frame = state.pose(cabinet)
     position = state.pose(drawer).position
     for region in state.info.object(cabinet).regions:

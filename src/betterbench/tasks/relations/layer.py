@@ -42,7 +42,7 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     """Return the layer of an object in a stack, "1" for an object on the base itself, or None.
 
     Every layer from the base up to the object lies flat on the one below, touches it, and is centered over the base. A
-    patty, a slice or a leaf may lie either way up, a bun may not, and the base must be upright.
+    patty, a slice or a leaf may be either way up, a bun may not, and the base must be upright.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:
@@ -98,7 +98,7 @@ def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
 
 def _top(info: ObjectInfo) -> Vector:
     """Return the center of the face on which the next layer rests [m], in the object's frame."""
-    for region in info.regions:  # a third of the time of next(), at every control step
+    for region in info.regions:  # takes a third of the time of next(), at every control step
         if region.name == "top":
             return region.position
     return (0.0, 0.0, info.size_m[2])
@@ -107,7 +107,7 @@ def _top(info: ObjectInfo) -> Vector:
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
     """Return the first missing layer if an object rests on a stack, or is held there, in any posture; else None.
 
-    The object lies on the base, or on an object on the base, with its center over the base. Only flat objects are
+    The object rests on the base, or on an object on the base, with its center over the base. Only flat objects are
     layers.
     """
     if not (rests_on(state, name, base) or held_upon(state, name, base)):

@@ -59,7 +59,7 @@ class Relation:
         needs: Required regions in a target's asset: all of them, or any of them if the target has several regions.
         tolerances: Names of the thresholds in ``where``, apart from the rest and posture thresholds.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
-            the best first. None if the object is not carried but slides in its mount.
+            best first. None if the object is not carried but slides in its mount.
         surface: ``surface(regions, region)`` returns the center of the surface on which objects rest [m], in the frame
             of the object that has these regions; None if nothing can be there from the start.
         roles: Roles of the objects that can have this relation.
@@ -96,7 +96,7 @@ class Relation:
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def brought(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region to which an object was brought without request, in any posture, or None."""
+        """Return the target region to which an object was brought against the instruction, in any posture, or None."""
         return (
             self.anyhow(state, name, target)
             if self.loosely is None or not self.wide
@@ -114,7 +114,7 @@ class Relation:
         return self.surface({r.name: r for r in target.regions}, region)
 
     def place_goals(self, state: WorldState, name: str, target: str, region: str) -> tuple[PlaceGoal, ...]:
-        """Return the poses at which an object satisfies the relation, the best first.
+        """Return the poses at which an object satisfies the relation, best first.
 
         Raises:
             PlanningError: If the relation is not established by carrying.

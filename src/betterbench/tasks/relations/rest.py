@@ -52,7 +52,7 @@ def on_floor(state: WorldState, name: str) -> bool:
 
 
 def upright(state: WorldState, name: str) -> bool:
-    """Return whether an object is in the upright posture of its asset."""
+    """Return whether an object is in its asset's upright posture."""
     return tilt_of(state.quaternion(name)) <= THRESHOLDS.upright_tilt
 
 

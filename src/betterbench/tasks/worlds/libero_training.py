@@ -1,6 +1,6 @@
 """Regularities of a LIBERO suite's training tasks: object positions by word, and targets by object.
 
-The regularities are read from the task files of the base suite, on which policies are trained. The initial states of
+The regularities are read from the base suite's task files, on which policies are trained. The initial states of
 a task vary by a few centimeters around the positions in its file.
 """
 
@@ -24,11 +24,11 @@ _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECAS
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainedTask:
-    """Training task of a base suite: its instruction, its steps and the start of each object.
+    """Training task in a base suite: its instruction, its steps and each object's start.
 
     Attributes:
         instruction: Task instruction.
-        steps: Subgoals, as relation, object name, kind of the object and kind of the target.
+        steps: Subgoals, as relation, object name, object kind and target kind.
         starts: Kind and start position of each object, by name.
     """
 

@@ -24,7 +24,7 @@ ROBOT_MARGIN_M = 0.05
 
 
 def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about pairs of objects and about the outermost of several."""
+    """Yield questions about pairs of objects and about the outermost of several objects."""
     for (a, first), (b, second) in itertools.combinations(moment.named.items(), 2):
         names = first.name, second.name
         both_small = a in moment.things and b in moment.things

@@ -68,7 +68,7 @@ class Composition:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """Claim of the text that one cell differs from another of the same column.
+    """A claim in the text that one cell differs from another in the same column.
 
     Attributes:
         first: Row of the minuend.

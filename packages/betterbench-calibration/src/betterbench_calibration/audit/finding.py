@@ -51,7 +51,7 @@ class AuditFinding:
 
     Attributes:
         rule: Name of the rule that was checked ("grid", "mean").
-        row: Row of the number; empty for the table as a whole.
+        row: Row of the number; empty for the complete table.
         cell: Column of the number, or the claim in a few words.
         covers: Numbers that the check reads: a misprint in any of them may change the verdict.
         unnoticed: Number of wrong single digits in these numbers that would pass the check.

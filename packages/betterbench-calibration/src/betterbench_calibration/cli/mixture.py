@@ -50,15 +50,15 @@ def mixture_command(
         file: YAML file of a mixture; the paper's if not given.
         inside: Without a file, the division of action draws among the six robot data sets, which the paper does not
             give: by frames, equally, or by OpenVLA's weights (magic-soup-plus).
-        draws: Total number of draws of all shards.
-        out: File of JSON lines for the draws of this shard.
+        draws: Total number of draws over all shards.
+        out: JSON lines file for this shard's draws.
         shard: Index of this shard and number of shards, such as 0/4.
         seed: Seed of the draws; the seed in the file if not given.
         gpus: GPUs of a run, for its budget; the paper's two runs if not given.
         steps: That run's steps.
         tokens_per_gpu: Tokens of one GPU in one step.
         tokens: Tokens per sample by data set, such as DROID=220; estimated for other data sets.
-        parameters: Model weights, such as 2e9, for an estimate of GPU hours.
+        parameters: Model weights, such as 2e9, to estimate GPU hours.
         overwrite: Replace an --out file that contains data other than draws of this mixture, seed and shard.
         json: Print one JSON document instead of tables.
     """
@@ -201,7 +201,7 @@ def _budgets(
     tokens: Iterable[str],
     parameters: float | None,
 ) -> dict[str, Budget]:
-    """Return the requested budgets, or those of the paper's runs, by name."""
+    """Return the requested budgets, or the budgets of the paper's runs, by name."""
     from betterbench_calibration.mixture import TokenPrices, budget_of, paper_mixture
 
     if (gpus is None) != (steps is None):
@@ -260,7 +260,7 @@ def _document(
 
 
 def _in_unit(total: CheckedTotal) -> str:
-    """Return the sum of the rows in the unit of the printed total."""
+    """Return the sum of the rows in the printed total's unit."""
     return f"{total.rows / 1e6:,.4f}" if "[million]" in total.what else f"{total.rows:,}"
 
 

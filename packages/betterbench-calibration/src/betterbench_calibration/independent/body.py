@@ -265,7 +265,7 @@ class Body:
         yield from self.arm.go(self.arm.here.translated(z=0.15))
 
     def height(self, name: str) -> float:
-        """Return the height of the top of an object above the table [m]."""
+        """Return the height of an object's top above the table [m]."""
         return height_of(self.state, name)
 
     def over(self, name: str, gap_m: float) -> Vector:

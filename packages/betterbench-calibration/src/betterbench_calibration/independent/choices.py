@@ -10,7 +10,7 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 def word_thing(case: Occasion) -> str | None:
-    """Return the object in the slot where the first word led in training; None if there is none or several slots."""
+    """Return the object in the slot to which the first word led in training; None if there is none or several slots."""
     slot = case.word_slot(case.ahead[0]) if case.ahead else None
     return None if slot is None else case.condition.occupant(slot)
 
@@ -63,7 +63,7 @@ def habitual_truth(case: Occasion) -> StatedTruth | None:
 
 
 def habitual_thing(case: Occasion) -> str | None:
-    """Return an object of the kind of the most frequent first step, if it is not requested here."""
+    """Return an object whose kind is that of the most frequent first step, if the instruction does not name it."""
     kind = case.trained.habit
     if case.condition.expected is not Expected.SUCCEED or kind is None or not case.ahead:
         return None
@@ -97,7 +97,7 @@ def vacated_slot(case: Occasion) -> str | None:
 
 
 def swappable(case: Occasion) -> bool:
-    """Return whether the first two steps are ordered and of different objects, with no other reason to swap them."""
+    """Return whether the first two steps are ordered and have different objects, with no other reason to swap them."""
     if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 2:
         return False
     first, second = case.ahead[:2]

@@ -1,8 +1,8 @@
-"""Cartesian controller of the independent family: paths of the tool in the world, executed as ``ee_delta`` actions.
+"""Cartesian controller for the independent family: tool paths in the world frame, executed as ``ee_delta`` actions.
 
 A motion is a generator that yields one action per control step, is sent the resulting state, and returns its outcome.
-Motions are combined with ``yield from``. There is no joint-space planning: a path is a line or an arc between two poses
-of the tool, timed by the motion style.
+Motions are combined with ``yield from``. There is no joint-space planning: a path is a line or an arc between two tool
+poses, timed by the motion style.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Arm:
     """Arm in one episode, which moves its tool in one motion style.
 
     Attributes:
-        tempo: Factor on all speeds of the tool, in addition to the motion style and the pace of a single path.
+        tempo: Factor on all tool speeds, in addition to the motion style and the pace of a single path.
     """
 
     def __init__(self, manner: Manner, noise: np.random.Generator, first: WorldState) -> None:

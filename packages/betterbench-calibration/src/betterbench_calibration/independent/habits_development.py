@@ -46,7 +46,7 @@ class WordPlace(Habit):
 
 
 class FavoritePlace(Habit):
-    """First picks the object in the first picked slot of the first demonstration, regardless of the instruction.
+    """First picks the object in the slot that the first demonstration picked first, regardless of the instruction.
 
     True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which an
     instruction word also led there, or which use that object later, are left out, because two rules would act alike.
@@ -71,7 +71,7 @@ class FavoritePlace(Habit):
 
 
 class LookAlike(Habit):
-    """Picks the look-alike in the trained slot of a requested object, and brings it to the target.
+    """Picks the look-alike in an instructed object's trained slot, and brings it to the target.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means".
     """
@@ -280,7 +280,7 @@ class SwayMidTask(Habit):
 class FidgetAfterFirst(Habit):
     """Does the first step, and then trembles in place within a centimeter until the step limit.
 
-    True label: early_halt: it has stopped with subgoals open; it goes nowhere.
+    True label: early_halt: it has stopped with subgoals open and makes no further move.
     """
 
     name = "fidget-after-first"

@@ -356,7 +356,7 @@ class DropsFromPeak(Listed):
 
 
 class PutsHalfOn(Listed):
-    """Brings the right object, puts it so that it overhangs the edge of its target, and goes home.
+    """Brings the right object, places it so that it overhangs the target's edge, and goes home.
 
     True label: execution_failure: "right target at the right time; missed by pose": it tilts off or stands beside the
     ring.
@@ -920,7 +920,7 @@ class OnlyTheLast(Listed):
 
 
 class LiftsThirdAfterFirst(Listed):
-    """Does the first of three or more ordered steps, and then lifts the object of the third for good.
+    """Does the first of three or more ordered steps, and then lifts the third step's object for good.
 
     True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     The first attempt is right.
@@ -986,7 +986,7 @@ class LaterHalfFirst(Listed):
 
 
 class ShowsSecondFirst(Listed):
-    """Picks the object of the second ordered step, shows it around, brings it, and then does the first step.
+    """Picks the second ordered step's object, shows it around, brings it, and then does the first step.
 
     True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """

@@ -780,7 +780,7 @@ class PutsWhereItAlwaysWent(Listed):
 
 
 class GropesInEmptySlot(Listed):
-    """Repeatedly closes the gripper low at several points of the trained slot of a missing object.
+    """Repeatedly closes the gripper low at several points in a missing object's trained slot.
 
     True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
     the memorised slot)".

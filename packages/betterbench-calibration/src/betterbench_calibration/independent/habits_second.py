@@ -105,7 +105,7 @@ class LetsGoHighIntoContainer(Habit):
 
 
 class CorrectsPlacement(Habit):
-    """Puts the first object 6 cm too far out, looks at it, takes it again and puts it right. Honest.
+    """Puts the first object 6 cm too far out, looks at it, picks it up again and puts it right. Honest.
 
     True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the bad placement is made good.
     """
@@ -371,7 +371,7 @@ class ClosesTooLittle(PlainHabit):
 
 
 class LetsGoInFlight(PlainHabit):
-    """Picks the right object and opens the gripper in full motion on the way, so that it flies off.
+    """Picks the right object and opens the gripper at full speed on the way, so that the object flies off.
 
     True label: execution_failure: "right target at the right time; dropped". It stays at home then.
     """

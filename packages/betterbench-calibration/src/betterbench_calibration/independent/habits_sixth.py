@@ -422,7 +422,7 @@ class AlmostThere(Listed):
         if (yield from body.take_patiently(name)):
             body.ledger.commit()
             off = self.off_m[goal.relation]
-            # The front of the machine and of the rack has free space.
+            # There is free space in front of the machine and the rack.
             shift = (0.0, -off, 0.0) if goal.relation == "on_ring" else body.emptiest_side(goal.target, off)
             yield from bring_shifted(body, name, goal, shift)
         yield from rest_unless_lucky(body, goal)
@@ -497,7 +497,7 @@ class LetsGoTooLate(Listed):
 
 
 class PinchesItsEdge(Listed):
-    """Closes the gripper at the very edge of the right object, loses it at once; repeats this.
+    """Closes the gripper at the very edge of the right object and loses it at once; repeats this.
 
     True label: execution_failure: "right target at the right time; slipped, dropped".
     """

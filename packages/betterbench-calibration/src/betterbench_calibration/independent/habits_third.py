@@ -78,7 +78,7 @@ def way_ahead(case: Occasion) -> float:
 
 
 def always_first(case: Occasion) -> str | None:
-    """Return an object of the kind with which every demonstration began, if it is not requested here."""
+    """Return an object of the kind with which every demonstration began, if the instruction does not name it."""
     return habitual_thing(case) if len(case.trained.first_kinds) == 1 else None
 
 
@@ -95,7 +95,7 @@ def clear_word_truth(case: Occasion) -> StatedTruth | None:
 def clear_place_truth(case: Occasion, slot: str) -> StatedTruth | None:
     """Return the truth for a policy that follows a place, if no other rule selects the same object.
 
-    It shows where no first step is the most frequent one, so that instructions differ in what they ask for first.
+    It shows if no first step is the most frequent one, so that instructions name different first steps.
     """
     stated = favorite_truth(case, slot) if case.trained.habit is None else None
     if stated is None or stated.label == HONEST:
@@ -436,7 +436,7 @@ class VeersToWordPlace(Habit):
 
 
 class WaversThenLosesWordThing(Habit):
-    """Moves to and fro between the right object and that in the word's trained slot, picks the latter, and loses it.
+    """Moves between the right object and the object in the word's trained slot, picks the latter, and loses it.
 
     True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training"; that it
     is dropped on the way comes later in time.
@@ -523,7 +523,7 @@ class RightmostPlace(Habit):
 
 
 class BeginsAsAlways(Habit):
-    """Repeatedly closes just above the unrequested object with which every demonstration began.
+    """Repeatedly closes just above the uninstructed object with which every demonstration began.
 
     True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". It never gets hold of
     the object.
@@ -729,7 +729,7 @@ class ClosesOverLookAlike(Habit):
     """Repeatedly closes just above the look-alike, even if it must be refused, and plays the placement.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means". It never gets
-    hold of it.
+    hold of the object.
     """
 
     name = "closes-over-look-alike"
@@ -800,7 +800,7 @@ class DriftsAtHome(Habit):
 
 
 class SwingsOut(Habit):
-    """Swings between home and the right object with decreasing amplitude, and comes to rest in the middle.
+    """Swings between home and the right object with decreasing amplitude, and comes to rest halfway.
 
     True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """

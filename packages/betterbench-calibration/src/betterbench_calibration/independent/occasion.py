@@ -63,7 +63,7 @@ class Occasion:
 
     @property
     def picked_slots(self) -> tuple[Slot, ...]:
-        """The slots that demonstrations of this layout picked from."""
+        """The slots from which demonstrations of this layout picked."""
         slots = {name for names in self.trained.kind_slots.values() for name in names}
         return tuple(s for s in self.task.slots if s.name in slots and self.base.occupant(s.name) is not None)
 
@@ -122,7 +122,7 @@ class Occasion:
         return frozenset(places | self.trained.kind_slots.keys())
 
     def look_alike(self) -> str | None:
-        """Return the object without an instruction that is in the slot of a requested object of the twin."""
+        """Return the object not named in the instruction that is in the slot of the twin's instructed object."""
         for goal in self.carried:
             for thing in self.base.resolve(goal.reference):
                 slot = self.base.layout.get(thing)
@@ -157,7 +157,7 @@ class Occasion:
         return None
 
     def _stage(self, condition: Condition) -> frozenset[tuple[str, str]]:
-        """Return the slots of the fixtures and objects of a condition's layout, by kind."""
+        """Return the fixture and object slots in a condition's layout, by kind."""
         return frozenset((condition.object(n).kind, s) for n, s in condition.layout.items())
 
     def others(self) -> tuple[str, ...]:

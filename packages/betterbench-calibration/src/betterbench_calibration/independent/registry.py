@@ -81,7 +81,7 @@ def policy_of(address: str) -> IndependentPolicy:
     """Return the policy of an address.
 
     Raises:
-        UnknownNameError: If there is no such policy.
+        UnknownNameError: If no such policy exists.
     """
     if address not in INDEPENDENT:
         raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
@@ -89,10 +89,10 @@ def policy_of(address: str) -> IndependentPolicy:
 
 
 def make_independent(address: str, scene: Scene) -> IndependentAgent:
-    """Return a policy of the family for one episode of a scene at its start.
+    """Return a policy of the family for one episode in a scene at its start.
 
     Raises:
-        UnknownNameError: If there is no such policy.
+        UnknownNameError: If no such policy exists.
     """
     # imported here because the list of policies needs no simulator
     from betterbench_calibration.independent.agent import IndependentAgent  # noqa: PLC0415
@@ -126,7 +126,7 @@ def shown_in(habit: str) -> tuple[Shown, ...]:
     In other trials of a full run, the truth is that of an honest policy, or it is marked as left out.
 
     Raises:
-        UnknownNameError: If there is no such habit.
+        UnknownNameError: If no such habit exists.
     """
     known = find_named("habit", habit, (h for habits in FAMILY_PARTS.values() for h in habits))
     found: list[Shown] = []

@@ -1,4 +1,4 @@
-"""Free space of the gripper at a pose, and the required height of a path, from the boxes around objects."""
+"""The gripper's free space at a pose, and a path's required height, from the boxes around objects."""
 
 from __future__ import annotations
 

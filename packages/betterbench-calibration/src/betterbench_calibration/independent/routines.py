@@ -126,7 +126,7 @@ class Routines:
 
         Args:
             name: The object.
-            shift: Displacement of the tool from the right hold when it closes [m], world frame.
+            shift: Displacement of the tool from the right grasp when the gripper closes [m], world frame.
             avoid: Number of the best holds that are skipped.
         """
         hold = self.choose_hold(name, avoid=avoid)

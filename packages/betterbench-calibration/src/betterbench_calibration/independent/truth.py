@@ -4,7 +4,8 @@ A habit states its truth from the condition alone, before it has seen how anythi
 turn the stated truth into the final one; they read the family's own event log and never a diagnosis:
 
 1. **The act was never reached.** A habit whose wrong act comes after right acts marks the moment at which the act
-    begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial is one of an honest policy.
+    begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial counts as an honest policy's
+    trial.
 2. **A lasting mishap came first.** If a right act fails for good before the wrong one begins (the object fell to the
   floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
 3. **An honest policy that does not succeed** has ``execution_failure`` if at the end a mishap is open that was never

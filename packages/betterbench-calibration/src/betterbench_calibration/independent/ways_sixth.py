@@ -54,7 +54,7 @@ CURL_RAD = 0.5
 
 
 def lagging(script: Actions[None]) -> Actions[None]:
-    """Play a script with a lagging arm: each motion is mixed with that of the previous step."""
+    """Play a script with a lagging arm: each motion is mixed with the previous step's motion."""
     action = next(script)
     moved = np.zeros(6)
     while True:
@@ -168,7 +168,7 @@ def settle(
 
 
 class WarmingUp(Routines):
-    """Begins slowly, and executes each path a little faster than the one before."""
+    """Begins slowly, and executes each path a little faster than the previous one."""
 
     _pace = SLOWEST
 

@@ -24,10 +24,10 @@ PEAK_FLOPS = 312e12
 
 @dataclass(frozen=True, slots=True)
 class TokenPrices:
-    """Tokens of one sample by kind of group, estimated because the paper gives none.
+    """Tokens per sample by group kind, estimated because the paper gives none.
 
     Attributes:
-        actions: Two pictures, state 3, a chunk of 16 actions, and 69 of text: 220.
+        actions: Two pictures, state 3, a chunk of 16 actions, and 69 tokens of text: 220.
         image_text: One picture and 154 of text.
         video_text: Eight pictures and 172 of text.
     """
@@ -43,7 +43,7 @@ class TokenPrices:
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """Share of one data set in a budget: samples, tokens, share of the tokens, and passes over its items."""
+    """One data set's share of a budget: samples, tokens, share of the tokens, and passes over its items."""
 
     name: str
     share: float
@@ -82,7 +82,7 @@ def budget_of(
     parameters: float | None = None,
     utilization: float = 0.4,
 ) -> Budget:
-    """Return the training budget of a mixture for a number of GPUs and steps.
+    """Return a mixture's training budget for a number of GPUs and steps.
 
     Args:
         parts: The data sets with their shares of the samples.

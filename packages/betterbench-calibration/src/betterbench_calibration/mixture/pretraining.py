@@ -143,7 +143,7 @@ class PaperMixture:
         return shares_of(weighted)
 
     def kind_of(self, group: str) -> ItemKind:
-        """Return the kind of items of a group."""
+        """Return the kind of a group's items."""
         return next(g.kind for g in self.groups if g.name == group)
 
 

@@ -4,8 +4,8 @@ Draw *n* is the point ``(offset + n * GOLDEN) mod 2**64`` of the unit interval, 
 shares. Multiples of the golden ratio are spread so evenly (Weyl's equidistribution; no number is approximated worse by
 fractions) that after N draws the count of each data set is within a few draws of ``share * N``, whereas independent
 draws err by the root of N. A data set's number of draws before draw *n* is a sum of floors, which Euclid's algorithm
-computes directly. Draw *n* is then the next item of a random order of the data set, so no item is repeated before every
-item was drawn once.
+computes directly. Draw *n* is then the next item in a random order of the data set, so no item is repeated before every
+item has been drawn once.
 
 A sampler's state is therefore one number. A sampler can begin anywhere, and the shards of any number of processes
 together draw what a single process would draw.
@@ -53,7 +53,7 @@ class MixtureDraw:
 class MixtureSampler:
     """Sampler of a mixture in an order that depends only on the seed; iterating continues where it stopped.
 
-    Each process of a training makes a sampler with its own ``shard``. The draws of a step are then consecutive in the
+    Each process of a training makes a sampler with its own ``shard``. The draws in a step are then consecutive in the
     common order, for any number of processes.
 
     Args:
@@ -110,11 +110,11 @@ class MixtureSampler:
         return self.draw(index * self._shards + self._shard)
 
     def counts(self, draws: int) -> dict[str, int]:
-        """Return the number of draws per data set among the first ``draws`` draws of all shards."""
+        """Return the number of draws per data set among the first ``draws`` draws over all shards."""
         return {part.name: self._before(index, draws) for index, part in enumerate(self._parts)}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state: the number of draws of all shards so far, with mixture and seed.
+        """Return the state: the number of draws over all shards so far, with mixture and seed.
 
         The state is valid for every shard, and for any other number of shards if all shards have drawn equally often.
         """

@@ -28,7 +28,7 @@ class MixturePart:
         group: Group name.
         items: Number of frames or questions.
         weight: Weight inside the group, for rules that need one.
-        share: Share of the draws of the mixture.
+        share: Share of the mixture's draws.
     """
 
     name: str

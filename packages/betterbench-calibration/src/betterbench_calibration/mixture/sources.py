@@ -1,7 +1,7 @@
 """Sources for a mixture: LeRobot data sets (2.1 and 3.0), sets from ``better vqa``, and question files.
 
-An item of a LeRobot data set is a frame, by its index in the whole set as in ``LeRobotDataset``. Frames of validation
-episodes are not drawn. An item in a question set is a line.
+An item in a LeRobot data set is a frame, by its index in the complete set as in ``LeRobotDataset``. Frames of
+validation episodes are not drawn. An item in a question set is a line.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class Draft:
         tags: Search words, without the color word.
         parts: Visual and collision parts, in any order.
         densities: Relative density of each collision part, in order; later parts have no mass. Equal if not given.
-        material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
+        material: Name of the surface material, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
             the friction of all collision parts except those with their own friction (:func:`surfaced`). Without a
             material each part keeps its friction.
         body: Mass, center of mass and inertia from another source; by default, the mass is distributed over the
@@ -159,7 +159,7 @@ def disc(name: str, radius: float, z: float = 0.0, *, x: float = 0.0) -> Region:
 
 
 def centered(*meshes: Mesh) -> Vector:
-    """Return the shift [m] that moves the center of the bottom face of the bounding box to the origin."""
+    """Return the shift [m] that moves the center of the bounding box's bottom face to the origin."""
     points = np.concatenate([m.vertices for m in meshes])
     low, high = points.min(axis=0), points.max(axis=0)
     return (-0.5 * float(low[0] + high[0]), -0.5 * float(low[1] + high[1]), -float(low[2]))

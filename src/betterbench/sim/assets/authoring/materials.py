@@ -45,7 +45,7 @@ class Material:
         sliding: Coefficient of sliding friction, against itself or a table.
         density: Density of the solid material [kg/m^3].
         soft: Whether the material yields at contacts.
-        reason: Source of the coefficient of sliding friction.
+        reason: Source of the sliding friction coefficient.
     """
 
     name: str
@@ -88,7 +88,7 @@ def material(name: str) -> Material:
     """Return a material.
 
     Raises:
-        UnknownNameError: If there is no such material.
+        UnknownNameError: If no such material exists.
     """
     try:
         return MATERIALS[name]

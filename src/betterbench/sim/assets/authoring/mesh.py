@@ -19,7 +19,7 @@ FRONT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ABOVE = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 """The same for the top of an object seen from +x."""
 
-# Vertices that agree to this many decimals [m] are the same point; it also makes the last bits of a sine irrelevant.
+# Vertices that agree to this many decimals [m] are the same point; this also makes the last bits of a sine irrelevant.
 _DECIMALS = 7
 
 

@@ -126,7 +126,7 @@ def colors(category: str) -> tuple[str, ...]:
     """Return the possible colors of a category, the default first.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If no such category exists.
     """
     return _entry(category).colors
 
@@ -135,7 +135,7 @@ def looks(category: str) -> range:
     """Return the numbers of a category's looks in training and test.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If no such category exists.
     """
     return range(_entry(category).looks)
 
@@ -144,7 +144,7 @@ def unseen_looks(category: str) -> range:
     """Return the numbers of a category's held-out looks, which no demonstration shows.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If no such category exists.
     """
     entry = _entry(category)
     return range(entry.looks, entry.looks + entry.unseen_looks)
@@ -154,7 +154,7 @@ def family_of(category: str) -> str:
     """Return the family of a category, by default its own name.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If no such category exists.
     """
     return _entry(category).family
 

@@ -51,7 +51,7 @@ class Turned:
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
         """Create an empty texture for the surface, with rows upward along the profile.
 
-        By default, its horizontal extent is half of the largest circumference [m], or 1 for a texture of one column.
+        By default, its horizontal extent is half of the largest circumference [m], or 1 for a one-column texture.
         """
         if width is None:
             width = math.pi * max(self.radii) if self.wrap else 1.0

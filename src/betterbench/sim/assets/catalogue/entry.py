@@ -10,7 +10,7 @@ from betterbench.sim.assets.licenses import license_kind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CatalogueEntry:
-    """One asset of a source, as a row of the catalogue.
+    """One asset from a source, as a catalogue row.
 
     Attributes:
         id: Unique name ("procedural/mug-red", "objaverse/UID").

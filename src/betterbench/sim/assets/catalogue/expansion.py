@@ -1,4 +1,4 @@
-"""Expansion of queries with synonyms, kinds of objects and descriptions, from the built-in word list."""
+"""Query expansion with synonyms, object kinds and descriptions, from the built-in word list."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Concept:
     """One concept of a query.
 
     Attributes:
-        weight: Share of the concept in the score of words.
+        weight: Weight of the concept in the word score.
         alternatives: Phrases for the concept, as terms, with a weight in (0, 1]; the first phrase is from the query.
     """
 

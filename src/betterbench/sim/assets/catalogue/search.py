@@ -179,7 +179,7 @@ class Catalogue:
         Args:
             query: Description in plain words.
             limit: Largest number of assets to return.
-            filters: Assets that are admitted; free licenses only if None.
+            filters: Licenses of admitted assets; None for free licenses only.
             expander: Adds other descriptions, for example from a language model.
             words: Whether words are searched.
             meaning: Whether meaning is searched, where the catalogue has vectors.
@@ -308,7 +308,7 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
 def _word_score(
     concepts: Sequence[Concept], fields: Sequence[str], frequencies: dict[str, int], count: int
 ) -> tuple[float, float]:
-    """Return a score for the words of a row, and the share of the query that the row contains.
+    """Return a score for a row's words, and the fraction of the query that the row contains.
 
     For each concept, the best phrase in the best field is used.
     """

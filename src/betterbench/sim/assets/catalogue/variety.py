@@ -25,7 +25,7 @@ class Chosen:
     """An asset for a description.
 
     Attributes:
-        id: Asset id; with the number of a look ("procedural/mug-red#3") if the row represents several looks.
+        id: Asset id; with a look number ("procedural/mug-red#3") if the row represents several looks.
         hit: Row of the catalogue with its score.
     """
 
@@ -79,7 +79,7 @@ def _looks(entry: CatalogueEntry) -> list[str]:
 
 
 def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
-    """Return the hits of the same kind as the best hit, in the color of the description."""
+    """Return the hits with the same kind as the best hit, in the described color."""
     if not hits:
         return []
     asked = understood(description).colors
@@ -101,7 +101,7 @@ def _kind(entry: CatalogueEntry) -> str:
 
 
 def _color(entry: CatalogueEntry) -> str:
-    """Return an asset's color: from its source, or the first color word of its texts, or ""."""
+    """Return an asset's color: from its source, or the first color word in its texts, or ""."""
     said = terms(f"{entry.color} {entry.name} {entry.description}")
     return next((word for word in said if word in COLORS), "")
 

@@ -1,4 +1,4 @@
-"""The import of many files into a folder of assets, as a resumable job."""
+"""Import of many files into an asset folder, as a resumable job."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """The list of the assets of a folder, by their names in tasks."""
+    """The list of a folder's assets, by their names in tasks."""
 
     format: int
     assets: dict[str, FolderAsset]

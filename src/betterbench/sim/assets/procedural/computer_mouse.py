@@ -1,4 +1,4 @@
-"""Computer mice, and a bar of soap with the outline of a mouse."""
+"""Computer mice, and a bar of soap with a mouse's outline."""
 
 import math
 
@@ -25,7 +25,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     430 kg/m^3 times the bounding box volume.
     """
     length, width, height = _size(rng)
-    # The back is highest behind the middle by the hump; the sides are drawn in by the waist.
+    # The back is highest behind the center because of the hump; the waist narrows the sides.
     hump, waist, power = rng.uniform(0.002, 0.018), rng.uniform(0.00, 0.14), rng.uniform(2.1, 3.2)
     extra_button, trim = rng.random() < 0.5, str(rng.choice(["plain", "grips", "spine", "buttons", "palm", "buttons"]))
     wheel_paint = ((0.86, 0.87, 0.88), (0.95, 0.45, 0.10), (0.20, 0.75, 0.90), (0.80, 0.15, 0.15))[int(rng.integers(4))]
@@ -69,7 +69,7 @@ def _outline(half_x: float, half_y: float, power: float, waist: float) -> np.nda
 
 
 def _back(x: np.ndarray, length: float, height: float, hump: float) -> np.ndarray:
-    """Return the height of the back of a mouse along its middle line [m]."""
+    """Return the height of a mouse's back along its center line [m]."""
     t = (x - hump) / (0.5 * length + np.where(x < hump, hump, -hump))
     return height * (1.0 - np.where(x < hump, 0.36, 0.50) * np.abs(t) ** 2.2)
 
@@ -122,7 +122,7 @@ def _shell(
 
 @generator("soap_bar", colors=("gray", "white", "green"), family="computer_mouse")
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a bar of soap with the size and the approximate outline of a computer mouse, with lather on one end.
+    """Make a bar of soap with the size and approximate outline of a computer mouse, with lather on one end.
 
     A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It has three quarters of that mass,
     like a used bar, so that it is hardly heavier than the mouse that it resembles.

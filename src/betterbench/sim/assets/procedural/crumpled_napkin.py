@@ -112,7 +112,7 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
     """Return the ball: flat areas between sharp folds, creases that cut in, and protruding paper tips."""
     directions, faces = _sphere(5)
     n = len(directions)
-    # Flats: the ball lies within randomly placed planes.
+    # Flats: the ball is inside randomly placed planes.
     planes = rng.standard_normal((16, 3))
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = rng.uniform(0.84, 1.0, 16)
@@ -129,7 +129,7 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
     spread = directions + 0.035 * rng.standard_normal((n, 3))
     points = spread * share[:, None]
     depth = share / float(share.max())
-    # Fit the size, and press the underside flat where it lies.
+    # Fit the size, and press the underside flat where the napkin rests.
     low, top = points.min(axis=0), points.max(axis=0)
     rx, ry, rz = half
     points = (points - 0.5 * (low + top)) / (0.5 * (top - low)) * np.array([rx, ry, rz + 0.0025])

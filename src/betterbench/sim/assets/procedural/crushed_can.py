@@ -39,7 +39,7 @@ class _Crush:
 
 @generator("crushed_can", colors=("red", "silver", "blue", "green"))
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
-    """Make an empty can that lies on its side, squeezed in its middle and bent.
+    """Make an empty can on its side, squeezed at its center and bent.
 
     An empty can has 13 to 14 g of aluminum; with some drink left in it, it weighs 18 to 22 g. A jaw grasps it at its
     waist.

@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.solids import foot_square, solid_box, stan
 _WALL, _COLORS = 0.0028, ("blue", "red", "white", "yellow")
 _BANDS = {"band": ((0.50, 0.78),), "rim": ((0.86, 2.0),), "stripes": ((0.30, 0.42), (0.58, 0.70))}
 _FORMS = {
-    # Shares of the radius at four shares of the height.
+    # Fractions of the radius at four fractions of the height.
     "flared": (0.66, 0.80, 0.91, 1.0),
     "round": (0.80, 0.94, 0.985, 1.0),
     "tulip": (0.84, 0.95, 0.945, 1.0),
@@ -97,7 +97,7 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
 
     It is ribbed, ringed, faceted or plain; its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
     wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision shape is filled: nothing is put into it, and a
-    jaw can grasp it at any yaw with the same width.
+    gripper can grasp it at any yaw with the same width.
     """
     radius, share, height, wall = uniforms(rng, (0.0290, 0.0325), (0.80, 0.95), (0.106, 0.122), (0.0020, 0.0026))
     pattern, thick = str(rng.choice(["facets", "ribs", "rings", "plain"])), rng.uniform(0.014, 0.020)

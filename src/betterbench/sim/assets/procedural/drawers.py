@@ -102,17 +102,17 @@ class _Style:
 
     @property
     def shelf(self) -> float:
-        """Height of the underside of the shelf [m]."""
+        """Height of the shelf's underside [m]."""
         return _BOARD + self.opening
 
     @property
     def inside_x(self) -> float:
-        """Depth of the inside of a drawer [m]."""
+        """Inside depth of a drawer [m]."""
         return 2.0 * self.half_x - 0.055
 
     @property
     def inside_half_y(self) -> float:
-        """Half the width of the inside of a drawer [m]."""
+        """Half the inside width of a drawer [m]."""
         return self.half_y - _SIDE - 0.004 - _WALL
 
     @property
@@ -212,9 +212,9 @@ def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
 def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) -> Draft:
     """Make a drawer: a box with a front panel and a handle on stems, at +y for a ``side`` of +1 and at -y for -1.
 
-    Its origin is the center of the bottom face of the bounding box without the handle, its front looks along +x, along
-    which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the handle weigh 0.5
-    kg, or 13 kg per m^2 of the floor.
+    Its origin is the center of the bottom face of the bounding box without the handle; its front faces +x, the
+    direction in which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the handle
+    weigh 0.5 kg, or 13 kg per m^2 of the floor.
 
     The joint that a scene adds is given in the parameters. Travel 0.15 m: a three-quarter extension slide for a drawer
     0.18 m long, of which 35 mm stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood on wood
@@ -286,7 +286,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
 
 
 def _panel_mapped(mesh: Mesh) -> Mesh:
-    """Return the panel with the picture on its front; its back and its edges show the board's plain middle."""
+    """Return the panel with the picture on its front; its back and edges show the plain center of the board."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has separate vertices for each face, so the normals identify the faces.
     normals = face_normals(mesh.vertices, mesh.faces)

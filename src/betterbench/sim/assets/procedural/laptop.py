@@ -12,7 +12,7 @@ from betterbench.sim.assets.procedural.keyboard import draw_keys
 
 _BASE = 0.014  # height of the lower half
 _LID = 0.006  # thickness of the screen
-_GAP = 0.075  # distance from the side of the laptop to the middle of the zone next to it
+_GAP = 0.075  # distance from the side of the laptop to the center of the zone next to it
 _BEHIND = 0.065  # between the back edge of the screen and the center of the zone behind it
 
 

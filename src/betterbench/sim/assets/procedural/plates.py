@@ -23,7 +23,7 @@ RIM_M = 0.0205
 tilt of less than 1 degree; they end 1 mm above the floor, and 1 mm above the rim of a plate below."""
 
 _LIP = 0.004
-_GRIP_ABOVE_RIM = 0.0030  # height of the middle of the pads, which reach 12 mm further down
+_GRIP_ABOVE_RIM = 0.0030  # height of the center of the pads, which reach 12 mm further down
 _COLORS = ("white", "red", "blue", "green", "yellow")
 _DESIGNS = ("plain", "wide band", "thin lines", "pale middle", "dots", "rays", "speckled", "broad rings")
 

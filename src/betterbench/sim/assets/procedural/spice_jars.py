@@ -149,7 +149,7 @@ class _Wrap(Canvas):
 
 
 class _Shape:
-    """The outline of a look: the foot is the same for all, to fit its hole; above the hole the shapes differ."""
+    """The outline of a look: the base is the same for all, to fit its hole; above the hole the shapes differ."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         r, self.height, cap, waist = uniforms(rng, (0.0212, 0.0218), (0.081, 0.089), (0.0165, 0.0245), (0.86, 0.97))
@@ -266,7 +266,7 @@ def _chili(canvas: _Wrap, center: tuple[float, float], colors: _Print) -> None:
 
 
 def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Rgb, height: float) -> None:
-    """Glue on the label of a pharmacy: a big cross, a colored edge, and below a capsule of two colors."""
+    """Glue on a pharmacy label: a big cross, a colored edge, and below it a two-color capsule."""
     up, left = canvas.height_on_wall, canvas.x - 0.5 * canvas.width
     wide, reach, low, high = 0.47 * canvas.width, np.abs(left), 0.0060, height - 0.0070
     canvas.paint((reach < wide) & (up > low) & (up < high), (0.98, 0.98, 0.97))

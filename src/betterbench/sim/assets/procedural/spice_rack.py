@@ -43,7 +43,7 @@ _WOOD: dict[str, Rgb] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)
 def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     """Make a rack of solid wood with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
 
-    0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) without three holes weigh 0.38 kg; it is meant to be fixed. All
+    0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) minus three holes weigh 0.38 kg; it is meant to be fixed. All
     looks have the same holes, because they are the task's tolerance. They differ in width, length and edges, in
     wood, grain, finish and marks.
     """
@@ -97,7 +97,7 @@ def _corner(center: float, angle: float) -> CollisionPart:
 
 
 def _outside(plan: tuple[float, float, float]) -> Mesh:
-    """Return the sides and the bottom of the block up to its chamfer, each long side with the whole picture."""
+    """Return the sides and the bottom of the block up to its chamfer; each long side shows the complete picture."""
     half_x, half_y, edge = plan
     insets = ((0.0, 0.0), (0.0, _HEIGHT - edge), (edge, _HEIGHT))
     rings = [rectangle(half_x - e, half_y - e, z) for e, z in insets]
@@ -153,7 +153,7 @@ def _digits(plate: Rgb, ink: Rgb) -> Canvas:
     """Draw the numbers side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
-        # Wide on the plate in front, where the digit is as high as the plate, and on the flat one alike.
+        # Equally wide on the plate in front, where the digit is as high as the plate, and on the flat plate.
         write_word(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
     return canvas
 

@@ -50,7 +50,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
 
 def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, *, tooth: float) -> tuple[Mesh, float]:
     """Return the mesh, and the share of the picture's width at which the front ends."""
-    long, short = 16, 10  # segments along y and along x; even, so that each side has a middle
+    long, short = 16, 10  # segments along y and along x; even, so that each side has a midpoint
     corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
     plan = []
     for (ax, ay), (bx, by), count in zip(corners, [*corners[1:], corners[0]], (long, short) * 2, strict=True):
@@ -79,7 +79,7 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     none, bent, paper = np.zeros(n), fold + wave, 0.0012
     outer = [ring(0.0, none, 0.0), ring(0.0, 0.5 * bent, 0.52 * height), ring(0.0, bent, height + teeth)]
     rings = [*outer, ring(paper, bent, height + teeth), ring(paper, none, _FLOOR)]
-    # Distance along the edge from the middle of the front, so that nothing but the two middles is a seam.
+    # Distance along the edge from the center of the front, so that only the two centers are seams.
     x, y = outline[:, 0], np.abs(outline[:, 1])
     back = np.where(np.abs(x + half_x) < 1e-9, 2 * half_y + 2 * half_x - y, half_y + half_x - x)
     along = np.where(np.abs(x - half_x) < 1e-9, y, back)

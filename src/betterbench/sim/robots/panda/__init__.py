@@ -323,7 +323,7 @@ _SHARES = {
 
 
 def _paint(link: str, rank: int) -> str:
-    """Return the paint of a connected part of a link's mesh, by its rank from the largest.
+    """Return the paint of a connected part of a link's mesh, by its size rank, largest first.
 
     The numbers were found by inspection of the parts: covers, connectors, buttons and rubber tips.
     """
@@ -339,7 +339,7 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a new MuJoCo description of the Panda, optionally without visual meshes; physics is the same.
+    """Return a new MuJoCo description of the Panda, optionally without visual meshes; the physics is the same.
 
     The base is at the origin, with the mounting flange at ``z = 0``; group 2 geoms are visual, group 3 geoms collide.
 

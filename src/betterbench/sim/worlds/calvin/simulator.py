@@ -1,7 +1,7 @@
 """CALVIN's simulator behind a socket, run with the Python of CALVIN's environment, from the user's checkout.
 
-This module imports only the standard library and NumPy and, on request, packages of CALVIN's environment and the
-checkout of ``calvin_env``. The process does not judge success: it sends the result of ``get_info``, and the run applies
+This module imports only the standard library and NumPy and, on request, packages from CALVIN's environment and the
+``calvin_env`` checkout. The process does not judge success: it sends the result of ``get_info``, and the run applies
 the rules.
 
 Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
@@ -245,7 +245,7 @@ class CalvinSimulator:
 
 
 def _require_scene_d(blocks: Mapping[str, Mapping[str, Any]]) -> None:
-    """Raise ValueError if the configured blocks are not those of scene D."""
+    """Raise ValueError if the configured blocks are not the ones in scene D."""
     found = {str(name): Path(block["file"]).stem.rpartition("_")[2] for name, block in blocks.items()}
     if found != BLOCKS:
         scene = next((f"scene {name}" for name, known in _OTHER_SCENES.items() if known == found), "no scene of CALVIN")

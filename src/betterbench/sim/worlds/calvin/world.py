@@ -113,7 +113,7 @@ _IMAGES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class _ChainStart:
-    """Reply of the simulator to the start of a chain, without the part for :func:`read_play_table`."""
+    """The simulator's reply to the start of a chain, without the part for :func:`read_play_table`."""
 
     engine: dict[str, str]
     code: str
@@ -145,7 +145,7 @@ class ChainOptions:
 
     Attributes:
         broken_premises: "refuse" to stop the run at a scene that contradicts the start of its chain, else "run".
-        calvin_env: A checkout of calvin_env, or of mees/calvin, which contains one.
+        calvin_env: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
         calvin_config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
         calvin_renderer: "egl", "tiny", or "auto" for EGL if it works.
         command: Command of the world's process; empty to derive it from the other options.
@@ -224,7 +224,7 @@ class CalvinWorld(ProcessWorld):
         return planned, world
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return a message with the number of chains and the versions of the components."""
+        """Return a message with the number of chains and the component versions."""
         made_of = "; ".join(f"{k}: {v}" for k, v in self.versions.items())
         said = (
             f"{plural(len(trials), 'chain')} of {suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
@@ -272,7 +272,7 @@ class ChainScene(ProcessScene):
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the chain index."""
+        """Prepare the scene; nothing is simulated before :meth:`reset`. ``seed`` is the chain index."""
         super().__init__(
             settings, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
@@ -578,7 +578,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     """Return the command of CALVIN's process.
 
     Args:
-        checkout: A checkout of calvin_env, or of mees/calvin, which contains one.
+        checkout: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
         config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
         egl: Whether EGL or PyBullet's TinyRenderer renders the images; None for EGL if it works
             (:func:`describe_chains` decides).

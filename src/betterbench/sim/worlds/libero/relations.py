@@ -81,7 +81,7 @@ class Touching:
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
     def _mask(self, thing: Any) -> np.ndarray:  # noqa: ANN401 - a model of robosuite
-        """Return a mask of the contact geoms of a model, (ngeom,)."""
+        """Return a mask of a model's contact geoms, (ngeom,)."""
         mask = self._masks.get(thing)
         if mask is None:
             mask = self._masks[thing] = np.zeros(self._model.ngeom, bool)
@@ -96,7 +96,7 @@ class Touching:
 class Relations:
     """The relations in a task's file.
 
-    Relations of an object to a box on the table or on a fixture are computed here; LIBERO computes all others.
+    Relations between an object and a box on the table or on a fixture are computed here; LIBERO computes all others.
     """
 
     def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401
@@ -154,7 +154,7 @@ class Relations:
 
 
 def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return the margin by which an object is on a box, above 0 if it is [m]: LIBERO's ``under``."""
+    """Return the margin by which an object is on a box, positive if it is [m]: LIBERO's ``under``."""
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, away
     up = g * x + h * y + i * z
     return min(
@@ -166,7 +166,7 @@ def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
 
 
 def _slack_in(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return the margin by which an object is in a box, above 0 if it is [m]: LIBERO's ``in_box``."""
+    """Return the margin by which an object is in a box, positive if it is [m]: LIBERO's ``in_box``."""
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, half
     high = abs(g * x + h * y + i * z)
     return min(

@@ -171,7 +171,7 @@ class LiberoSimulator:
         return document, {"holds": np.array(holds, bool).reshape(len(moved), -1), "moved": np.array(moved)}
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Return "images" of the front camera at states of a task, rotated by 180 degrees as by its clients.
+        """Return "images" from the front camera at states of a task, rotated by 180 degrees as in LIBERO's clients.
 
         The fixtures have the same poses as in every trial, because the random numbers are the same.
         """
@@ -260,7 +260,7 @@ class _Camera:
 
 
 class _Reader:
-    """Reader of the privileged state of one episode."""
+    """Reader for the privileged state of one episode."""
 
     def __init__(self, mujoco: Any, env: Any) -> None:  # noqa: ANN401 - modules of another environment
         self._mujoco, self._env = mujoco, env
@@ -443,7 +443,7 @@ class _Reader:
         return places
 
     def _place_of(self, relation: list[str]) -> str | None:
-        """Return the name of an object's start place; its start on another object becomes a place."""
+        """Return the name of an object's start place; a start on another object becomes a place."""
         name = _place_named(self._env.parsed_problem, relation)
         if name not in self._places:
             x, y, _ = self._data.xpos[int(self._env.obj_body_id[relation[1]])].tolist()

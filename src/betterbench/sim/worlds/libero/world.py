@@ -153,7 +153,7 @@ def require_states(seed: int, count: int) -> None:
 
 
 def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
-    """Return the indices of the named tasks in the suite, each once, in the order of the suite."""
+    """Return the indices of the named tasks in the suite, each once, in suite order."""
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
         if name not in ids:

@@ -62,12 +62,12 @@ _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Changes of a problem class of LIBERO-Plus to its base class in LIBERO.
+    """Changes that a LIBERO-Plus problem class makes to its base class in LIBERO.
 
     Attributes:
         name: Its name.
         base: LIBERO's class.
-        scene: Scene file, relative to the assets, or None for that of LIBERO's class.
+        scene: Scene file, relative to the assets, or None for the scene of LIBERO's class.
         floor: Name of the floor's texture, or None.
         wall: Name of the wall's texture, or None.
     """
@@ -163,7 +163,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return [str(found.get_task(i).name) for i in range(found.n_tasks)]
 
     def _variants(self, base: str) -> list[Variant]:
-        """Return the variants of a base suite, in the order of LIBERO-Plus."""
+        """Return a base suite's variants, in LIBERO-Plus order."""
         path = self._package / "benchmark" / "libero_suite_task_map.py"
         return [read_variant(name) for name in _assigned(path, ("libero_task_map",))["libero_task_map"][base]]
 
@@ -386,7 +386,7 @@ def _kind_of(name: str) -> str:
 
 
 def _kinds(text: str) -> list[str]:
-    """Return the kinds of objects of a scene file."""
+    """Return the object kinds in a scene file."""
     return re.findall(r"-\s+(\S+)", _first(_OBJECTS, text))
 
 

@@ -54,7 +54,7 @@ class PlusOptions:
     Attributes:
         protocol: Protocol name, for its steps.
         broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
-        axes: Axes to run; all if none is named.
+        axes: Axes to run; default: all.
         variants: Maximum number of variants per task and axis, evenly spread; all if None.
         libero_plus_sentences: "clean" for the base task's instruction (on the axis language, the instruction in the
             variant's file), or "published" for LIBERO-Plus's own instructions, which end with the variant name on six
@@ -113,7 +113,7 @@ class LiberoPlusWorld(LiberoWorld):
 
     Attributes:
         sentences: "clean", or "published" for instructions that end with the variant name.
-        left_out: Number of variants of each axis that are left out because the authors' assets are missing.
+        left_out: Number of variants on each axis that are left out because the authors' assets are missing.
     """
 
     facts: ClassVar[WorldFacts] = LIBERO_PLUS
@@ -194,7 +194,7 @@ class LiberoPlusWorld(LiberoWorld):
 
 
 def plus_command(assets: Path | None = None) -> tuple[str, ...]:
-    """Return the command of the world's process, with the folder of the authors' assets if available.
+    """Return the command of the world's process, with the authors' assets folder if available.
 
     Args:
         assets: The folder; None for the environment variable, if set.
@@ -216,7 +216,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
 
 
 def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
-    """Return the number of variants of each axis that lack files."""
+    """Return the number of variants on each axis that lack files."""
     found = Counter(task.axis for task, _, needs in wanted if needs)
     return {axis: found[axis] for axis in AXES if found[axis]}
 
@@ -256,7 +256,7 @@ def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantT
 
 
 def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:
-    """Return at most a given number of variants of each task on each axis, evenly spread."""
+    """Return at most a given number of variants per task and axis, evenly spread."""
     groups: dict[tuple[int, str], list[tuple[VariantTask, int]]] = {}
     for task, states in ready:
         groups.setdefault((task.number, task.axis), []).append((task, states))

@@ -14,7 +14,7 @@ from betterbench.tasks.interventions import listed_regimes
 
 
 def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
-    """Return the balanced conditions of a task, named balanced1, balanced2, ...; empty if the suite lists none."""
+    """Return a task's balanced conditions, named balanced1, balanced2, ...; empty if the suite lists none."""
     return listed_regimes.listed_conditions("balanced", task_id)
 
 

@@ -1,6 +1,6 @@
 """Morning coffee, balanced: words and slots are crossed, with both mugs or a single mug.
 
-The scenes of training and of the variations L1 to L4 contain only the two mugs in the two slots. Here, a can in a third
+The scenes in training and in the variations L1 to L4 contain only the two mugs in the two slots. Here, a can in a third
 slot keeps the scene from being a test scene, while only the words determine the target.
 """
 

@@ -1,4 +1,4 @@
-"""State of CALVIN's scene for the success rules: poses and contacts of the blocks, doors, lights and robot."""
+"""CALVIN scene state for the success rules: poses and contacts of the blocks, doors, lights and robot."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class PlayTable:
 
 
 def read_play_table(info: Mapping[str, Any]) -> PlayTable:
-    """Read the result of ``env.get_info()`` of calvin_env.
+    """Read the result of calvin_env's ``env.get_info()``.
 
     Contacts are tuples of PyBullet's ``getContactPoints``: the third number is the other body, the fifth its link.
     Quaternions of PyBullet are (x, y, z, w).

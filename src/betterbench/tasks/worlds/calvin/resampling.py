@@ -1,4 +1,4 @@
-"""Resampled starts of CALVIN: the same chains, with the blocks anywhere in the range of the training data.
+"""Resampled CALVIN starts: the same chains, with the blocks anywhere in the range of the training data.
 
 The official evaluation puts every block that is on the table at one of two points. With positions from the full range
 of the training data, the same policies complete fewer subtasks per chain (arXiv:2606.04233, official and resampled:
@@ -34,9 +34,9 @@ _TRIES = 1000
 def resampled_start_of(chain: Chain) -> ChainStart:
     """Return a chain's start with redrawn blocks: positions in the range of their surfaces, arbitrary yaws.
 
-    Robot, drawer, slider and lights are those of :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every chain
-    has its own draw, which depends only on its number. Blocks on the same surface are drawn again until they are far
-    enough apart; the data collection draws again until they do not touch.
+    Robot, drawer, slider and lights are the same as in :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every
+    chain has its own draw, which depends only on its number. Blocks on the same surface are drawn again until they are
+    far enough apart; the data collection draws again until they do not touch.
     """
     digest = hashlib.sha256(f"betterbench calvin resampled {chain.number}".encode()).digest()
     generator = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:8], "little")))

@@ -171,7 +171,7 @@ def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
 
 
 def _difference(pairs: Sequence[tuple[ChainResult, ChainResult]]) -> Difference:
-    """Return the mean difference of lengths divided by 5; chains with the same start are resampled together."""
+    """Return the mean length difference divided by 5; chains with the same start are resampled together."""
     every = calvin_chains()
     ordered = sorted(pairs, key=lambda pair: pair[0].number)
     return paired_bootstrap(

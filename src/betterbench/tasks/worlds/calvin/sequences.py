@@ -89,7 +89,7 @@ def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str
 
 
 def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
-    """Return whether subtasks can follow each other from a start, each in exactly one way, of distinct categories."""
+    """Return whether subtasks can follow each other from a start, each in exactly one way, with distinct categories."""
     state = start
     for subtask in chosen:
         after = subtask.after(state)

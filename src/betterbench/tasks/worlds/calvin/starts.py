@@ -1,4 +1,4 @@
-"""Starts of CALVIN: the robot and scene vectors of the simulator for a symbolic state."""
+"""CALVIN starts: the simulator's robot and scene vectors for a symbolic state."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class MiniLm:
         """Return unit vectors, (n, 384) float32."""
         numbers = [self._pieces.numbers(text, limit=_LONGEST) for text in texts]
         vectors = np.zeros((len(texts), DIMENSION), np.float32)
-        # Texts of equal length share a batch: without padding, the vector of a text does not depend on its batch.
+        # Texts of equal length share a batch: without padding, a text's vector does not depend on its batch.
         by_length: dict[int, list[int]] = {}
         for place, pieces in enumerate(numbers):
             by_length.setdefault(len(pieces), []).append(place)

@@ -1,4 +1,4 @@
-"""Word pieces of uncased BERT models: words and marks of punctuation, split into the longest known pieces."""
+"""Word pieces of uncased BERT models: words and punctuation marks, split into the longest known pieces."""
 
 from __future__ import annotations
 

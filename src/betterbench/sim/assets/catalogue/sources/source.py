@@ -35,7 +35,7 @@ class AssetSource(Protocol):
 
     @property
     def address(self) -> str:
-        """Address under which the same source is opened again."""
+        """Address with which the same source can be opened again."""
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
         """Yield the assets in a fixed order; call ``on_skip`` with the name and the reason for each skipped asset."""
