@@ -5,7 +5,7 @@ Rules of counting:
 - A line is a physical line of a ``.py`` file, blank lines and comments included.
 - A docstring line is a line in a string that is a statement of its own: the docstrings of modules, classes and
   functions, and the strings below fields and constants.
-- The length of a function runs from its ``def`` to its last line, docstring included. A nested function counts by
+- A function's length runs from its ``def`` to its last line, docstring included. A nested function counts by
   itself and also as lines of the function around it.
 - A function is pure data if its body, after the docstring, is one ``return`` or one assignment whose value consists
   only of literals, names, attributes, containers, f-strings and calls. Arithmetic, comparisons, conditions,
@@ -146,10 +146,10 @@ def measure(root: Path) -> Shape:
     """Measure a checkout.
 
     Args:
-        root: Folder that holds ``src/betterbench`` and ``pyproject.toml``.
+        root: Folder that contains ``src/betterbench`` and ``pyproject.toml``.
 
     Raises:
-        FileNotFoundError: If ``root`` holds no such package.
+        FileNotFoundError: If ``root`` contains no such package.
     """
     files = read_files(root)
     return Shape(
@@ -284,7 +284,7 @@ def read_layers(root: Path) -> list[list[str]]:
 
     Raises:
         FileNotFoundError: If ``pyproject.toml`` does not exist.
-        ValueError: If it holds no contract of type ``layers``.
+        ValueError: If it contains no contract of type ``layers``.
     """
     settings = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
     for contract in settings.get("tool", {}).get("importlinter", {}).get("contracts", []):

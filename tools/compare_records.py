@@ -2,8 +2,9 @@
 
     python tools/compare_records.py BEFORE AFTER [--rename "OLD=>NEW" ...]
 
-Every column of every record has to hold the same bytes. Metadata may be renamed: ``--rename`` replaces words in the old
-metadata, and remaining differences are counted by key. Folders that hold several runs are compared run by run, by name.
+Every column of every record must contain the same bytes. Metadata may be renamed: ``--rename`` replaces words in the
+old metadata, and remaining differences are counted by key. Folders that contain several runs are compared run by run,
+by name.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Findings:
     """Result of a comparison.
 
     Attributes:
-        same: Number of records whose columns hold the same bytes.
+        same: Number of records whose columns contain the same bytes.
         missing: Records of the first run that the second lacks.
         changed: Records whose columns differ, with the first such column.
         keys: Number of differences per metadata key after renaming, with one example each.
@@ -90,7 +91,7 @@ def compare(before: Path, after: Path, renames: Sequence[tuple[str, ...]]) -> Fi
 
 
 def first_difference(old: pa.Table, new: pa.Table) -> str | None:
-    """Return the first column that does not hold the same values and types, or None."""
+    """Return the first column that does not contain the same values and types, or None."""
     if old.schema.names != new.schema.names:
         return f"columns {old.schema.names} against {new.schema.names}"
     for name in old.schema.names:

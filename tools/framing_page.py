@@ -44,7 +44,7 @@ HEADINGS = (
 
 
 def write(tasks: Sequence[Task], out: Path) -> None:
-    """Write the page and its picture below the folder of the documentation."""
+    """Write the page and its picture into the documentation folder."""
     (out / "framing.md").write_text(page(tasks), encoding="utf-8")
     scene_pictures.save_small(rooms_picture(tasks), out / "pictures" / "rooms.jpg", limit=PICTURE_BYTES)
     editions = editions_picture(tasks, Image.open(out / "pictures" / FIRST_EDITION))

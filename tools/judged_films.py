@@ -33,7 +33,7 @@ _HEAD_PX, _MARGIN_PX = 46, 6
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A trial that was drawn, by the folder of its run."""
+    """A drawn trial, by the folder of its run."""
 
     run: str
     task: str

@@ -30,7 +30,7 @@ Figure = Mapping[str, Any]
 
 
 def filled(text: str, studies: Path = STUDIES) -> str:
-    """Return the text of the page with all its tables made again."""
+    """Return the page text with all its tables regenerated."""
     study, levers, base, doses = (_read(studies / f"{name}.json") for name in ("study", "levers", "base", "doses"))
     tables = {
         "study-arms": _arms(study),

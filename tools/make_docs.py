@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def in_order(tasks: tuple[Task, ...]) -> list[Task]:
-    """Return tasks in the order of the suite's table, and after them all others that are registered."""
+    """Return tasks in the order of the suite's table, followed by all other registered tasks."""
     order = list(suite_tasks("better60"))
     return sorted(tasks, key=lambda t: (order.index(t.id) if t.id in order else len(order), t.id))
 

@@ -55,7 +55,7 @@ class Page(HTMLParser):
 
 
 def write_index_script(site: Path) -> None:
-    """Write the index of the search as a script too: a page that is opened from the disk cannot fetch a file."""
+    """Write the search index as a script too: a page opened from disk cannot fetch a file."""
     index = (site / "search" / "search_index.json").read_text(encoding="utf-8")
     (site / "search" / "search_index.js").write_text(f"var __index = {index}", encoding="utf-8")
 

@@ -27,7 +27,7 @@ _GAP = 4  # between two pictures that belong together [pixel]
 
 @functools.cache
 def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Image:
-    """Return what the front camera of a policy sees at reset, with what a variation changed outlined.
+    """Return a policy's front camera view at reset, with a variation's changes outlined.
 
     Args:
         task_id: Task id.

@@ -51,8 +51,7 @@ OLDEST_UV = (0, 8, 0)
 GL_PACKAGES = ("libegl1", "libgl1")
 
 # uv options for one list of packages, and builds that the main index does not have: torch for the processor of x86-64
-# Linux (torch-2.13.0+cpu-cp311-cp311-manylinux_2_28_x86_64.whl). Those for macOS and for Linux on ARM are on the main
-# index.
+# Linux (torch-2.13.0+cpu-cp311-cp311-manylinux_2_28_x86_64.whl). The macOS and Linux ARM builds are on the main index.
 LOCK_OPTIONS = {"train": ("--no-deps",), "world-libero-plus": ("--no-deps",)}
 LOCAL_BUILDS = {
     "train": {"torch": ("+cpu", "6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b")},

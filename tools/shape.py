@@ -289,7 +289,7 @@ def write_docs(page: Path, text: str) -> None:
     """Replace the text between two markers on a page.
 
     Raises:
-        ValueError: If the page does not hold each marker once, the first before the second.
+        ValueError: If the page does not contain each marker once, the first before the second.
     """
     head, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     _, end, tail = rest.partition(END)

@@ -24,7 +24,7 @@ _SECTIONS = (
 
 
 def write(out: Path) -> None:
-    """Write the page below the folder of the documentation."""
+    """Write the page into the documentation folder."""
     (out / "thresholds.md").write_text(page(), encoding="utf-8")
 
 

@@ -1,7 +1,7 @@
 """Figures for runs until decided: false alarms for honest policies, and the same verdicts with fewer trials.
 
 Run with ``python tools/until_decided_page.py``; it takes about three minutes and writes the tables into the page of the
-documentation. ``--runs`` reads the outcome table of the faulty policies again, from runs that hold training trials.
+documentation. ``--runs`` reads the faulty policies' outcome table again, from runs that contain training trials.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ if not TYPE_CHECKING:
 
 
 def __dir__() -> list[str]:
-    """List the public names, including those that are not imported yet."""
+    """List the public names, including names that are not imported yet."""
     return sorted({*globals(), *__all__})
 
 

@@ -29,7 +29,7 @@ UNPRINTABLE = re.compile(
 def printable(text: str, *, most: int) -> str:
     """Return an external text without escape sequences and with bounded length, keeping line breaks.
 
-    Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and those beyond the first ``most`` by their number.
+    Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and characters beyond the first ``most`` by their number.
     """
     cut = len(text) - most
     if cut > 0:
@@ -213,7 +213,7 @@ class PolicyKilledError(PolicyError):
 
 
 class ModelError(BetterError):
-    """A language model cannot be reached, refuses a request, or gives an unreadable answer."""
+    """A language model cannot be reached, rejects a request, or gives an unreadable answer."""
 
 
 class HandshakeError(BetterError):

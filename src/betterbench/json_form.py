@@ -131,7 +131,7 @@ def open_seal(
         where: File for the error.
         cure: Remedy for a changed document.
         raises: Class of the error.
-        since: Field with the version of the form, and the first version with a seal. Older documents, and those without
+        since: Field with the form's version, and the first version with a seal. Older documents, and documents without
             the field, are read with a warning. None if every document is sealed.
 
     Raises:
@@ -238,7 +238,7 @@ def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str
 
     Code that traverses a deeper value would fail elsewhere. Integers may have any size, as in JSON; for calculations,
     use a form that bounds them. With ``unique``, InvalidInputError is raised for a duplicate key. With ``number``,
-    numbers are converted by that function, and NaN and Infinity are refused.
+    numbers are converted by that function, and NaN and Infinity are rejected.
     """
     try:
         found = json.loads(

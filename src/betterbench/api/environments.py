@@ -67,6 +67,6 @@ def load_asset_folders(folders: Path | str | Iterable[Path | str]) -> None:
     Each is loaded once, also in worker processes. Tasks then use their assets by name.
 
     Raises:
-        InvalidInputError: If a folder is missing or holds no imported assets.
+        InvalidInputError: If a folder is missing or contains no imported assets.
     """
     user_files.load_asset_folders([folders] if isinstance(folders, str | Path) else folders)

@@ -136,8 +136,8 @@ def write_report(
 
     Args:
         *runs: The runs, or their folders.
-        out: Report folder; ``report`` in the folder of the first run if not given.
-        names: Each run's name on the page, in the order of the runs; its policy's name if not given.
+        out: Report folder; default: ``report`` in the first run's folder.
+        names: Each run's name on the page, in run order; default: its policy's name.
         twins: For runs in LIBERO-PRO: folders of the base suite's runs by the same policies, one for each run.
         latex: Whether to write LaTeX tables as well.
         films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.

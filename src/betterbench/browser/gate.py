@@ -33,7 +33,7 @@ _UNREADABLE = "This request cannot be read.\n"
 
 
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
-    """Return the answer of the inner server, or a refusal if the inner server raises an error.
+    """Return the inner server's answer, or a rejection if the inner server raises an error.
 
     Otherwise, a duplicated header or a path with invalid bytes would cause a traceback of the server.
     """
@@ -44,7 +44,7 @@ def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: An
 
 
 class Gate:
-    """Filter of requests: only those with the token and from the page itself are admitted.
+    """Request filter: only requests with the token and from the page itself are admitted.
 
     Attributes:
         token: Token at the beginning of every request path.
@@ -66,7 +66,7 @@ class Gate:
         return f"/{rest}{mark}{query}"
 
     def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
-        """Return the path of an admitted request; None for a refused one."""
+        """Return the path of an admitted request; None for a rejected one."""
         hosts = request.headers.get_all("Host")
         if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
             return None

@@ -78,7 +78,7 @@ class IncomingMessages:
     """Rules for accepted messages. A server without them must not be used."""
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        """Refuse messages for panel elements until they are registered; ``complain`` gets reports of refusals."""
+        """Reject messages for panel elements until they are registered; ``complain`` gets reports of rejections."""
         self._complain = complain
         self._kinds: dict[str, InputKind] = {}
 

@@ -57,7 +57,7 @@ def script_element(
 ) -> str:
     """Return an element that runs the script of the page as soon as it is shown.
 
-    viser does not support scripts, and those in its HTML elements are not run, but the error handler of an image is.
+    viser does not support scripts, and scripts in its HTML elements are not run, but an image's error handler is.
 
     Args:
         taps: Action name for each key that triggers a single action, by key code.

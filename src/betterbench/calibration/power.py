@@ -119,7 +119,7 @@ def measure_power(
     The same call resumes where it stopped. Trials that a rule shares with the expert are done immediately.
 
     Raises:
-        RunConflictError: If a folder holds another run.
+        RunConflictError: If a folder contains another run.
         RecordError: If a record cannot be read, or a trial broke down outside its policy.
     """
     total, before = planned.total, 0

@@ -39,7 +39,7 @@ def calibrate(
     """Run the policies, diagnose the records, and compare the labels with the true labels.
 
     Raises:
-        RunConflictError: If a folder holds another run.
+        RunConflictError: If a folder contains another run.
         InvalidInputError: If a number is out of range.
         RecordError: If a record cannot be read.
     """
@@ -57,7 +57,7 @@ def run_plans(
     """Run plans, each in a named folder below ``out``. The same call resumes.
 
     Raises:
-        RunConflictError: If a folder holds another run.
+        RunConflictError: If a folder contains another run.
     """
     total = sum(len(plan.trials) for plan in plans.values())
     before = 0

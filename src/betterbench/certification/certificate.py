@@ -118,7 +118,7 @@ class Certificate:
 
     Attributes:
         platform: Machine and operating system of the certification.
-        trials: All trials, in the order of the plan.
+        trials: All trials, in plan order.
         wall_s: Wall time of all sessions together [s].
         workers: Worker processes of the last session.
     """

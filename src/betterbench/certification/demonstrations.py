@@ -133,7 +133,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
 
 
 def _apart(heights_mm: Iterable[float]) -> tuple[float, ...]:
-    """Return sorted heights, skipping those within half a millimeter of the previous one."""
+    """Return sorted heights, skipping each height within half a millimeter of the previous one."""
     kept: list[float] = []
     for height in sorted(heights_mm):
         if not kept or height > kept[-1] + 0.5:

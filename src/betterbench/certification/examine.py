@@ -179,7 +179,7 @@ def _shut_targets(condition: Condition) -> tuple[str, ...]:
 
 
 def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp of each requested object; return why it failed (or None) and the smallest joint margin [rad]."""
+    """Plan a grasp of each instructed object; return why it failed (or None) and the smallest joint margin [rad]."""
     planner, ik = Planner(scene), ArmIK(scene.compiled.robot)
     low, high = np.asarray(scene.compiled.robot.joint_low), np.asarray(scene.compiled.robot.joint_high)
     reasons: dict[str, str | None] = {}

@@ -57,7 +57,7 @@ class TrainedSupport:
 
     @classmethod
     def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
-        """Collect the primitives that the training conditions require, and those in their demonstrations.
+        """Collect the primitives that the training conditions require, and the primitives in their demonstrations.
 
         Closing a drawer is a slide; every other subgoal picks its object and puts it at a target.
         """

@@ -96,7 +96,7 @@ def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a t
 
 
 def _value(name: str, bare: Any, marks: Sequence[object]) -> str | None:  # noqa: ANN401 - a type hint
-    """Return the placeholder for the value of an option, or None for tyro's own."""
+    """Return the placeholder for an option's value, or None for tyro's own."""
     several = get_origin(bare) is tuple
     kinds = [kind for kind in get_args(bare) if kind not in (NoneType, Ellipsis)] or [bare]
     value = VALUES.get(kinds[0]) if len(kinds) == 1 else None

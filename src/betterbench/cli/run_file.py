@@ -105,7 +105,7 @@ def read_run_file(path: Path) -> RunFile:
 
 
 def _require_plain(path: Path, text: bytes) -> None:
-    """Refuse aliases and deep nesting: options need neither, and parsing them can take very long."""
+    """Reject aliases and deep nesting: options need neither, and parsing them can take very long."""
     import yaml
 
     opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)

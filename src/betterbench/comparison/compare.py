@@ -34,8 +34,8 @@ class Comparison:
 
     Attributes:
         matching: Trials that were compared.
-        groups: Every measure over every scope: success (overall, training, per axis, per task), then the kinds of
-            failure and the labels over all variations.
+        groups: Every measure over every scope: success (overall, training, per axis, per task), then the failure kinds
+            and labels over all variations.
         sequential: Sequential evidence on success, valid during the runs; empty unless requested.
         verdict: The result in sentences, the most important first.
         standings: Comparison of each policy with the pretenders, on the compared trials.
@@ -135,7 +135,7 @@ class _Question(NamedTuple):
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials of the scope, each with a flag for the counted outcome."""
+        """Return the trials in the scope, each with a flag for the counted outcome."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -211,7 +211,7 @@ def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequen
 def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
     """Yield the sequential evidence for every pair of sides.
 
-    Pairs are used in the order of the run, up to the first pair that a side has not finished. The selection of pairs
+    Pairs are used in run order, up to the first pair that a side has not finished. The selection of pairs
     then does not depend on outcomes, and a later inspection continues where this one stopped.
     """
     order = sorted(

@@ -38,7 +38,7 @@ class Contrast:
     """Comparison of two policies in one measure over one scope.
 
     Attributes:
-        measure: "success", a kind of failure or a label.
+        measure: "success", a failure kind or a label.
         scope: "overall" (variations), "training", "axis:temporal_extrapolation" or a task's id (its variations).
         first: Name of the side with positive sign.
         second: Name of the side with negative sign.

@@ -64,7 +64,7 @@ def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching
 
 
 def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...], ...]:
-    """Return the trials of the conditions that all sides share.
+    """Return the trials in the conditions that all sides share.
 
     Raises:
         InvalidInputError: If they share none.

@@ -127,7 +127,7 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 def _differences(
     before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
 ) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
-    """Yield the keys whose values differ, with both values, in the order of the new mapping."""
+    """Yield the keys whose values differ, with both values, in the new mapping's order."""
     for key in (*now, *(k for k in before if k not in now)):
         a, b = before.get(key), now.get(key)
         if a != b:

@@ -82,5 +82,5 @@ class Exposure:
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:
-        """Return the kinds of object that a subgoal refers to."""
+        """Return the object kinds to which a subgoal refers."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}

@@ -2,8 +2,8 @@
 
 Trials of one seed begin with the same scene if their conditions have the same objects in the same slots, because the
 random streams do not depend on the condition. Every run therefore contains pairs of trials that differ only in the
-instruction. If the two instructions name different first objects, a policy that uses the instruction goes for different
-objects, correctly or not. A policy that ignores the instruction goes for the same object in both trials.
+instruction. If the two instructions name different first objects, a policy that uses the instruction goes to different
+objects, correctly or not. A policy that ignores the instruction goes to the same object in both trials.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ class LabelEvidence(NamedTuple):
 
 
 def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
-    """Return all evidence that a trial gives, in the order of the labels.
+    """Return all evidence that a trial gives, in label order.
 
     A success, or an end that the policy's reasoning did not cause, is the only evidence in its trial. Otherwise the
     result includes labels that need the second pass.

@@ -5,7 +5,7 @@ in training. *habit* begins with the most frequent first step. *later* begins wi
 always goes to the same slot, or to a fixed slot for each set of occupied slots, like a policy that takes the nearest
 object. All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the
 likelihood of the attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` the ruling within a task. See
-docs/second-pass.md for the whole model.
+docs/second-pass.md for the complete model.
 
 A single trial can show a wrong order. Only several trials with different instructions can show a favorite place. An
 attempt at a later step's object is therefore a wrong order if "later" explains the policy's first attempts in all its

@@ -32,7 +32,7 @@ class UntilDecided:
 
     @property
     def waiting(self) -> frozenset[TrialId]:
-        """The trials of the current round without a record; empty if the run is complete."""
+        """The trials in the current round without a record; empty if the run is complete."""
         return frozenset(_trial(name, seed) for name, seed in self.decisions.waiting)
 
     @property

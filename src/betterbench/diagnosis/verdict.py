@@ -72,8 +72,8 @@ class TrialDiagnosis:
         intention_correct: Whether the first attempt was at an instructed object (suite, section 4), or None without a
             record.
         progress: Number of subgoals completed in a valid order, divided by the number requested.
-        harm: Harm to objects that were not requested, one clause each ("the mouse lies on the floor"). Harm rules out
-            success.
+        harm: Harm to objects that the instruction does not involve, one clause each ("the mouse lies on the floor").
+            Harm rules out success.
         needless: For a success, the training steps that the policy repeated although the instruction did not request
             them, such as a grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty
             otherwise.

@@ -26,7 +26,7 @@ class ObservationSpec:
 
     Attributes:
         depth: True to add depth images [m].
-        masks: True to add instance masks. Depth and masks are privileged and refused for real policies unless
+        masks: True to add instance masks. Depth and masks are privileged and withheld from real policies unless
             requested.
     """
 

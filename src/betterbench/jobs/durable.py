@@ -91,7 +91,7 @@ class DurableFile:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Write a whole file like :class:`DurableFile`.
+    """Write a complete file like :class:`DurableFile`.
 
     Raises:
         OSError: If the disk is full or the path cannot be written; no partial file is left.

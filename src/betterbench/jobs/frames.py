@@ -167,7 +167,7 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
         if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
             raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
         dtype = np.dtype(kind)
-        # NumPy refuses too large sizes even if another size is 0
+        # NumPy rejects sizes that are too large even if another size is 0
         if not dtype.itemsize or math.prod(n or 1 for n in shape) * dtype.itemsize > MAX_ARRAY_BYTES:
             raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
         found.append((name, dtype, tuple(shape), at))

@@ -34,7 +34,7 @@ class LineJournal:
     """A file of JSON lines, open for appending by one process at a time.
 
     Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
-    :meth:`_take_in` and removes an unfinished last line of a killed process. Each appended line is on disk when
+    :meth:`_take_in` and removes an unfinished last line left by a killed process. Each appended line is on disk when
     :meth:`_append_line` returns. A file that another program removes, replaces or truncates is written again. With
     ``alone``, only the file is locked, not its folder. With ``renews``, the complete folder may be removed, because its
     owner writes the other files again; otherwise, StorageError is raised.

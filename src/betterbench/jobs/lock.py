@@ -255,7 +255,7 @@ class FileLock(RunLock):
 def require_held(path: Path) -> None:
     """Raise StorageError if a file to be written is in a locked folder that was removed or moved.
 
-    The locks of this process and those passed on by its parent (:func:`write_within`) are checked. Raises
+    This process's locks and those passed on by its parent (:func:`write_within`) are checked. Raises
     RunConflictError if another process has taken a renewed lock.
     """
     for held in _around():

@@ -271,7 +271,7 @@ class PolicyAddress:
         )
 
     def check(self, name: str) -> None:
-        """Raise InvalidInputError if the value of an option is not allowed."""
+        """Raise InvalidInputError if an option's value is not allowed."""
         option = self._option(name)
         if option.reads == "whole":
             self.whole(name)

@@ -219,7 +219,7 @@ class RecordBuilder:
         return columns
 
     def _held(self) -> npt.NDArray[np.int16]:
-        """Return the index of the held object in every row, or -1."""
+        """Return the held object's index in every row, or -1."""
         index = {o.name: i for i, o in enumerate(self._info.objects)}
         held = [-1 if s.held is None else index.get(s.held, -2) for s in self._states]
         if -2 in held:

@@ -137,7 +137,7 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
-    """Return the claim that the main kind of failure is more than chance.
+    """Return the claim that the main failure kind is more than chance.
 
     It is supported if variations are solved less often than their twins, by the test of the illusion gap or a verdict
     of a run until decided. It is also supported if significantly more than :data:`USUAL_SHARE` of the variation trials
@@ -146,7 +146,7 @@ def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -
     Args:
         diagnosis: The run.
         gap: Its illusion gap over all variations.
-        count: Variation trials that ended with this kind of failure.
+        count: Variation trials that ended with this failure kind.
         n: Variation trials that have ended.
     """
     decided = diagnosis.until_decided

@@ -137,8 +137,8 @@ class Headline:
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
     """Return the verdict on a run.
 
-    The main failure is the most frequent label within the most frequent kind of failure over all variation trials; if
-    two kinds are equally frequent, reasoning takes precedence.
+    The main failure is the most frequent label within the most frequent failure kind over all variation trials; if two
+    kinds are equally frequent, reasoning takes precedence.
     """
     training = Figure.of(diagnosis.metric("success_rate", "training"))
     variations = Figure.of(diagnosis.metric("success_rate", "overall"))
@@ -205,7 +205,7 @@ def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> 
 
 
 def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
-    """Return the most frequent label within the most frequent kind of failure, or None without failures.
+    """Return the most frequent label within the most frequent failure kind, or None without failures.
 
     A policy that follows a rule to a slot takes any object there, including look-alikes. If such a rule is proven and
     most of the look-alikes taken were in a trained slot of the target, the rule explains them and is named. An

@@ -29,8 +29,8 @@ def paired_bootstrap(
 ) -> Difference:
     """Return the mean difference of pairs with its percentile bootstrap interval.
 
-    Whole clusters are drawn with replacement, within each stratum separately. Use the task as the stratum to keep the
-    set of tasks fixed. Use the twin as the cluster if several variations share one twin, because such pairs are not
+    Complete clusters are drawn with replacement, within each stratum separately. Use the task as the stratum to keep
+    the set of tasks fixed. Use the twin as the cluster if several variations share one twin, because such pairs are not
     independent. The result does not depend on the order of the pairs.
 
     The interval has zero width if all pairs differ by the same amount. For few or unanimous pairs of successes use

@@ -1,7 +1,7 @@
 """Thresholds for live judging, and the table of all thresholds that affect a verdict.
 
-The goal tracker, grasp attempts and harm rules judge a trial while it runs. Their thresholds are defined here,
-including those that the diagnosis also uses. Thresholds of only the diagnosis are in
+The goal tracker, grasp attempts and harm rules judge a trial while it runs. The thresholds for them are defined here,
+including thresholds that the diagnosis also uses. Thresholds of only the diagnosis are in
 :mod:`betterbench.diagnosis.thresholds`. A relation's tolerances are defined in its file, and a user's failure mode
 defines its own thresholds.
 """
@@ -58,7 +58,7 @@ def remove_threshold(name: str) -> None:
 
 
 def threshold_table() -> tuple[Threshold, ...]:
-    """Return the whole table."""
+    """Return the complete table."""
     return tuple(_TABLE.values())
 
 

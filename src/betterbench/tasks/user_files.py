@@ -88,7 +88,7 @@ class TaskFile:
         """Read an asset folder's manifest.
 
         Raises:
-            InvalidInputError: If the folder does not exist, or holds no imported assets.
+            InvalidInputError: If the folder does not exist, or contains no imported assets.
         """
         cure = "Name a folder that better assets import has written"
         found = Path(os.path.realpath(folder))
@@ -222,7 +222,7 @@ def load_asset_folders(folders: Iterable[Path | str]) -> None:
     """Load folders of imported assets, each once, and pass their names on to child processes.
 
     Raises:
-        InvalidInputError: If a folder is missing or holds no imported assets.
+        InvalidInputError: If a folder is missing or contains no imported assets.
     """
     _load_read([TaskFile.read_folder(folder) for folder in folders])
 

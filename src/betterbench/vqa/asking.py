@@ -54,7 +54,7 @@ class ModelAnswer:
 
     Attributes:
         id: Identifier of the question.
-        text: Text of the answer; empty if the request was refused.
+        text: Answer text; empty if the request was rejected.
         error: Reason for a missing answer, or None.
         seal: Checksum of the line; None in a file from another program or an earlier version.
     """
@@ -306,7 +306,7 @@ def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any
 
 
 def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
-    """Return the scores by type, by form within grounding, by difficulty, and for the whole set.
+    """Return the scores by type, by form within grounding, by difficulty, and for the complete set.
 
     Questions without a readable answer are scored as wrong.
     """

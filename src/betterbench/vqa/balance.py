@@ -37,7 +37,7 @@ class Chosen:
 
     Attributes:
         turn: Index of the question among the questions with the same group and answer. Cross-validation keeps equal
-            turns together, so that each fold is as balanced as the whole set.
+            turns together, so that each fold is as balanced as the complete set.
     """
 
     candidate: Candidate
@@ -58,8 +58,8 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
     """Return about ``count`` questions with balanced answers, equally many per type as far as possible.
 
-    If a type has too few questions, the others get more. The kinds of question within a type are treated in the same
-    way, and no kind has more questions than all others together. Within a kind, families and groups take turns.
+    If a type has too few questions, the others get more. The question kinds within a type are treated in the same way,
+    and no kind has more questions than all others together. Within a kind, families and groups take turns.
 
     Args:
         candidates: All possible questions.

@@ -148,7 +148,7 @@ def folds_of(questions: Sequence[Question]) -> list[int]:
 
 
 def _file(out: Path, trial: TrialId) -> Path:
-    """Return the file of the questions about one trial."""
+    """Return the file with the questions about one trial."""
     return out / "candidates" / trial.task / trial.condition / f"{trial.seed}.jsonl"
 
 

@@ -44,7 +44,7 @@ class Doing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """One recorded trial, with the facts about the whole trial that questions need.
+    """One recorded trial, with the facts about the complete trial that questions need.
 
     Attributes:
         record: The record.

@@ -103,7 +103,7 @@ class Knowledge:
     Attributes:
         model: Model name.
         policy: Policy name.
-        labels: One entry per occurring label, in the order of labels.
+        labels: One entry per occurring label, in label order.
         roles: Rate of correct answers per role, among answered questions.
         asked: Number of questions in the set about moments in the run.
         answered: Number of these questions with an answer.

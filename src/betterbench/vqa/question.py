@@ -76,7 +76,7 @@ class Candidate:
     """A question before selection, without wording and options.
 
     Attributes:
-        family: Kind of question, for all objects; phrasings belong to families.
+        family: Question kind, for all objects; phrasings belong to families.
         group: Information in the text in addition to the family. Answers are balanced within a family and group.
         bucket: Value to be balanced: the answer itself, or the image cell of a box or point.
         answer: The correct answer.

@@ -20,7 +20,7 @@ def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Pla
     Args:
         part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.
         trials: Trials per policy in which its habit decides or acts wrongly (or, for an honest habit, acts), spread
-            over the tasks. A habit whose label needs several trials gets whole tasks until this number is reached.
+            over the tasks. A habit whose label needs several trials gets complete tasks until this number is reached.
         seed: Seed of all trials; the next seeds are added if a habit shows in fewer conditions than ``trials``.
 
     Raises:

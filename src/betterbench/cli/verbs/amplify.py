@@ -27,7 +27,7 @@ def amplify_command(
 ) -> None:
     """Adapt a run's demonstrations to new starts, and save them as another run.
 
-    Each skill of a source keeps its motion in the object's frame or target that it manipulates. The transit to it
+    Each skill in a source keeps its motion in the frame of the object or target that it manipulates. The transit to it
     is kept too, with height, side and tempo varied by seed; where it would collide, a planner finds another path. A
     failed attempt is repeated with another source. A demonstration is accepted if it succeeds, stays successful while
     held, and stays inside the certified training distribution. The variety of the demonstrations is printed next to the

@@ -65,7 +65,7 @@ def calibrate_command(
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.
         power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
         write_package: Also write the file that is shipped with the package; for maintainers.
-        overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better calibrate did not make, and replace files with the same names there.
         json: Print the result as one JSON document at the end.
     """
     from betterbench.cli.verbs.evaluate import prepare_robot

@@ -53,7 +53,7 @@ def certify_command(
         looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers.
-        overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better certify did not make, and replace files with the same names there.
         json: Print the certificate as one JSON document at the end.
     """
     from betterbench.certification.journal import holds_journal

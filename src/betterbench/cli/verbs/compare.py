@@ -45,7 +45,7 @@ def compare_command(
         fail_if_worse: Exit with status 1 if the first run is significantly worse than another one over all variations;
             for continuous integration.
         out: Across suites, a folder to write the tables to, as CSV and LaTeX.
-        overwrite: Write to a folder that better compare did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better compare did not make, and replace files with the same names there.
         json: Print one JSON document instead of sentences and tables.
     """
     from betterbench.cli.output.comparison import print_comparison

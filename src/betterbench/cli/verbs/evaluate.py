@@ -34,7 +34,7 @@ class TrialOptions:
     """Trials and conventions of a run.
 
     Attributes:
-        suite: Suite to take the tasks from (see better list suites); suites of LIBERO and CALVIN run in those worlds.
+        suite: Suite that contains the tasks (see better list suites); LIBERO and CALVIN suites run in those worlds.
         tasks: Tasks to run; default: all tasks in the suite.
         variations: Variations to run; default: all.
         trials: Trials per variation, 20 if not given; in LIBERO initial states per task, as the protocol says; in
@@ -148,7 +148,7 @@ def evaluate_command(
     """Evaluate a policy. The same command resumes an unfinished run.
 
     Every variation runs with the same seeds. The training conditions together get as many trials, and the first of them
-    are the counterfactual twins. Trials that no certificate covers are refused (see better certify).
+    are the counterfactual twins. Trials that no certificate covers are rejected (see better certify).
 
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
@@ -319,7 +319,7 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
 
 
 def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -> None:
-    """Refuse the first option that is not at its default."""
+    """Reject the first option that is not at its default."""
     for field in fields(given):
         if getattr(given, field.name) != field.default:
             option = f"--{field.name.replace('_', '-')}"

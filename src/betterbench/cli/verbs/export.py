@@ -66,7 +66,7 @@ def export_command(
         observation: Observation preset of the evaluation; default: the first preset with the layout's cameras.
         quality: Render preset for the images; default: the run's preset.
         validation: Share of the seeds whose episodes are for validation; they come last.
-        language: Also write the language columns, which LeRobot versions before 0.6 refuse.
+        language: Also write the language columns, which LeRobot versions before 0.6 reject.
         vqa: Set of better vqa about the same run; this set's questions are written to the language columns.
         workers: Number of episodes rendered in parallel; default: one per processor.
         overwrite: Replace a file that better export did not write, or another data set of better export.

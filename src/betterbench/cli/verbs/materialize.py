@@ -38,7 +38,8 @@ def materialize_command(
     """Write colors, depth, masks, boxes and optical flow of every recorded state as seekable files.
 
     Only the records and scenes of the run are read. Intact files are kept, so the same command resumes; missing and
-    damaged files are rendered again. The files are byte-identical whatever the interruptions and the number of workers.
+    damaged files are rendered again. The files are byte-identical regardless of interruptions and of the number of
+    workers.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 

@@ -22,7 +22,7 @@ def report_command(
 ) -> None:
     """Write one self-contained HTML page, and its tables as CSV and LaTeX in the same folder.
 
-    An unfinished run can be reported too: the page says how many trials are done and counts only those.
+    An unfinished run can be reported too: the page says how many trials are done and counts only those trials.
 
     Example: better report runs/expert
 
@@ -33,7 +33,7 @@ def report_command(
         out: Report folder; RUN/report if not given.
         latex: Write LaTeX tables too.
         films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.
-        overwrite: Write to a folder that better report did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better report did not make, and replace files with the same names there.
     """
     from betterbench.api.report import report_into
     from betterbench.cli.output.page import LISTENER, print_verdicts

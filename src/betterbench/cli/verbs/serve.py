@@ -52,7 +52,8 @@ def serve_command(
         layout: Preset in which an expert reads requests and answers them, to test a client or an adapter; default:
             native and openpi_libero.
         batch: Maximum number of observations per act_batch call, for policies that implement it; default 16.
-        clients: Maximum number of simultaneous clients; 128 if not given. Further clients are refused until one leaves.
+        clients: Maximum number of simultaneous clients; 128 if not given. Further clients are rejected until one
+            leaves.
         task: Task of clients that do not name one.
         condition: That task's condition; its first training condition if not given.
         seed: That trial's seed; 0 if not given.

@@ -59,7 +59,7 @@ def shortcuts_command(
         seed: Seed of the sample taken from more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
-        overwrite: Write to a folder that better shortcuts did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better shortcuts did not make, and replace files with the same names there.
         json: Print the audit as one JSON document.
     """
     from betterbench.jobs.outputs import OutputFolder

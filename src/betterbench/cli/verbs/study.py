@@ -45,7 +45,7 @@ def study_command(
         workers: Number of worker processes for demonstrations and trials; default: one per processor.
         device: Torch device on which learners are trained: cpu, cuda or cuda:N.
         certificate: Certificate written by better certify, or its folder; default: the one that ships with the suite.
-        overwrite: Write to a folder that better study did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better study did not make, and replace files with the same names there.
         json: Print one JSON document instead of tables.
     """
     chosen = _plan(plan, preset)

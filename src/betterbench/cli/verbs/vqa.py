@@ -107,7 +107,7 @@ def vqa_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make questions about the frames of a run, answered from its records and balanced against blind guessing.
+    """Make questions about a run's frames, answered from its records and balanced against blind guessing.
 
     The questions are about boxes, counts, relations, containment, stacks, states, progress and presence of objects.
     They are written as JSON lines in the conversation format of LLaVA and as Parquet, with images. With --run, the

@@ -45,7 +45,7 @@ class ExportCheck:
 
 
 def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount | None = None) -> ExportCheck:
-    """Compare a data set with the records of its runs.
+    """Compare a data set with its runs' records.
 
     ``on_progress`` is called with the number of episodes done and planned.
 

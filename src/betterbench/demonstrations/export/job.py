@@ -405,8 +405,8 @@ def origin_of(
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
     """Return whether some trials may be split in an export with the first ``train`` for training.
 
-    This is the case if some validation share (which is not stored) gives this split. Whole seeds are held out and come
-    last.
+    This is the case if some validation share (which is not stored) gives this split. Complete seeds are held out and
+    come last.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)

@@ -189,7 +189,7 @@ def info_v30(dataset: Dataset) -> dict[str, Any]:
 
 
 def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
-    """Return the row of an episode in ``meta/episodes`` without locations and statistics; our fields: ``better/``."""
+    """Return an episode's row in ``meta/episodes`` without locations and statistics; our fields: ``better/``."""
     episode = dataset.episodes[number]
     about = episode.about
     return {

@@ -145,7 +145,7 @@ class CheckOfV30(LeRobotCheck):
         self._shown: dict[str, int] = {}
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the row of an episode: its locations, times and statistics."""
+        """Compare an episode's row: its locations, times and statistics."""
         there, dataset = self.listed[number], self.expected.dataset
         wanted = lerobot.episode_row(dataset, number, self.expected.first(number))
         wanted |= lerobot.file_fields("data", self._file("data", there))

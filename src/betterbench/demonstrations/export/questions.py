@@ -21,7 +21,7 @@ def question_set(path: Path) -> QuestionSet:
 def questions_of(
     asked: QuestionSet, layout: DatasetLayout, demonstrations: Collection[ChosenTrial]
 ) -> dict[str, tuple[FrameQuestion, ...]]:
-    """Return the questions of a set about some records, by SHA-256, without those about cameras outside the layout.
+    """Return a set's questions about some records, by SHA-256, without questions about cameras outside the layout.
 
     Boxes and points are also left out if the image is not shown in its rendered size. Options of a choice are listed
     with letters below the text.

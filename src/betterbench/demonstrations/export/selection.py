@@ -83,7 +83,7 @@ def select_demonstrations(
 def _require_one_version(
     versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
 ) -> None:
-    """Store the version of a task's demonstrations; refuse a second version."""
+    """Store the version of a task's demonstrations; reject a second version."""
     version = f"version {of_task} of the task and {of_suite} of the suite"
     before, first = versions.setdefault(entry.task, (version, entry))
     if version != before:

@@ -41,9 +41,9 @@ class AttemptNote:
 
     Attributes:
         number: Number of the attempt at its start, from 0.
-        failure: Kind of failure, or "" if it was accepted.
+        failure: Failure kind, or "" if the attempt was accepted.
         reason: Reason of the failure, in one line.
-        steps: Control steps that it took.
+        steps: Number of control steps that the attempt took.
         sources: Sources used by the attempt, one per skill.
         lead: The leading source, which determined the order of skills, or "".
     """
@@ -71,7 +71,7 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Let the expert demonstrate in a motion style drawn from the scene's seed and the number of the attempt.
+    """Let the expert demonstrate in a motion style drawn from the scene's seed and the attempt number.
 
     With ``twins``, the draw does not depend on the condition.
     """

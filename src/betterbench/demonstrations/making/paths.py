@@ -65,7 +65,7 @@ def _picture(run: RunFolder, trials: Sequence[TrialId], leads: Mapping[TrialId, 
 
 
 def _draw_path(draw: ImageDraw.ImageDraw, pixels: np.ndarray, record: Record, color: tuple[int, ...]) -> None:
-    """Draw the path of the tool, with a ring where the gripper begins to close."""
+    """Draw the tool path, with a ring where the gripper begins to close."""
     points = [(float(x), float(y)) for x, y in pixels if np.isfinite((x, y)).all()]
     draw.line(points, fill=color, width=1)
     closed = record.gripper_command > 0.0

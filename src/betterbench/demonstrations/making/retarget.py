@@ -2,7 +2,7 @@
 
 A pick or a slide keeps its motion relative to the object, ``T_new(t) = T_object_new  T_object_source^-1
 T_target_source(t)``, with a shift in between for another instance of the category. A placement keeps the path of the
-object's foot relative to the target region, because the object may be held differently. The poses are the commands to
+object's base relative to the target region, because the object may be held differently. The poses are the commands to
 the controller, not the measured poses of the arm (Mandlekar et al., MimicGen, 2023).
 """
 

@@ -108,7 +108,7 @@ class Recipe:
 
 
 def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
-    """Return a field with the value of the recipe file, or else another value with its origin."""
+    """Return a field with the recipe file's value, or else another value with its origin."""
     return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
 
 

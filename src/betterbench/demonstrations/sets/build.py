@@ -80,7 +80,7 @@ def make_dataset(
     overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
-    """Make the training set of a recipe in a folder; the same call resumes it and gives the same bytes.
+    """Make a recipe's training set in a folder; the same call resumes it and gives the same bytes.
 
     Args:
         recipe: Set recipe.

@@ -107,7 +107,7 @@ def keep_recipe(recipe: SetRecipe, out: Path) -> None:
 
 
 def require_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Refuse a folder with other files, or with a dataset of another recipe (fewer ``demos`` are allowed).
+    """Reject a folder with other files, or with a dataset for another recipe (fewer ``demos`` are allowed).
 
     Raises:
         RunConflictError: If the folder contains the dataset of another recipe.

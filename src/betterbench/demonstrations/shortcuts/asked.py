@@ -13,7 +13,7 @@ class AskedQuestion:
     Attributes:
         question: Question name.
         title: The question in words.
-        n: Number of demonstrations, or observations in them, that it compares.
+        n: Number of demonstrations, or observations in them, that the question compares.
         compared: Features that the test compares with the outcome, such as "8 words"; "" for a single test.
         untested: Reason why it could not be tested, "" if it was tested.
     """

@@ -24,7 +24,7 @@ class Association:
 
     Attributes:
         bits: Mutual information [bit].
-        expected_bits: Its mean over the permutations, which is the value by chance.
+        expected_bits: Mean mutual information over the permutations, that is the value at chance.
         strength: 1 if one variable determines the other, 0 if the association is not above chance: (mutual information
             - expected mutual information) / (smaller of the two entropies - expected mutual information).
         p_value: Share of the permutations, counting the data itself, with at least as much mutual information.

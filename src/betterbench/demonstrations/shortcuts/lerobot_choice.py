@@ -1,6 +1,6 @@
 """Choice of the gripper and position components of a LeRobot dataset, by their names.
 
-The dataset is refused if the names are ambiguous.
+A dataset with ambiguous names is rejected.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class ArmPlace:
 
 
 def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
-    """Return one gripper per arm: those named by the user, or those recognized by name.
+    """Return one gripper per arm: as named by the user, or recognized by name.
 
     Raises:
         InvalidInputError: If no component is recognized as a gripper, or two for one arm.

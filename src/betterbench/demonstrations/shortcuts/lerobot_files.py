@@ -1,7 +1,7 @@
 """Files of a LeRobot dataset, versions 2.0 to 3.0: its description, instructions and frames.
 
 The file layout is the one of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
-pipes are refused, and Git LFS pointers are reported.
+pipes are rejected, and Git LFS pointers are reported.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ def _json_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _objects(text: str) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects of a text one after the other, including those in a list."""
+    """Yield the JSON objects in a text one after the other, including objects in a list."""
     decoder, at = json.JSONDecoder(), 0
     if text.lstrip()[:1] == "[":
         found = parse_json(text)
@@ -254,7 +254,7 @@ class Frames:
     """The files with the frames of a data set.
 
     Attributes:
-        files: Readable files, in the order of their names.
+        files: Readable files, in name order.
         pointers: Files that are Git LFS pointers.
     """
 

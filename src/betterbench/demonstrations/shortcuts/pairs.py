@@ -103,7 +103,7 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
 
     Args:
         with_it: Number of episodes with the outcome, and number of all episodes, among those with the feature.
-        without: The same among those without.
+        without: The same for episodes without the feature.
         logs: Logarithms of the factorials.
     """
     (k, n), (k_out, n_out) = with_it, without

@@ -100,7 +100,7 @@ class Forecast:
         rank: Rank from 1, the most likely failure.
         risk: 0 to 1; 0 if the variation breaks no rule in the data, or the task has no demonstrations.
         label: The most likely failure label, "" if the risk is 0.
-        because: The rules that it breaks, each with the reason.
+        because: The rules that the variation breaks, each with the reason.
     """
 
     rank: int
@@ -234,7 +234,7 @@ def _signature_of(path: Path) -> Path:
 
 
 def sign(path: Path, key: Path) -> Path:
-    """Sign a file with an SSH key, as ``ssh-keygen -Y sign`` does, and return the file of the signature.
+    """Sign a file with an SSH key, as ``ssh-keygen -Y sign`` does, and return the signature file.
 
     Raises:
         MissingDependencyError: If ssh-keygen is not installed.

@@ -34,7 +34,7 @@ class Question:
 
 
 def handled_kinds(episodes: Iterable[EpisodeFacts]) -> frozenset[str]:
-    """Return the kinds of object that are ever picked."""
+    """Return the object kinds that are ever picked."""
     return frozenset(step.thing for facts in episodes for step in facts.steps if step.thing and step.origin)
 
 

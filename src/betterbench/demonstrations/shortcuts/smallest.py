@@ -131,7 +131,7 @@ class Planted:
         sizes: Numbers of different first and second values.
         within: Whether first values are permuted within each unit, or between units.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
-        expected: Mutual information by chance [bit].
+        expected: Mutual information at chance [bit].
     """
 
     y: _Ints

@@ -36,7 +36,7 @@ def is_spaced(word: str) -> bool:
 
 
 def shown_as(words: Iterable[str], text: str) -> str:
-    """Return the text for some words that always occur together, in the order of the text.
+    """Return the text for some words that always occur together, in text order.
 
     For runs of characters, the short ones are shown, with overlapping runs merged.
     """
@@ -217,7 +217,7 @@ def names_a_place(words: Iterable[str]) -> bool:
 
 
 def in_order(text: str, wanted: Iterable[str]) -> str:
-    """Return the given words that a text contains, in the order of the text, as one text."""
+    """Return the given words that a text contains, in text order, as one text."""
     words = frozenset(wanted)
     unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
     found = list[str]()

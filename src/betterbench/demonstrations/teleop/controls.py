@@ -133,7 +133,7 @@ class Controls:
             return True
 
     def dragged(self, page: int, pose: Pose, *, is_over: bool) -> bool:
-        """Register the pose of the gizmo; False if the page does not drive."""
+        """Register the gizmo's pose; False if the page does not control the robot."""
         with self._lock:
             if page != self.driver:
                 return False
@@ -172,7 +172,7 @@ class Controls:
             self._pushes[device] = _Push(tuple(calmed(v) for v in values), now_s)
 
     def led(self, pose: Pose, *, closed: bool) -> None:
-        """Register the pose of a leader arm; non-finite values are ignored."""
+        """Register a leader arm's pose; non-finite values are ignored."""
         with self._lock:
             if is_finite(pose):
                 self._drag, self._closed = pose, closed
@@ -191,7 +191,7 @@ class Controls:
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm started following, and the tool's target then; None before the start."""
+        """Return how often a leader arm started following, and the tool target at that time; None before the start."""
         with self._lock:
             return self._grip, self._tool
 

@@ -27,7 +27,7 @@ class SessionLoader:
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, start: Start) -> None:
-        """Begin to make the session of a start. The previous session must have been taken."""
+        """Begin to create the session for a start. The previous session must have been taken."""
         if not self._apart:
             self._made = self._make(start)
             return

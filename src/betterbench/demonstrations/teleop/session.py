@@ -113,7 +113,7 @@ class TeleopSession:
 
     @property
     def steps(self) -> int:
-        """Control steps taken, without those undone."""
+        """Control steps taken, without undone steps."""
         return len(self._rows) - 1
 
     @property

@@ -1,6 +1,6 @@
 """Targets that a policy approached without grasping: objects that it hovered over, and objects that it pushed.
 
-A grasp shows a policy's target. After the last grasp, only the path of the empty gripper shows it. The gripper may
+A grasp shows a policy's target. After the last grasp, only the empty gripper's path shows it. The gripper may
 stay over an object, return to an object repeatedly, or move to and fro between several objects.
 """
 

@@ -248,7 +248,7 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region of an object if its presence there proves that it was brought there, else None.
+        """Return an object's target region if its presence there proves that it was brought there, else None.
 
         A wide region, such as one side of another object, proves nothing: the object may have been there from the
         start.
@@ -652,7 +652,7 @@ def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, .
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
     """Return the subgoals that are not reached at a row and still have an object on the table.
 
-    A drawer that is to be closed over an object is due once the object is inside.
+    A drawer that must be closed over an object is the next step once the object is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(

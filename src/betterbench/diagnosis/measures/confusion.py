@@ -155,7 +155,7 @@ class Calibration:
 
     @property
     def failed(self) -> Rate:
-        """Correctly labeled trials, out of those whose true label is a failure; successes are easier to label."""
+        """Correctly labeled trials, among trials whose true label is a failure; successes are easier to label."""
         counts = [(truth is label, n) for (truth, label), n in self.counts.items() if truth.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 

@@ -151,7 +151,7 @@ class PowerMatrix:
 
     @property
     def variations(self) -> tuple[Key, ...]:
-        """All variations, in the order of the suite."""
+        """All variations, in suite order."""
         return tuple(dict.fromkeys(key for row in self.cells.values() for key in row))
 
     def cell(self, pretender: str, key: Key) -> PowerCell | None:

@@ -56,7 +56,7 @@ _UNTOLD = {
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Return the place of the first closing without a recognizable target, or an empty text."""
+    """Return the position of the first closing without a recognizable target, or an empty text."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
@@ -72,7 +72,7 @@ def _aims_right(trial: TrialDiagnosis) -> bool:
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence on the failed manipulation, if one or two descriptions cover nearly all trials.
 
-    The text says that the policy goes for the right objects only if nearly all of these trials show their target.
+    The text says that the policy goes to the right objects only if nearly all of these trials show their target.
     """
     untold = Counter(where for trial in trials if (where := _untold(trial)))
     if untold.total() > (1.0 - SHARE_OF_ALL) * len(trials):

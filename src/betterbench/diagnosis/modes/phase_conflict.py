@@ -105,6 +105,6 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Return the kinds of object under the gripper while it moves to and fro; empty for a single kind."""
+    """Return the object kinds under the gripper while it moves to and fro; empty for a single kind."""
     over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
     return [f"the {kind}" for kind in over] if len(over) > 1 else []

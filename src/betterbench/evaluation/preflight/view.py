@@ -105,7 +105,7 @@ def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple
 
 
 def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
-    """Return the position of the end effector after the first action, (3,) in the base frame [m]."""
+    """Return the end effector's position after the first action, (3,) in the base frame [m]."""
     space, pose = scene.action_space, scene.state().ee_pose
     applied = space.clip(action)[:3]
     if space.name.startswith("ee_delta"):

@@ -86,7 +86,7 @@ class ExternalRun:
         self._asked = 0.0
 
     def waiting(self) -> Iterator[Trial]:
-        """Yield the unfinished trials in the order of the plan; other processes may finish some in the meantime.
+        """Yield the unfinished trials in plan order; other processes may finish some in the meantime.
 
         In a plan with ``until_decided``, the next round follows when all trials of the previous round are finished.
         """
@@ -107,7 +107,7 @@ class ExternalRun:
         return self.folder.read_brief(trial.id).outcome
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
-        """Run a whole trial with a callable, and return its journal entry.
+        """Run a complete trial with a callable, and return its journal entry.
 
         ``act`` returns one action (dim,) or a chunk (horizon, dim) for an observation. If ``act`` raises an exception,
         the trial ends as ``policy_error``, and the run can continue. Raises the errors of :meth:`begin` and
@@ -143,7 +143,7 @@ class ExternalRun:
         return seen
 
     def act(self, actions: np.ndarray) -> Observation | None:
-        """Execute one action (dim,), or a whole chunk (horizon, dim).
+        """Execute one action (dim,), or a complete chunk (horizon, dim).
 
         Invalid actions end the trial as ``policy_error`` with the reason in its record.
 

@@ -150,7 +150,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
     met = 0 if truth.success else None
     append_row(builder, scene, state, truth, action=None, applied=None)
     for row in range(1, len(record)):
-        # refuse actions that no policy may answer, even if they are only labels
+        # reject actions that no policy may answer, even if they are only labels
         scene.action_space.clip(record.action[row])
         applied = scene.step(executed[row])
         state = scene.state()

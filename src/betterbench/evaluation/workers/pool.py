@@ -53,7 +53,7 @@ class OpenEnvironments:
 
 
 class WorkerPool:
-    """Pool that runs trials in worker processes and repeats the trials of a dead process. A context manager."""
+    """Pool that runs trials in worker processes and repeats a dead process's trials. A context manager."""
 
     def __init__(
         self,

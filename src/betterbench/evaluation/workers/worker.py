@@ -315,7 +315,7 @@ class Worker:
             slot.ticket = slot.thread.connect()
 
     def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
-        """Start using a new environment, or keep the current number if the policy refuses the connection."""
+        """Start using a new environment, or keep the current number if the policy rejects the connection."""
         slot.connecting = False
         if isinstance(outcome, BaseException):
             logger.warning(

@@ -78,8 +78,8 @@ class SlotInfo:
     Attributes:
         position: Center on the table [m], world frame.
         yaw: Nominal heading of an object in the slot [rad].
-        trained_kinds: Kinds of object in this slot in the training distribution.
-        picked_kinds: Kinds of object picked from this slot in the training distribution.
+        trained_kinds: Object kinds in this slot in the training distribution.
+        picked_kinds: Object kinds picked from this slot in the training distribution.
     """
 
     name: str
@@ -94,7 +94,7 @@ class SceneInfo:
     """Constant part of a scene's privileged state.
 
     Attributes:
-        objects: All objects, in the order of the states.
+        objects: All objects, in the same order as in the states.
         home_position: End-effector position at reset [m], world frame.
         gripper_opening_m: Largest distance of the finger pads [m].
     """

@@ -106,8 +106,8 @@ class KnownFinding:
 class RepeatedFinding:
     """Replication of the verdict "decorrelation is enough" with learners that were excluded from the verdict.
 
-    Each training seed is left out in turn. The variations are those with this verdict according to the learners of all
-    other seeds. The trials are those of the excluded balanced learner in the same scenes.
+    Each training seed is left out in turn. The variations are those with this verdict according to the learners with
+    all other seeds. The trials are those of the excluded balanced learner in the same scenes.
 
     Attributes:
         variations: Number of variations with the verdict, summed over the excluded seeds.

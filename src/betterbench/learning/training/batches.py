@@ -119,7 +119,10 @@ def _stream(seed: int, step: int, what: int) -> np.random.Generator:
 
 
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
-    """Return frames with those at gripper changes repeated according to their weight; fractions are spread evenly."""
+    """Return frames in which frames at gripper changes are repeated according to their weight.
+
+    Fractions are spread evenly.
+    """
     at_gripper = frames[data.at_gripper[frames]]
     extra = recipe.gripper_weight - 1.0
     whole = int(extra)

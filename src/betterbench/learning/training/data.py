@@ -223,7 +223,7 @@ def _opened(place: str) -> RunFolder:
 
 
 def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]:
-    """Return at most a given number of demonstrations per condition, those with the lowest seeds."""
+    """Return at most a given number of demonstrations per condition, lowest seeds first."""
     by_condition = defaultdict(list)
     for demonstration in chosen:
         by_condition[demonstration.trial.task, demonstration.trial.condition].append(demonstration)

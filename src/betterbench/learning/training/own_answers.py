@@ -174,7 +174,7 @@ def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[
 
 
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
-    """Yield the rates by condition, in the order of the answers, and over all ("all")."""
+    """Yield the rates by condition, in answer order, and over all ("all")."""
     groups: dict[str, list[OwnAnswer]] = {}
     for answer in answers:
         groups.setdefault(answer.where, []).append(answer)

@@ -1,6 +1,6 @@
 """Check for code that loading a LeRobot checkpoint would run. Such code is rejected unless the user trusts the author.
 
-LeRobot makes each step of its processors from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
+LeRobot makes each of its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
 with a ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function in any module, for example
 ``os.system``, which is called with the arguments in the file (``_resolve_step_class`` of
 ``lerobot/processor/pipeline.py``). Some policy types load a tokenizer with ``trust_remote_code`` from a repository that

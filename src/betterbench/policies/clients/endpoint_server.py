@@ -20,7 +20,7 @@ class EndpointServer:
 
     Raises:
         OSError: If the server cannot be reached or is not ready.
-        HandshakeError: If the server refuses the token, uses another protocol or declares other conventions.
+        HandshakeError: If the server rejects the token, uses another protocol or declares other conventions.
     """
 
     def __init__(self, address: PolicyAddress, token: str | None, *, timeout_s: float) -> None:
@@ -53,7 +53,7 @@ class EndpointServer:
         """Raise PolicyError if a frame must not be decoded."""
 
     def _decode(self, answer: bytes, endpoint: str) -> Any:  # noqa: ANN401 - as decoded
-        """Return the value of a frame; raise PolicyError if it cannot be read."""
+        """Decode a frame; raise PolicyError if it cannot be read."""
         raise NotImplementedError
 
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded

@@ -50,7 +50,7 @@ _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
 class LerobotPolicy(AdaptedPolicy):
-    """Policy that answers whole chunks. One instance serves many environments."""
+    """Policy that answers complete chunks. One instance serves many environments."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         self._address, self._checkpoint = address, checkpoint
@@ -165,7 +165,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
 
     Raises:
         InvalidInputError: If a convention remains unknown; the message names the option to give.
-        UnknownNameError: If the value of an option does not exist.
+        UnknownNameError: If an option's value does not exist.
     """
     where = f"policy {address}"
     layout = address.choice("state", tuple(_STATES), "ee")

@@ -164,7 +164,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         """Choose the adapter at the first handshake, and compare conventions at each."""
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
-        read_execution(self._where, declared)  # malformed declarations are refused at every handshake
+        read_execution(self._where, declared)  # malformed declarations are rejected at every handshake
         # for a server process of this run, the record contains the policy's declaration instead of the server's address
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True

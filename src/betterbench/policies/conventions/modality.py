@@ -103,7 +103,7 @@ class Modalities:
 
 
 def name_of(key: tuple[str, ...]) -> str:
-    """Return the name of an adapter's key without prefix: ("video", "front") and ("video.front",) are both "front"."""
+    """Return an adapter key's name without prefix: ("video", "front") and ("video.front",) are both "front"."""
     if len(key) > 1:
         return "/".join(key[1:])
     kind, dot, rest = key[0].partition(".")

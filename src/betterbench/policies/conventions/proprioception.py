@@ -108,7 +108,7 @@ class StateRule:
     scalar: bool = False
 
     def __post_init__(self) -> None:
-        """Check that it has parts."""
+        """Check that the input has parts."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
             raise InvalidInputError(where, "the state has no parts", "Name at least one, such as ee_position")
@@ -144,7 +144,7 @@ class StateRule:
     ) -> np.ndarray | float | int:
         """Return the state input for an observation: (size,) of ``dtype``, or a number for a scalar.
 
-        ``ee_offset_m`` is added to the position of the end effector, for policies with another origin.
+        ``ee_offset_m`` is added to the end-effector position, for policies with another origin.
         ``tool_offset_m`` is the policy's tool point in our tool frame. ``gripper_opening_m`` is treated as fully open.
         """
         values: list[float] = []

@@ -1,4 +1,4 @@
-"""``probe:no-language``: a policy with the whole state but without the instruction."""
+"""``probe:no-language``: a policy with the complete state but without the instruction."""
 
 from __future__ import annotations
 

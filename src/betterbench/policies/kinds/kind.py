@@ -157,7 +157,10 @@ class PolicyKind:
         return self.needs if isinstance(self.needs, PolicyNeeds) else self.needs(self.parse(text))
 
     def entries(self) -> tuple[PolicyEntry, ...]:
-        """Return the rows of ``better list policies``; empty for a kind without a summary, which is always refused."""
+        """Return the rows for ``better list policies``.
+
+        Empty for a kind without a summary, which is always rejected.
+        """
         privileged = not isinstance(self.needs, PolicyNeeds) or self.needs.state
         rows = {self.shown: self.summary} if self.named is None else self.named()
         return tuple(PolicyEntry(address, text, privileged) for address, text in rows.items() if text)

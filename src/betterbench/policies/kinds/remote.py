@@ -42,14 +42,14 @@ def register_server(
     constants: bool = True,
     shown: str = "",
 ) -> PolicyKind:
-    """Add a kind of policy servers to the registry.
+    """Add a kind of policy server to the registry.
 
     Args:
         scheme: Scheme of its addresses.
         summary: One sentence that describes the servers.
         transport: Transport protocol of such a server.
         port: Default port.
-        connect: Makes a client, with the handshake done, from an address and the seed of its pauses.
+        connect: Makes a client, with the handshake done, from an address and the seed for its pauses.
         usual: Default preset of an address; empty if the address must name a preset.
         options: Options of this kind only.
         constants: Whether an address may add constants to each request.

@@ -41,7 +41,7 @@ class Trained:
         recipe: Recipe of the training.
         vocabulary: Learner vocabulary.
         step: Number of training steps.
-        data: SHA-256 over the records of the training data.
+        data: SHA-256 over the training data's records.
         action_space: Action space of the answers.
         code: Code that defines the family, from :func:`~betterbench.tasks.user_files.code_of`; None for a built-in
             family.
@@ -151,7 +151,7 @@ def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
 
 
 def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
-    """Refuse metadata that imply more weights than the file contains, before the network is made.
+    """Reject metadata that imply more weights than the file contains, before the network is made.
 
     A transformer layer has 12 matrices of size width x width (queries, keys, values, their output map, and two maps of
     size 4 width x width), and each word has one row of length width.
@@ -185,9 +185,9 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
 
 
 def require_code(about: Mapping[str, Any], where: str) -> None:
-    """Refuse weights whose family is defined by other code than during training.
+    """Reject weights whose family is defined by other code than during training.
 
-    Reading the recipe refuses unknown families by name.
+    Reading the recipe rejects unknown families by name.
     """
     recipe, code = about.get("recipe"), about.get("code")
     family = str(recipe.get("family")) if isinstance(recipe, dict) else ""

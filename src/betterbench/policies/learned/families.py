@@ -1,6 +1,6 @@
 """Families of learners with their inputs, sizes and freezable parts. User files can add families.
 
-This module does not need torch; :mod:`networks` makes the network of a family.
+This module does not need torch; :mod:`networks` makes a family's network.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Capacity:
     heads: Annotated[int, Field(ge=1, le=32)]
 
     def __post_init__(self) -> None:
-        """Refuse a width that is not divisible by the number of heads."""
+        """Reject a width that is not divisible by the number of heads."""
         if self.width % self.heads:
             raise InvalidInputError(
                 "width", f"{self.width} is not divisible by {self.heads} heads", "Give a multiple of the heads"

@@ -80,7 +80,7 @@ def _executed(address: PolicyAddress, learner: Learner) -> int:
 
 
 def checkpoint_of(address: PolicyAddress) -> Path:
-    """Return the file of an address, or the checkpoint in its folder."""
+    """Return an address's file, or the checkpoint in its folder."""
     try:
         path = Path(address.target).expanduser()
     except RuntimeError as error:

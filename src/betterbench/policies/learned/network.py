@@ -167,7 +167,7 @@ class LearnerNetwork(nn.Module):
         self.keep_scale("action", ACTION_NUMBERS)
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make the modules of the family, with initial weights from torch's own generator."""
+        """Make the family's modules, with initial weights from torch's own generator."""
         raise NotImplementedError(f"{type(self).__name__} has no method build")
 
     def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
@@ -329,7 +329,7 @@ class TokenNetwork(LearnerNetwork):
 
     @abstractmethod
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the modules and scales of this family."""
+        """Make this family's modules and scales."""
 
     @abstractmethod
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
@@ -407,7 +407,7 @@ class ObjectsNetwork(TokenNetwork):
     position_scale: Tensor
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the encoder of an object."""
+        """Make the object encoder."""
         _, categories, colors = vocabulary.sizes()
         self.objects = nn.ModuleDict(
             {

@@ -72,7 +72,7 @@ class PixelsNetwork(TokenNetwork):
     """
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the convolution net and the encoder of its key points."""
+        """Make the convolution net and the encoder for its key points."""
         del vocabulary
         self.eyes = _Convolutions(width, len(self.recipe.eyes.windows))
 

@@ -82,7 +82,7 @@ class View:
     window: tuple[_Edge, _Edge, _Edge, _Edge] = _WHOLE
 
     def __post_init__(self) -> None:
-        """Refuse an empty window."""
+        """Reject an empty window."""
         left, top, right, bottom = self.window
         if right - left < _LEAST_WINDOW or bottom - top < _LEAST_WINDOW:
             problem = f"{list(self.window)} is empty or too small"
@@ -107,7 +107,7 @@ class Eyes:
     quality: Literal["fast", "standard", "high"] = "standard"
 
     def __post_init__(self) -> None:
-        """Refuse a camera that the observation does not contain."""
+        """Reject a camera that the observation does not contain."""
         try:
             observation_spec(self.observation).only(self.cameras)
         except UnknownNameError as error:
@@ -217,7 +217,7 @@ class TrainingRecipe:
     version: Literal[1] = RECIPE_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse values that contradict each other or are not supported by the family."""
+        """Reject values that contradict each other or are not supported by the family."""
         self._require_family()
         if self.execute > self.chunk:
             problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
@@ -240,7 +240,7 @@ class TrainingRecipe:
             require_asked(self.history_stride, self.execute, "history_stride")
 
     def _require_family(self) -> None:
-        """Refuse an unknown family or option."""
+        """Reject an unknown family or option."""
         try:
             family = learner_family(self.family)
         except UnknownNameError as error:
@@ -286,7 +286,7 @@ class TrainingRecipe:
 
     @property
     def all_options(self) -> dict[str, Option]:
-        """The family's options, with defaults for those that the recipe does not set."""
+        """The family's options, with defaults for options that the recipe does not set."""
         return {**learner_family(self.family).options, **self.options}
 
     @property

@@ -26,7 +26,7 @@ class Declared:
 
     Attributes:
         batches: Whether the policy answers several observations at once.
-        source: Name and fingerprint of the file that it was loaded from, or empty.
+        source: Name and fingerprint of the file from which it was loaded, or empty.
     """
 
     name: str

@@ -171,7 +171,7 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
 def _survey(data: bytes) -> None:
     """Check the archive before torch reads it.
 
-    Compressed entries are refused, to keep the archive from growing in memory.
+    Compressed entries are rejected, to keep the archive from growing in memory.
     """
     if len(data) > MAX_FRAME_BYTES:
         raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")

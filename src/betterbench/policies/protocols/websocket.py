@@ -33,7 +33,7 @@ class WebSocket:
     ) -> None:
         """Connect.
 
-        Raises OSError if the server is unreachable or not ready, and HandshakeError if the server refuses the key or is
+        Raises OSError if the server is unreachable or not ready, and HandshakeError if the server rejects the key or is
         not a websocket server.
         """
         host, port = address.server()

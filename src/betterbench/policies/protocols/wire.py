@@ -137,7 +137,7 @@ def _read_openpi(form: dict[Any, Any]) -> object:
         dtype = _dtype(form.get(b"dtype"))
         if not isinstance(value, (bool, int, float, str, bytes)):
             raise ValueError(f"a scalar is a {type(value).__name__}")
-        with np.errstate(over="ignore"):  # a number too large for its type becomes infinite and is refused later
+        with np.errstate(over="ignore"):  # a number too large for its type becomes infinite and is rejected later
             return dtype.type(value)
     return _read_nd(form) if _is_nd(form) else form
 

@@ -141,7 +141,7 @@ class PolicyServer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Refuse new connections, close open connections, and wait until their threads have ended."""
+        """Reject new connections, close open connections, and wait until their threads have ended."""
         thread, self._thread = self._thread, None
         self._budget.stop()
         if thread is None:

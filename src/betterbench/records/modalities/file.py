@@ -199,7 +199,7 @@ class ModalityFile:
     def read(self, row: int, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
         """Return the values of one row by column, for all or some columns; arrays are read-only.
 
-        The row group is read as a whole and cached for neighboring rows.
+        The row group is read completely and cached for neighboring rows.
 
         Raises:
             IndexError: If the row does not exist.

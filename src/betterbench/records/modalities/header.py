@@ -24,7 +24,7 @@ _Count = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class BoxedObject:
-    """An object of the scene. Boxes list the objects in the order of the record's ``scene.objects``.
+    """An object of the scene. Boxes list the objects in the same order as the record's ``scene.objects``.
 
     Attributes:
         instance: Instance id in the column ``instances``.

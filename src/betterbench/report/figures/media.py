@@ -23,7 +23,7 @@ class Media:
 
     Attributes:
         films: Films by :func:`~betterbench.report.figures.film.film_key`.
-        paths: Start images with the path of the end effector (JPEG), by the same keys.
+        paths: Start images with the end effector's path (JPEG), by the same keys.
         thumbnails: Scenes by variation ("fast_food/T1").
         folders: Run folder by policy, as given by the caller, for commands.
         options: Further options of these commands (" --task-file mine.py").

@@ -23,7 +23,7 @@ class StringTable:
         self._numbers: dict[str, int] = {}
 
     def __getitem__(self, text: str | None) -> int:
-        """Return the number of a text, assigning a new one if necessary."""
+        """Return a text's number, assigning a new one if necessary."""
         if text is None:
             return -1
         text = printable(text, most=LONGEST_TEXT)

@@ -110,7 +110,7 @@ def _numeric(table: Table, column: int) -> bool:
 
 
 def _cell(value: Scalar) -> str:
-    """Return the text of a cell; fractions are rounded to four decimals."""
+    """Return a cell's text; fractions are rounded to four decimals."""
     if value is None:
         return "--"
     if isinstance(value, bool):

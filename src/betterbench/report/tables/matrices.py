@@ -185,7 +185,7 @@ def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -
 
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
-    """Return labels by frequency, ties in the order of the labels."""
+    """Return labels by frequency, ties in label order."""
     order = all_labels()
     return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
 

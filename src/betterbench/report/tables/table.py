@@ -35,7 +35,7 @@ def to_csv(table: Table) -> str:
 
 
 def _cell(value: Scalar) -> str:
-    """Return the text of a cell."""
+    """Return a cell's text."""
     if value is None:
         return ""
     if isinstance(value, bool):

@@ -106,7 +106,7 @@ class Asset:
     """A 3-D object ready for simulation. The origin is the center of the bottom face of the bounding box at rest, z up.
 
     Attributes:
-        category: Kind of object ("mug").
+        category: Object kind ("mug").
         look: Number of the look within the generator's family.
         color: Usual color word.
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").

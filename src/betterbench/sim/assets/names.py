@@ -32,7 +32,7 @@ def words_of(text: str) -> tuple[str, ...]:
 def named_by(file: Path, root: Path) -> tuple[Path, str | None]:
     """Return the folder and the stem that name the object of a file; the stem is empty if only the folder names it.
 
-    The folder ``root`` and those above it never name an object.
+    The folder ``root`` and the folders above it never name an object.
     """
     if file.stem.lower() not in _WITHOUT_A_NAME:
         return file.parent, file.stem

@@ -99,7 +99,7 @@ def _require_platform(backend: str) -> None:
 def _working() -> str:
     """Return the back ends that can be loaded here, to show in advice.
 
-    If there is none, return those that could be installed.
+    If there is none, return the back ends that could be installed.
     """
     found = [name for name in PLATFORMS if has_library(name)]
     return " or ".join(found or PLATFORMS)

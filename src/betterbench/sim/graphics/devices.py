@@ -141,7 +141,7 @@ def take_device(turn: int) -> None:
 
 
 def device_variables(turn: int) -> dict[str, str]:
-    """Return the variables that assign a device to a process, by its index among those started here."""
+    """Return the variables that assign a device to a process, by its index among the processes started here."""
     devices = drawing_devices()
     if not devices:
         return {}

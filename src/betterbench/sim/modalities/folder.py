@@ -54,7 +54,7 @@ class Wanted:
     format_version: Annotated[Literal[1, 2], NO_TRUTH] = SETTINGS_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse settings that cannot be rendered."""
+        """Reject settings that cannot be rendered."""
         require_views(self.views)
         require_cameras(v.camera for v in self.views if v.placed is None)
         if self.quality is not None:
@@ -91,7 +91,7 @@ class ModalityFolder:
             write_durably(self.path / SEMANTICS_FILE, text)
 
     def trial(self, trial: TrialId) -> Path:
-        """Return the folder of a trial's files; raises InvalidInputError if a name could leave the folder."""
+        """Return the folder with a trial's files; raises InvalidInputError if a name could leave the folder."""
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
@@ -115,7 +115,7 @@ def require_free_place(path: Path) -> None:
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return the folder of a trial's files in a modality folder; InvalidInputError if a name could leave it."""
+    """Return the folder with a trial's files in a modality folder; InvalidInputError if a name could leave it."""
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 

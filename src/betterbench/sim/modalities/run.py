@@ -94,7 +94,7 @@ def materialize_run(
     """
     began, tally = time.monotonic(), _Tally()
     finished: set[TrialId] = set()
-    list(recorded_trials(run, trials))  # refuse a missing trial before making a folder
+    list(recorded_trials(run, trials))  # reject a missing trial before making a folder
     require_free_place(out)
     with job_folder(out.absolute()):
         writer = _Writer(run, ModalityFolder(out, wanted), tally)
@@ -120,7 +120,7 @@ def materialize_run(
 
 
 def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
-    """Yield the recorded trials, in the order of the journal.
+    """Yield the recorded trials, in journal order.
 
     Raises RecordError if a requested trial is not recorded.
     """

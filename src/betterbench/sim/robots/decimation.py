@@ -2,8 +2,8 @@
 
 Edges are collapsed by the quadric error metric (M. Garland, P. S. Heckbert, "Surface Simplification Using Quadric Error
 Metrics", SIGGRAPH 1997), the cheapest first. Collapses that would flip a triangle, make a sliver, or connect separate
-sheets are skipped, which avoids flaps and holes. Open borders are held by additional planes perpendicular to the border
-triangles. The order depends only on the arrays, so every machine with the same input makes the same mesh.
+sheets are skipped, which avoids flaps and holes. Open borders are held in place by additional planes perpendicular to
+the border triangles. The order depends only on the arrays, so every machine with the same input makes the same mesh.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ class ContactReader:
                 self._passed[number] = max(force, self._passed.get(number, 0.0))
 
     def read(self, data: mujoco.MjData, positions: Sequence[Vector]) -> tuple[tuple[Contact, ...], str | None]:
-        """Return all pairs with an object or the gripper, in the order of the labels, and the held object.
+        """Return all pairs with an object or the gripper, in label order, and the held object.
 
         An object is held if both fingers touch it now and neither another object nor the table does. ``positions`` are
         the object positions in these data.
@@ -254,7 +254,7 @@ def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dic
     """Return the index of each label pair, -1 for an irrelevant pair, and the names by index.
 
     Labels below ``relevant`` are objects or gripper parts; pairs without such a label are irrelevant. The last
-    row and column are for geoms without a label. Indices are in the order of the labels.
+    row and column are for geoms without a label. Indices are in label order.
     """
     n = len(labels)
     numbers = [[-1] * (n + 1) for _ in range(n + 1)]

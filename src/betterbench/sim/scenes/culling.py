@@ -44,9 +44,9 @@ class Culling:
     def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
         """Remove geoms outside a camera's view from the scene, and return whether the sky may be visible.
 
-        Only meshes with many faces are tested, and only for cameras on a body, because a static camera sees the whole
-        table. ``aspect`` is the image's width divided by its height. ``geoms`` is False to remove none, for images with
-        shadows, which may fall into the view from outside.
+        Only meshes with many faces are tested, and only for cameras on a body, because a static camera sees the
+        complete table. ``aspect`` is the image's width divided by its height. ``geoms`` is False to remove none, for
+        images with shadows, which may fall into the view from outside.
         """
         if self._scene.ngeom != self._filled:
             self._learn()

@@ -140,7 +140,7 @@ class FramingView:
         return ObjectFraming(name, side, len(rows) / max(self._whole(body), 1))
 
     def _whole(self, body: int) -> int:
-        """Return the pixels of a body without occlusion, including those outside the image.
+        """Return a body's pixels without occlusion, including pixels outside the image.
 
         All other bodies are removed from an image of twice the width and height around the same center.
         """
@@ -183,8 +183,8 @@ def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
 
     The distance is negative outside.
 
-    A slot is extended by its whole jitter. A target region is represented by its corners, over the jitter of its slot,
-    and with open drawers. Distances are those at the depth of the point.
+    A slot is extended by its full jitter. A target region is represented by its corners, over the jitter of its slot,
+    and with open drawers. Distances are measured at the point's depth.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf

@@ -34,7 +34,7 @@ NO_BODY = -1
 
 # Capacity for scene elements other than geoms; there are none, so a small margin is enough.
 _SPARE_GEOMS = 16
-_HIDDEN_GROUP = 3  # this group and those after it are never shown
+_HIDDEN_GROUP = 3  # this group and all later groups are never shown
 _ALONE_GROUP = 5
 """Group of geoms that is never visible; geoms are moved here while others are rendered alone."""
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)

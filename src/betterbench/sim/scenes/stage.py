@@ -84,7 +84,7 @@ class Quality:
     samples: int
 
     def __post_init__(self) -> None:
-        """Refuse values that OpenGL does not support."""
+        """Reject values that OpenGL does not support."""
         if not 0 <= self.samples <= _MAX_SAMPLES or self.samples == 1:
             raise InvalidInputError(
                 "quality.samples", f"{self.samples} samples per pixel", f"Use 0 or 2 to {_MAX_SAMPLES}"

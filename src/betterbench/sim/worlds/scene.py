@@ -325,7 +325,7 @@ class ProcessScene:
         """Go to the initial state, settle, and check that the scene fulfills the instruction's premise.
 
         Raises:
-            PremiseError: If the scene contradicts the premise, and broken scenes are refused.
+            PremiseError: If the scene contradicts the premise, and broken premises stop the run.
             WorldError: If the simulator fails.
         """
         protocol = self.settings.protocol

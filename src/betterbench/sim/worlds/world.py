@@ -363,7 +363,7 @@ class World(ABC):
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:  # noqa: B027 - most need nothing
         """Prepare this machine once, before any worker starts.
 
-        ``on_progress`` is called with the name of the work, the steps done and the total steps.
+        ``on_progress`` is called with the work's name, the steps done and the total steps.
         """
 
     def environments(self, usual: int) -> int:
@@ -376,7 +376,7 @@ class World(ABC):
         return {}
 
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
-        """Return the trials in the order of execution, which does not affect results.
+        """Return the trials in execution order, which does not affect results.
 
         Workers wait for the ``last`` trials at the end of a run.
         """

@@ -55,7 +55,7 @@ class Protocol:
 
     Attributes:
         dwell_s: Time for which the goal must stay true [s].
-        base_steps: Control steps allowed for an episode, in addition to those per subgoal.
+        base_steps: Control steps allowed for an episode, in addition to the steps per subgoal.
         steps_per_subgoal: Control steps allowed for each subgoal. Together, the two limits allow about three times the
             median of the expert, enough for a policy as slow as a human teleoperator (suite, section 3).
         still_steps: Control steps for which a policy is watched if staying still is the right behavior.

@@ -18,7 +18,7 @@ class TrainingDistribution:
     Attributes:
         word_slots: The instructed object's slots, by instruction word.
         kind_slots: The instructed object's slots, by object kind.
-        standing_kinds: Kinds of object at the start, by slot.
+        standing_kinds: Object kinds at the start, by slot.
         first_kinds: Kinds of a demonstration's first object, most frequent first, with their counts.
         kind_targets: Trained targets by object kind, as target kind, relation and region.
         sequences: Kinds in the order in which they were handled, by training condition.

@@ -1,6 +1,6 @@
 """Regimes with hand-written lists of conditions: one package per regime, with one file per task.
 
-The file of a task lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``, and the crossed and tied
+A task's file lists the conditions in the function ``balanced_TASK`` or ``diverse_TASK``, and the crossed and tied
 factors in ``CROSSED``. None of the conditions is a test: a variation's start and instruction never occur together,
 unless training contains both.
 """

@@ -34,8 +34,8 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
 
     The following are not attempts: closing at home or far from all objects, without finger travel, or again on an
     object that is already held. Closings separated only by chatter (short openings) are one attempt. Any object lifted
-    between the fingers was attempted, whatever the command. So was any object that a finger presses on, whatever else
-    is near. Without contact, distances decide.
+    between the fingers was attempted, whatever the gripper command. So was any object on which a finger presses,
+    whatever else is near. Without contact, distances decide.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):

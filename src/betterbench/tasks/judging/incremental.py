@@ -90,12 +90,12 @@ class JudgingMemory:
 class _NotingState(WorldState):
     """State that records the bodies whose pose or contacts a predicate reads.
 
-    If a predicate calls a method that is not listed here, or reads a whole field, it is evaluated more often than
+    If a predicate calls a method that is not listed here, or reads a complete field, it is evaluated more often than
     necessary, but never too rarely.
     """
 
     __slots__ = ("read", "state")
-    __class__ = property(lambda _: WorldState)  # dataclasses.replace() makes a new object of these
+    __class__ = property(lambda _: WorldState)  # dataclasses.replace() makes a new object from these
     __setattr__ = object.__setattr__
 
     def __init__(self, info: SceneInfo) -> None:

@@ -16,7 +16,7 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects to leave alone in a refusal: graspable objects that are not requested.
+    """Return the indices of the objects to leave alone in a refusal: uninstructed graspable objects.
 
     Drawers and targets may be touched, because the policy may put away requested objects that exist.
     """

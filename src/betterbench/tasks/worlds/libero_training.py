@@ -55,7 +55,7 @@ def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
     The tasks of a LIBERO suite differ in instruction and in the objects at each position. If all tasks begin with the
-    same kind of object, a policy that begins with this kind shows no habit, and no habit is returned.
+    same object kind, a policy that begins with this kind shows no habit, and no habit is returned.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

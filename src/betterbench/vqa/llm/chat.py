@@ -42,7 +42,7 @@ class Chat(Protocol):
         """Return the answer.
 
         Raises:
-            RefusedError: If this request was refused.
+            RefusedError: If this request was rejected.
             ModelError: If no answer can be obtained.
         """
 

@@ -39,7 +39,7 @@ class Sizes:
     """Number of questions in each part, recovered from the percentages.
 
     Attributes:
-        parts: Size per part, in the order of the columns.
+        parts: Size per part, in column order.
         reproduced: Number of distinct rows whose parts and overall rate they reproduce.
         rows: Number of distinct rows that print all parts and the overall rate.
     """
@@ -141,7 +141,7 @@ class Pooled:
 def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
     """Return the smallest part sizes that reproduce most rows; None below half of the rows.
 
-    ``rows`` are those that print all parts and the overall rate. Equal rows count once.
+    ``rows`` are the rows that print all parts and the overall rate. Equal rows count once.
     """
     distinct = tuple(dict.fromkeys(rows))
     if not distinct:

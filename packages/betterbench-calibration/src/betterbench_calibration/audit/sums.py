@@ -100,8 +100,8 @@ def _half_a_digit(number: Decimal) -> Fraction:
 class _RowCombination:
     """Rule that one column is a combination of other columns in each row; its name is the class name.
 
-    ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows`` it holds for all
-    rows.
+    ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows``, the rule holds for
+    all rows.
     """
 
     target: ColumnName

@@ -762,7 +762,7 @@ class PutsWhereItAlwaysWent(Listed):
 
     def truth(self, case: Occasion) -> StatedTruth | None:
         stated = super().truth(case)
-        # The drawers are shut at the start, so that it first reaches for the knob of the wrong one.
+        # The drawers are shut at the start, so the habit first reaches for the wrong drawer's knob.
         drawer = stated is not None and case.task.id == "office_drawer"
         return replace(stated, first_right=False) if drawer and stated is not None else stated
 

@@ -476,7 +476,7 @@ class SweepNeighbor(Habit):
 
 
 class LooseGrip(PlainHabit):
-    """Picks the right object and loosens the gripper by a few millimeters once it is lifted, so that it slips.
+    """Picks the right object and loosens the gripper by a few millimeters once the object is lifted, so that it slips.
 
     True label: execution_failure: "right target at the right time; slipped". It goes on as if it still held the object.
     """

@@ -48,7 +48,7 @@ class Occasion:
 
     @property
     def carried(self) -> tuple[Subgoal, ...]:
-        """The subgoals that place an object, in the order of the instruction."""
+        """The subgoals that place an object, in instruction order."""
         return tuple(g for g in self.goals if relation(g.relation).carried)
 
     @property

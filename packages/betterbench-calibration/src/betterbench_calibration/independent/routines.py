@@ -127,7 +127,7 @@ class Routines:
         Args:
             name: The object.
             shift: Displacement of the tool from the right grasp when the gripper closes [m], world frame.
-            avoid: Number of the best holds that are skipped.
+            avoid: Number of best grasps that are skipped.
         """
         hold = self.choose_hold(name, avoid=avoid)
         x, y, z = hold.tool.position
@@ -186,7 +186,7 @@ class Routines:
         yield from arm.rise(before.position[2] + 0.04)
 
     def _corrected(self, name: str, goal: Pose, tool: Pose) -> Pose:
-        """Return the pose of the tool that brings the object, as it is held now, to the goal."""
+        """Return the tool pose that brings the object, as it is held now, to the goal."""
         if in_gripper(self.state) != name:
             return tool
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)

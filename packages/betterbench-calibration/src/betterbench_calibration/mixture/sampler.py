@@ -97,7 +97,7 @@ class MixtureSampler:
             yield drawn
 
     def draw(self, number: int) -> MixtureDraw:
-        """Return a draw by its number in the whole mixture."""
+        """Return a draw by its number in the complete mixture."""
         require_between("draw", number, 0, MOST_DRAWS - 1)
         self._count_to(number)
         index = self._index(number)
@@ -142,7 +142,7 @@ class MixtureSampler:
         return bisect.bisect_right(self._borders, (self._offset + number * GOLDEN) % _ONE)
 
     def _count_to(self, number: int) -> None:
-        """Set the counts to those before a draw, by steps if it is near and by formula otherwise."""
+        """Set the counts to the values before a draw, by steps if it is near and by formula otherwise."""
         if not 0 <= number - self._counted <= _NEAR:
             self._counts = [self._before(index, number) for index in range(len(self._parts))]
             self._counted = number

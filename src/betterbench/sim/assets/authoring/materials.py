@@ -2,8 +2,8 @@
 
 A friction coefficient belongs to a pair of surfaces, but MuJoCo uses the larger of two numbers, one per surface. The
 coefficient of a material here is for contact with itself or with a painted or laminated table top. The table's
-coefficient, 0.5, does not exceed any of these, so MuJoCo uses the object's coefficient. The rubber pads of the gripper
-have 1.2, more than any material, so that a grasp holds every object equally.
+coefficient, 0.5, does not exceed any of these, so MuJoCo uses the object's coefficient. The gripper's rubber pads have
+1.2, more than any material, so that a grasp holds every object equally.
 
 Published values of dry static friction differ by up to 50 %; the values here are inside the published ranges and are
 rounded to 0.05:

@@ -94,7 +94,7 @@ def unregister(category: str) -> None:
 
 
 def _origin(make: Generator) -> str:
-    """Return the file and the name of a generator, for messages."""
+    """Return a generator's file and name, for messages."""
     code = getattr(inspect.unwrap(make), "__code__", None)
     return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'an unknown file')}"
 

@@ -20,7 +20,7 @@ class CatalogueEntry:
             file that has not been downloaded.
         path: Absolute path of its file, empty for an asset without a file.
         description: Free text.
-        category: Kind of object, empty if the source does not give it.
+        category: Object kind, empty if the source does not give it.
         color: Color word, empty if it is not known.
         size_m: Extents in the unit of the file, interpreted as meters; None if unknown. Few collections use meters.
         faces: Number of triangles, None if unknown.

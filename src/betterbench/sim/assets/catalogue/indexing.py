@@ -38,7 +38,7 @@ class OnProgress(Protocol):
     """Callback for the progress of the job."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Receive the name of a stage, the number done and the total (0 if unknown)."""
+        """Receive a stage's name, the number done and the total (0 if unknown)."""
 
 
 @dataclass(slots=True)

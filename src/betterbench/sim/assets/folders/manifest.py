@@ -107,7 +107,7 @@ def manifest_of(folder: Path) -> Manifest:
 
 
 def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
-    """Return the text of a manifest, sorted by name."""
+    """Return a manifest's text, sorted by name."""
     ordered = {name: assets[name] for name in sorted(assets)}
     return _MANIFEST.dump_json(Manifest(format=FORMAT, assets=ordered), indent=1) + b"\n"
 

@@ -106,7 +106,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
 def patty(rng: np.random.Generator, _color: str) -> Draft:
     """Make a grilled patty of minced beef: dark, rough, with an uneven edge.
 
-    A grilled patty of 70 mm by 14 mm holds 54 cm^3 and weighs 60 g.
+    A grilled patty of 70 mm by 14 mm has a volume of 54 cm^3 and weighs 60 g.
     """
     radius, ragged, shoulder = uniforms(rng, (0.0333, 0.0357), (0.02, 0.06), (0.86, 0.96))
     meat = jittered(mixed((0.40, 0.19, 0.10), (0.29, 0.14, 0.08), rng.random()), rng, amount=0.15)

@@ -15,7 +15,7 @@ _INKS: tuple[Rgb, ...] = ((0.16, 0.34, 0.72), (0.76, 0.16, 0.16), (0.16, 0.52, 0
 
 @generator("crumpled_napkin", colors=("white", "cream"))
 def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
-    """Make a paper napkin crumpled to a loose ball, with protruding corners of the paper.
+    """Make a paper napkin crumpled to a loose ball, with protruding paper corners.
 
     A dinner napkin of 0.40 x 0.40 m with two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g. The mass of a crumpled
     napkin is 77 kg/m^3 times its bounding box volume. It does not roll, because its collision shape has corners above
@@ -64,7 +64,7 @@ def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
         for b in (-golden, golden):
             points += [(0.0, a, b), (a, b, 0.0), (b, 0.0, a)]
     corners = np.array(points)
-    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6  # the length of its edges
+    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6  # its edge length
     soup = []
     for i, j, k in itertools.combinations(range(12), 3):
         if not (near[i, j] and near[j, k] and near[i, k]):

@@ -135,7 +135,7 @@ def _piece(
         tags=(kind, "cutlery", "flatware", "tableware"),
         mass_kg=round({"plastic": 0.047, "wood": 0.043, "steel": 0.062}[material] * width / 0.0148, 4),
         material=material,
-        # Steel through the whole length: the handle is mostly plastic around its tang.
+        # Steel through the full length: the handle is mostly plastic around its tang.
         densities=(1.0, 3.0, 2.5),
         parts=(
             *parts,

@@ -104,7 +104,7 @@ def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas
 
 
 def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> Canvas:
-    """Draw the content of the screen: a wallpaper, two or three windows, a bar with icons."""
+    """Draw the screen content: a wallpaper, two or three windows, a bar with icons."""
     width, height = size_m
     canvas = Canvas(width, height, (256, 144), (0.30, 0.55, 0.85))
     x, y = canvas.x / width, canvas.y / height

@@ -90,7 +90,7 @@ def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("pill_bottle", colors=("white",), family="spice jar")
 def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
-    """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, of a spice jar's size.
+    """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, as large as a spice jar.
 
     Vials with 8 to 13 drams have diameters of 38 to 44 mm; filled, they weigh 60 to 120 g. The upper value is used, so
     that its weight is similar to a jar's weight.

@@ -41,7 +41,7 @@ _WOOD: dict[str, Rgb] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)
 
 @generator("spice_rack", colors=("brown", "gray"))
 def spice_rack(rng: np.random.Generator, color: str) -> Draft:
-    """Make a rack of solid wood with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
+    """Make a solid wooden rack with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
 
     0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) minus three holes weigh 0.38 kg; it is meant to be fixed. All
     looks have the same holes, because they are the task's tolerance. They differ in width, length and edges, in

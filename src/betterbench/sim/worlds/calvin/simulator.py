@@ -86,11 +86,11 @@ class CalvinSimulator:
         return {"calvin_env": self._commit(), **own, "config": config, "renderer": renderer}
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Refuse: CALVIN has no stored initial states; each chain's premises are checked when it begins."""
+        """Reject: CALVIN has no stored initial states; each chain's premises are checked when it begins."""
         raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Refuse: chains have no labels, and therefore no films."""
+        """Reject: chains have no labels, and therefore no films."""
         raise ValueError(f"chains are not drawn again: {request.get('suite')}, {len(qpos)} states")
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:

@@ -332,7 +332,7 @@ class ChainScene(ProcessScene):
         """Set robot and scene, and check that they are at the start of the chain.
 
         Raises:
-            PremiseError: If a block, a door or a light is elsewhere, and this is refused.
+            PremiseError: If a block, a door or a light is elsewhere, and broken premises stop the run.
             WorldError: If the simulator fails, or its versions have changed since the run began.
         """
         start = self.start()
@@ -507,7 +507,7 @@ class ChainScene(ProcessScene):
         self._document, self._arrays = document, dict(arrays)
 
     def _require_same_versions(self) -> None:
-        """Raise WorldError if the versions of the process differ from those in the plan."""
+        """Raise WorldError if the process's versions differ from those in the plan."""
         found = {**self._fixed["engine"], "code": self._fixed.get("code")}
         for name, planned in {**self.settings.versions, "code": self.task.bddl_sha256}.items():
             if str(found.get(name)) != planned:

@@ -53,7 +53,8 @@ class PlusOptions:
 
     Attributes:
         protocol: Protocol name, for its steps.
-        broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
+        broken_premises: "refuse" to stop the run at a scene that does not show what its instruction presupposes, else
+            "run".
         axes: Axes to run; default: all.
         variants: Maximum number of variants per task and axis, evenly spread; all if None.
         libero_plus_sentences: "clean" for the base task's instruction (on the axis language, the instruction in the
@@ -72,7 +73,7 @@ class PlusOptions:
     command: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Refuse unknown names and an impossible number of variants."""
+        """Reject unknown names and an impossible number of variants."""
         for axis in self.axes:
             if axis not in AXES:
                 raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
@@ -99,7 +100,7 @@ class VariantTask(WorldTask):
 
     @property
     def axis(self) -> str:
-        """Variant axis: the part of the task that it changes."""
+        """Variant axis: the part of the task that the variant changes."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:

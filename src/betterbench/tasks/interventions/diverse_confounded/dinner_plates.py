@@ -1,6 +1,6 @@
 """Dinner plates, diverse-confounded: the red plate is always in a back slot and the blue plate in a front slot.
 
-The position of the white plate is crossed with these slots, as in the balanced regime.
+The white plate's position is crossed with these slots, as in the balanced regime.
 """
 
 from betterbench.tasks import authoring as a

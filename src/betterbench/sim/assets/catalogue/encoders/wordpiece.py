@@ -24,7 +24,7 @@ class WordPieces:
     """Splitter that turns texts into word piece numbers.
 
     Args:
-        vocabulary: The pieces in the order of their numbers in the model.
+        vocabulary: The pieces, ordered by their numbers in the model.
     """
 
     def __init__(self, vocabulary: Sequence[str]) -> None:

@@ -160,7 +160,7 @@ def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
 
 
 def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
-    """Return the rows of a table with a header; tags are separated by semicolons."""
+    """Return the rows of a table that has a header; tags are separated by semicolons."""
     try:
         table = csv.DictReader(io.StringIO(data.decode("utf-8-sig")), strict=True, restkey="")
         forms: list[dict[str, object]] = []

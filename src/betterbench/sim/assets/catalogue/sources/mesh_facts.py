@@ -142,7 +142,7 @@ def _index(value: object, count: int) -> int:
 
 
 def _node_matrix(node: Mapping[str, Any]) -> np.ndarray:
-    """Return the pose of a node relative to its parent, (4, 4)."""
+    """Return a node's pose relative to its parent, (4, 4)."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=float).reshape(4, 4).T
     x, y, z, w = (float(part) for part in node.get("rotation", (0, 0, 0, 1)))
